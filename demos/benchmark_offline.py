@@ -202,7 +202,7 @@ def run_stages(
     selection = timed("selection", lambda: choose(solid, scene, modes, snapshots))
     derivatives = timed(
         "derivatives",
-        lambda: differentiate(solid, scene.basis, modes, selection.derivatives),
+        lambda: differentiate(solid, scene.basis, modes, selection),
     )
     basis = timed("basis", lambda: enrich(solid, modes, selection, derivatives))
     timed("reduction", lambda: reduce(solid, scene.basis, basis))

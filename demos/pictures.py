@@ -1,7 +1,7 @@
 """Draw the pictures of the README pages from the output folders of the demos.
 
-    docker/run xvfb-run -a python3 demos/pictures.py
-    docker/run xvfb-run -a python3 demos/pictures.py --runs out --pictures demos/pictures
+    docker/run python3 demos/pictures.py
+    docker/run python3 demos/pictures.py --runs out --pictures demos/pictures
 
 A demo without an output folder in `--runs` is run first. Every picture stays below 300 kB.
 """

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.assess.errors.estimates import MotionErrors
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
@@ -38,6 +39,7 @@ class Rerun:
         errors: estimated relative errors of the motion by their causes, as `Study.errors`.
         unfinished: the error of the integration or of a check, or None.
         warnings: warnings for the user.
+        sized: how the basis got its size; None if it has no candidates.
         stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
             or the model does not have them.
         left_out: sentences "NAME: REASON" on what was not computed.
@@ -49,6 +51,7 @@ class Rerun:
     errors: dict[str, MotionErrors]
     unfinished: ConvergenceError | AccuracyError | None
     warnings: list[str]
+    sized: Sized | None = None
     stresses: Stresses | None = None
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
@@ -67,17 +70,21 @@ class Study:
         derivatives: the modal derivatives.
         basis: the reduced basis.
         model: the reduced model.
-        candidates: the larger model that judges the basis (`fenicsrom.reduction.candidates`).
+        extended: the basis with its candidates (`fenicsrom.reduction.candidates`).
+        further: labels of the candidates, in the order of the larger model.
+        candidates: the larger model, which judges the basis.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
         left_out: sentences "NAME: REASON" on what was not computed.
         errors: estimated relative errors of the reduced model by their causes, "time step" and
             "basis".
+        sized: how the basis got its size; None if it has no candidates.
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
         deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
-        recovery: tables of the stresses and reactions, if the scene asks for them.
+        tables: of the stresses and reactions for the basis with its candidates, if the scene
+            asks for them.
         stresses: the largest stresses, and the reactions.
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
@@ -92,15 +99,18 @@ class Study:
     derivatives: Derivatives | None = None
     basis: ReducedBasis | None = None
     model: Any = None
+    extended: ReducedBasis | None = None
+    further: tuple[str, ...] = ()
     candidates: ReducedModel | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     errors: dict[str, MotionErrors] = field(default_factory=dict)
+    sized: Sized | None = None
     deflection: Array | None = None
     deformation: Deformation | None = None
-    recovery: Recovery | None = None
+    tables: Recovery | None = None
     stresses: Stresses | None = None
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
@@ -112,6 +122,13 @@ class Study:
         """Warnings for the user; those of the mesh and the solid come first."""
         found: list[str] = self.solid.warnings
         return found
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """The tables of the stresses and reactions for the basis."""
+        if self.tables is None or self.basis is None:
+            return self.tables
+        return self.tables.of(range(self.basis.size))
 
     @property
     def dropped_modes(self) -> list[str]:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.estimates import basis_errors
+from fenicsrom.assess.errors.estimates import basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR
 from fenicsrom.assess.full.true_errors import full_distances
 from fenicsrom.assess.studies import stability
@@ -67,7 +67,7 @@ def examine(case: Any, table: Mapping[str, Any], source: str) -> dict[str, Any]:
         found["run"] = clock.process_time() - begin
         begin = clock.process_time()
         candidates = candidate_model(solid, scene.basis, reduction)
-        estimate = basis_errors(candidates, model.size, scene, motion)
+        estimate = basis_errors(motion, nested_motion(candidates, scene, motion))
         found["estimating"] = clock.process_time() - begin
         begin = clock.process_time()
         signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)

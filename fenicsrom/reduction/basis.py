@@ -17,7 +17,7 @@ and named. Source: Mashayekhi and Zucca (2024), eqs. (12) and (13).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,13 @@ class ReducedBasis:
     def size(self) -> int:
         """Number of coordinates n, masters included."""
         return self.vectors.shape[1]
+
+    def part(self, labels: Sequence[str], mass: Array) -> ReducedBasis:
+        """The basis of these vectors, the masters first; `mass` (n, n) is their Rᵀ M R."""
+        vectors = self.vectors[:, [self.labels.index(label) for label in labels]]
+        return replace(
+            self, vectors=vectors, labels=tuple(labels), condition=scaled_condition(mass)
+        )
 
 
 def build_basis(

@@ -4,12 +4,13 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
 
     u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
 
-whose first n coordinates are those of the basis R. The candidates W are the next normal modes, the
-static deflections under the loads (attachment modes), the static deflections under the inertia
-forces of these deflections, and combinations of the modal derivatives that the basis lacks. These
-derivatives include those of the next modes. At every motion of the reduced model, the projected
-force of the larger model contains the residual Wᵀ r of the full equations as a polynomial. No mesh
-is therefore needed to judge a stored model (`fenicsrom.assess.errors.estimates.basis_errors`).
+whose first n coordinates are those of the basis R. The candidates W are the next normal and
+interface modes, the static deflections under the loads (attachment modes), the static deflections
+under the inertia forces of these deflections, and combinations of the modal derivatives that the
+basis lacks. These derivatives include those of the next modes. At every motion of the reduced
+model, the projected force of the larger model contains the residual Wᵀ r of the full equations as a
+polynomial. No mesh is therefore needed to judge a stored model
+(`fenicsrom.assess.errors.estimates.basis_errors`).
 
 The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
 directions in which none of the next modes moves, such as the axis of a slender body. This term is
@@ -17,8 +18,8 @@ computed from the part of K⁻¹ p that is orthogonal to the modes, because the 
 it.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
-weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the
-largest eigenvalues are the candidates.
+weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Of derivatives
+along principal directions, the next combinations are candidates too.
 """
 
 from __future__ import annotations
@@ -33,11 +34,15 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, split
 from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.principal import combinations
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection
-from fenicsrom.reduction.stages import Derivatives, Reduction, differentiate
+from fenicsrom.reduction.stages import Derivatives, Reduction, derivatives_along
 from fenicsrom.scene import Basis
+
+NEXT_INTERFACE_MODES = 10
+"""Interface modes beyond those of the basis, where there are any."""
 
 NEXT_MODES = 3
 """Normal modes above those of the basis. Three of a planar beam reach 2.8 times its frequency."""
@@ -51,9 +56,6 @@ NEXT_DERIVATIVES = 15
 COMBINATIONS = 8
 """Largest number of combinations of these derivatives. Their energies fall fast."""
 
-LEAST_ENERGY = 1e-10
-"""A combination is left out if its energy, relative to the largest, is smaller: rounding."""
-
 
 def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:
     """The larger model of (1).
@@ -63,10 +65,15 @@ def candidate_model(structure: Structure, options: Basis, found: Reduction) -> R
         options: the options of the basis.
         found: the stages of the reduced model.
     """
-    extended = candidate_basis(
+    extended = extended_basis(structure, options, found)
+    return project(structure, extended, structure.geometrically_nonlinear)
+
+
+def extended_basis(structure: Structure, options: Basis, found: Reduction) -> ReducedBasis:
+    """[R, W] of (1); arguments as `candidate_model`."""
+    return candidate_basis(
         structure, options, found.modes, found.selection, found.derivatives, found.basis
     )
-    return project(structure, extended, structure.geometrically_nonlinear)
 
 
 def candidate_basis(
@@ -91,12 +98,14 @@ def candidate_basis(
         [R, W] of (1); the first n vectors are those of the basis.
     """
     more = _more_modes(structure, options, modes)
-    count = modes.omega.size
+    count, masters = modes.omega.size, modes.rows.shape[0]
     left_out = [label for label in modes.labels if label not in selection.modes]
     columns = [modes.labels.index(label) for label in left_out if label.endswith("V")]
     vectors = [modes.normal[:, columns], more.normal[:, count:]]
     labels = [modes.labels[k] for k in columns]
     labels += [f"{k + 1}V" for k in range(count, more.omega.size)]
+    vectors.append(more.static[:, masters:])
+    labels += [f"{k + 1}S" for k in range(masters, more.rows.shape[0])]
     loaded = structure.factor.solve(structure.load_vectors)
     vectors.append(loaded)
     labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
@@ -107,9 +116,14 @@ def candidate_basis(
     plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     if not structure.geometrically_nonlinear:
         return plain
+    further = derivatives.further
+    if further is not None:
+        vectors.append(further)
+        labels += list(derivatives.sizes)[len(derivatives.labels) :]
+        plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     wanted = missing_derivatives(modes, more, selection, derivatives)
     combined = _combinations(structure, options, more, wanted, plain)
-    names = [f"{k + 1}D" for k in range(combined.shape[1])]
+    names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
     extra = np.concatenate([plain.vectors[:, basis.size :], combined], axis=1)
     return _extended(structure, modes, basis, extra, [*plain.labels[basis.size :], *names])
 
@@ -127,6 +141,8 @@ def missing_derivatives(
     """
     kept, weights = set(derivatives.labels), selection.weights
     missing = [label for label in all_pairs(modes.labels) if label not in kept]
+    if selection.principal is not None:  # its directions hold the motion of these modes
+        missing = []
     missing.sort(key=lambda label: -weights.get(label, 0.0))
     known = set(modes.labels)
     new = [
@@ -139,13 +155,16 @@ def missing_derivatives(
 
 
 def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> ComponentModes:
-    """The component modes with `NEXT_MODES` more normal modes, or with all that there are."""
+    """The component modes with more normal and interface modes, as far as there are any."""
     held = modes.rows.shape[0] if modes.method == "craig-bampton" else 0
-    count = min(modes.omega.size + NEXT_MODES, structure.free - held)
-    if count <= modes.omega.size:
+    count, masters = min(modes.omega.size + NEXT_MODES, structure.free - held), options.masters
+    # held interface modes would change the fixed normal modes of the Craig-Bampton method
+    if isinstance(masters, int) and modes.method == "rubin" and masters == modes.rows.shape[0]:
+        masters += NEXT_INTERFACE_MODES
+    if (count, masters) == (modes.omega.size, options.masters):
         return modes
     try:
-        return component_modes(structure, replace(options, modes=count))
+        return component_modes(structure, replace(options, modes=count, masters=masters))
     except (AccuracyError, SceneError):
         return modes
 
@@ -179,7 +198,7 @@ def _combinations(
     """The combinations (local, k) of derivatives with the largest energies outside of a basis."""
     if not wanted:
         return np.zeros((structure.local, 0))
-    found = differentiate(structure, options, modes, wanted).vectors
+    found = derivatives_along(structure, options, modes, wanted)
     x = modes.vectors
     # follower pressures may make an energy negative, though not the equilibrium unstable
     sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.stiffness_times(x)))))
@@ -187,11 +206,4 @@ def _combinations(
     for k, label in enumerate(wanted):
         first, second = split(label)
         found[:, k] /= size[first] * size[second]
-    m = basis.masters
-    found -= modes.masters @ structure.comm.allreduce(modes.rows @ found)
-    inner = basis.vectors[:, m:]
-    found -= inner @ structure.mass_inner(inner, found)
-    energies = structure.inner(found, structure.stiffness_times(found))
-    values, axes = np.linalg.eigh(0.5 * (energies + energies.T))
-    kept = values > LEAST_ENERGY * values[-1]
-    return np.asarray(found @ axes[:, kept][:, ::-1][:, :COMBINATIONS])
+    return combinations(structure, modes, basis, found)[0][:, :COMBINATIONS]

@@ -29,12 +29,12 @@ def all_pairs(labels: Sequence[str]) -> list[str]:
 
 
 def split(label: str) -> tuple[str, str]:
-    """Split the label of a derivative into its two modes: 1V2S gives 1V and 2S.
+    """Split the label of a derivative into its two directions: 1V2S gives 1V and 2S.
 
     Raises:
         ValueError: the text is not the label of a derivative.
     """
-    match = re.fullmatch(r"(\d+[VS])(\d+[VS])", label)
+    match = re.fullmatch(r"(\d+[VSP])(\d+[VSP])", label)
     if match is None:
         raise ValueError(f"{label!r} is not the label of a modal derivative, such as 1V1V or 1V2S")
     return match.group(1), match.group(2)

@@ -12,7 +12,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.kernels.symmetric import scaled_condition
+from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.reduction.protocols import Structure
 
 if TYPE_CHECKING:
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 INDEPENDENCE = 1e-12
 """Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
 
-LARGEST_CONDITION = 1e12
-"""Contact coordinates are dependent if the scaled flexibility has a larger condition number."""
+DEPENDENT = 1e-11
+"""A contact coordinate depends on others if the part of its flexibility that is its own, relative
+to all of it, is smaller."""
 
 IMMOBILE = 1e-14
 """A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
@@ -49,14 +50,14 @@ def master_directions(structure: Structure, masters: str | int) -> tuple[Array, 
 
     Args:
         structure: the structure.
-        masters: "all" directions, "normal" directions, or a number of interface modes.
+        masters: "all" directions that are independent, the "normal" ones of them, or a number of
+            interface modes.
 
     Returns:
         Wᵀ Bᵀ (m, local), and the attachment modes K⁻¹ B W (local, m).
 
     Raises:
-        SceneError: the supports forbid a contact direction; or, without interface modes, contact
-            directions depend on one another.
+        SceneError: the supports forbid a contact direction.
     """
     rows = structure.contact_rows
     if rows.shape[0] == 0:
@@ -68,9 +69,10 @@ def master_directions(structure: Structure, masters: str | int) -> tuple[Array, 
         return np.asarray(chosen.T @ rows), structure.factor.solve(rows.T @ chosen)
     attachment = structure.factor.solve(rows.T.toarray())
     flexibility = structure.inner(rows.T, attachment)
-    check_flexibility(structure, flexibility, isinstance(masters, str))
+    _check_mobile(structure, np.diag(flexibility))
     if isinstance(masters, str):
-        return rows.toarray(), attachment
+        kept = independent_coordinates(flexibility)
+        return rows.toarray()[kept], attachment[:, kept]
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     independent = int(np.sum(values > INDEPENDENCE * values[-1]))
     chosen = _with_sign(vectors[:, ::-1][:, : min(masters, independent)])
@@ -114,26 +116,21 @@ def _interface_modes(structure: Structure, rows: csr_array, count: int) -> Array
         block = image
 
 
-def check_flexibility(structure: Structure, flexibility: Array, independent: bool) -> None:
-    """Check that the contact coordinates can move.
+def independent_coordinates(flexibility: Array) -> list[int]:
+    """The coordinates that move independently of the ones before them.
+
+    Two stops on both sides of one point share its displacement: the first one gives the coordinate.
 
     Args:
-        structure: the structure.
         flexibility: (m, m) Bᵀ K⁻¹ B of the contact coordinates.
-        independent: each coordinate must also move independently of the others.
-
-    Raises:
-        SceneError: a coordinate cannot move, or coordinates depend on one another.
     """
-    _check_mobile(structure, np.diag(flexibility))
-    if independent and scaled_condition(flexibility) > LARGEST_CONDITION:
-        raise SceneError(
-            f"{structure.source}: contacts: two contact coordinates always move together; remove "
-            "one of them, or set basis.masters to a number of interface modes",
-            kind=ErrorKind.CONFLICT,
-            key="contacts",
-            source=structure.source,
-        )
+    products, kept = scaled(flexibility), list[int]()
+    for k in range(len(products)):
+        row = products[kept, k]
+        alone = products[k, k] - row @ np.linalg.solve(products[np.ix_(kept, kept)], row)
+        if alone > DEPENDENT:
+            kept.append(k)
+    return kept
 
 
 def _check_mobile(structure: Structure, mobility: Array) -> None:

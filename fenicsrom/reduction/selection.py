@@ -22,9 +22,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
-
-RANK_TOLERANCE = 1e-12
-"""Smaller eigenvalues of the Gram matrix, relative to the largest, count as zero."""
+from fenicsrom.reduction.principal import RANK_TOLERANCE, PrincipalDirections
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +35,14 @@ class Selection:
         modal_coordinates: for the label of each mode its largest |Q|, relative to the largest of
             all modes.
         weights: for the label of each candidate derivative its weight W, relative to the largest W.
+        principal: the directions along which derivatives are taken instead of those of modes.
     """
 
     modes: tuple[str, ...]
     derivatives: tuple[str, ...]
     modal_coordinates: dict[str, float]
     weights: dict[str, float]
+    principal: PrincipalDirections | None = None
 
 
 def modal_coordinates(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,24 +20,40 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.principal import (
+    REST,
+    PrincipalDirections,
+    combinations,
+    enough,
+    principal_directions,
+)
 from fenicsrom.reduction.projection import project, project_intrusively
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection, modal_coordinates, select
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Basis, Scene
+from fenicsrom.scene.rules import BY_MOTION
+
+FURTHER = 8
+"""Combinations of derivatives beyond those of the basis: candidates of a larger one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Modal derivatives.
+    """Modal derivatives of a basis.
 
     Attributes:
-        labels: (k,) labels, such as 1V2S.
+        labels: (k,) labels: 1V2S of a pair of modes, or 1D, 2D, ... of combinations of derivatives
+            along principal directions.
         vectors: (local, k).
+        further: (local, j) the next combinations, which the basis leaves out.
+        sizes: of all combinations in the energy norm, relative to the motion, by their labels.
     """
 
     labels: tuple[str, ...]
     vectors: Array
+    further: Array | None = None
+    sizes: dict[str, float] = field(default_factory=dict)
 
 
 def choose(
@@ -61,7 +77,7 @@ def choose(
     if (
         not structure.geometrically_nonlinear
         or wanted == "none"
-        or (wanted in ("mmi", "mmi-nls") and scene.static_only)
+        or (wanted in BY_MOTION and scene.static_only)
     ):
         return Selection(modes.labels, (), {}, {})
     if wanted == "all":
@@ -70,41 +86,95 @@ def choose(
         return Selection(modes.labels, wanted, {}, {})
     snapshots = snapshots or Snapshots(structure, scene, modes)
     linear = snapshots.linear
-    static = snapshots.static if wanted == "mmi-nls" else linear.vectors[:, :0]
+    static = linear.vectors[:, :0] if wanted == "mmi" else snapshots.static
+    scale = structure.largest(modes.vectors)
     found = modal_coordinates(
         modes.vectors,
         np.concatenate([static, linear.vectors], axis=1),
         structure.mass_inner,
-        structure.largest(modes.vectors),
+        scale,
     )
     held, moving = np.split(found, [static.shape[1]], axis=1)
     coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)
-    return select(coordinates, modes.labels, wanted, scene.basis.threshold)
+    if wanted != "principal":
+        return select(coordinates, modes.labels, wanted, scene.basis.threshold)
+    selected = select(coordinates, modes.labels, wanted, scene.basis.threshold)
+    if not coordinates.any():
+        return selected
+    principal = principal_directions(structure, modes.vectors / scale, coordinates)
+    return replace(selected, derivatives=(), weights={}, principal=principal)
 
 
-def differentiate(
-    structure: Structure, options: Basis, modes: ComponentModes, labels: tuple[str, ...]
-) -> Derivatives:
-    """Compute modal derivatives.
+def derivatives_along(
+    structure: Structure,
+    options: Basis,
+    modes: ComponentModes,
+    labels: tuple[str, ...],
+    along: PrincipalDirections | None = None,
+) -> Array:
+    """Compute modal derivatives, along modes or along principal directions.
 
     Args:
         structure: the structure.
         options: how the tangent is differentiated.
         modes: component modes of the structure.
         labels: (k,) labels of the derivatives.
+        along: the directions that the labels name; by default the modes.
 
     Returns:
-        The derivatives.
+        The derivatives (local, k).
 
     Raises:
         AccuracyError: a derivative is not symmetric.
     """
     exact = options.differentiation == "exact"
     derivative = structure.tangent_derivative if exact else structure.tangent_difference
-    vectors = modal_derivatives(
-        modes.vectors, modes.labels, labels, derivative, modes.inverse, structure.comm.allreduce
+    directions = along or modes
+    return modal_derivatives(
+        directions.vectors,
+        directions.labels,
+        labels,
+        derivative,
+        modes.inverse,
+        structure.comm.allreduce,
     )
-    return Derivatives(labels, vectors)
+
+
+def differentiate(
+    structure: Structure,
+    options: Basis,
+    modes: ComponentModes,
+    selection: Selection | tuple[str, ...],
+) -> Derivatives:
+    """Compute the derivatives of a basis.
+
+    Those along principal directions are combined; combinations that together hold less than
+    `REST`² of the energy of the motion stay out of the basis.
+
+    Args:
+        structure: the structure.
+        options: how the tangent is differentiated.
+        modes: component modes of the structure.
+        selection: what `choose` selected, or (k,) labels of pairs of modes.
+
+    Raises:
+        AccuracyError: a derivative is not symmetric.
+    """
+    if not isinstance(selection, Selection):
+        selection = Selection(modes.labels, selection, {}, {})
+    principal, labels = selection.principal, selection.derivatives
+    if principal is None:
+        return Derivatives(labels, derivatives_along(structure, options, modes, labels))
+    linear = enrich(structure, modes, selection, Derivatives((), modes.normal[:, :0]))
+    weights = principal.weights()
+    found = derivatives_along(structure, options, modes, tuple(weights), principal)
+    found *= list(weights.values())
+    vectors, energies = combinations(structure, modes, linear, found)
+    count = enough(energies, REST**2 * principal.energy)
+    vectors, energies = vectors[:, : count + FURTHER], energies[: count + FURTHER]
+    labels = tuple(f"{k + 1}D" for k in range(energies.size))
+    sizes = dict(zip(labels, np.sqrt(energies / principal.energy).tolist(), strict=True))
+    return Derivatives(labels[:count], vectors[:, :count], vectors[:, count:], sizes)
 
 
 def enrich(
@@ -203,7 +273,7 @@ class Reduction:
         """The modal derivatives of the selection."""
         modes, selection = self.modes, self.selection
         with self._timed("derivatives"):
-            return differentiate(self._structure, self._scene.basis, modes, selection.derivatives)
+            return differentiate(self._structure, self._scene.basis, modes, selection)
 
     @cached_property
     def basis(self) -> ReducedBasis:

@@ -33,7 +33,8 @@ from fenicsrom.scene.times import (
 )
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
-INTERFACE_MODES = 10  # number of interface modes for more points
+MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
+INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
@@ -253,7 +254,12 @@ def default_masters(scene: Scene) -> str | int:
     if scene.basis.masters is not None:
         return scene.basis.masters
     regions = any(contact.place.at == "nodes" for contact in scene.contacts)
-    return INTERFACE_MODES if regions or len(scene.contacts) > FEW_CONTACTS else "all"
+    count, paired = len(scene.contacts), scene.basis.derivatives != "principal"
+    if not regions and count <= FEW_CONTACTS:
+        return "all"
+    if regions or paired or count > MORE_CONTACTS:
+        return INTERFACE_MODES
+    return count * scene.geometry.dimension
 
 
 def _basis_problems(scene: Scene) -> Problems:

@@ -426,14 +426,18 @@ def word_or_integer(*words: str, least: int, most: int) -> Rule:
 masters = word_or_integer("all", "normal", least=1, most=1000)
 modes = word_or_integer("auto", least=0, most=1000)
 
-SELECTIONS = ("none", "all", "mmi", "mmi-nls")
+BY_MOTION = ("principal", "mmi", "mmi-nls")
+"""Selections of derivatives that need the motion of the linear structure."""
+
+SELECTIONS = ("none", "all", *BY_MOTION)
+_SELECTED = ", ".join(f'"{name}"' for name in SELECTIONS)
 
 
 def _read_derivatives(value: Any, where: Where) -> str | tuple[str, ...]:
     if value in SELECTIONS:
         return str(value)
     if not is_sequence(value):
-        allowed = 'must be "none", "all", "mmi", "mmi-nls" or a list of labels such as "1V1S"'
+        allowed = f'must be {_SELECTED} or a list of labels such as "1V1S"'
         kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
         raise where.refuse(value, allowed, kind)
     labels = tuple(_read_label(entry, where.at(index)) for index, entry in enumerate(value))
@@ -455,7 +459,7 @@ derivatives = Rule(
             },
         ]
     },
-    '"none" or "all" or "mmi" or "mmi-nls" or a list of labels such as "1V1S"',
+    f'{_SELECTED.replace(",", " or")} or a list of labels such as "1V1S"',
 )
 
 

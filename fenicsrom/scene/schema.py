@@ -175,13 +175,18 @@ class Basis:
         modes: number of normal modes. "auto" takes the modes up to twice the highest frequency that
             loads, surfaces and [response] excite, and the next mode; at least 3 modes and at most
             12 (100 in a linear scene).
-        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
+        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep;
+            "principal" takes them along the principal directions of the motion, "mmi", "mmi-nls"
+            and "all" along pairs of modes.
         masters: contact forces for which static modes are computed: "all" directions of every
             point, the "normal" directions only, or a number of interface modes (the combinations of
             forces under which the body is most flexible); by default "all" for up to 4 contacts at
-            points, otherwise 10.
+            points, as many interface modes as directions for up to 8 (not with derivatives along
+            pairs of modes), otherwise 10.
+        accuracy: largest accepted estimate of the error of the displacements due to the basis;
+            with derivatives = "principal" the basis takes coordinates until it is reached.
         threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
-            mmi-nls).
+            mmi-nls), and smallest amplitude of a mode.
         differentiation: how the derivative of the tangent is computed.
         elastic_force: elastic force of the reduced model: an exact polynomial without the mesh, or
             the projection of the full elastic force.
@@ -190,10 +195,16 @@ class Basis:
     method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
     modes: Annotated[str | int, rules.modes] = "auto"
     masters: Annotated[str | int | None, rules.masters] = None
-    derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "mmi-nls"
+    derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "principal"
+    accuracy: Annotated[float, number(above=0.0, most=1.0)] = 1e-3
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, choice("exact", "central-difference")] = "exact"
     elastic_force: Annotated[str, choice("polynomial", "projection")] = "polynomial"
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the basis takes coordinates until `accuracy` is reached."""
+        return self.derivatives == "principal" and self.elastic_force == "polynomial"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,6 +308,7 @@ class Compare:
     )
     derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = (
         "none",
+        "principal",
         "mmi",
         "mmi-nls",
         "all",

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
+    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
+
+LARGE_CONDITION = 1e4
+"""Condition number of the scaled reduced mass from which the user is warned."""
 
 
 def mesh(run: Run) -> None:
@@ -89,7 +94,7 @@ def selection(run: Run) -> None:
     assert study.modes is not None
     study.selection = run.reduction.selection
     study.derivatives = Derivatives((), study.modes.normal[:, :0])  # placeholder
-    if not study.selection.derivatives:
+    if not study.selection.derivatives and study.selection.principal is None:
         run.reduction.derivatives = study.derivatives
     note_selection(study)
 
@@ -116,17 +121,44 @@ def derivatives(run: Run) -> None:
 
 def basis(run: Run) -> None:
     """Build the reduced basis."""
-    run.study.basis = run.reduction.basis
-
-
-def reduced_model(run: Run) -> None:
-    """Project the solid on the basis."""
-    run.study.model = run.reduction.model
+    study = run.study
+    study.basis = run.reduction.basis
+    if study.basis.condition > LARGE_CONDITION:
+        study.warnings.append(
+            f"the reduced mass has a condition number of {study.basis.condition:.2g} (above "
+            f"{LARGE_CONDITION:g}): contact coordinates move almost together, and rounding grows "
+            "by this factor; set basis.masters to a smaller number of interface modes"
+        )
 
 
 def candidates(run: Run) -> None:
-    """Project the solid on the basis and its candidates, for the error estimate."""
-    from fenicsrom.reduction.candidates import candidate_model
+    """Extend the basis by its candidates."""
+    from fenicsrom.reduction.candidates import extended_basis
 
-    study = run.study
-    study.candidates = candidate_model(study.solid, study.scene.basis, run.reduction)
+    study, plain = run.study, run.reduction.basis
+    study.extended = extended_basis(study.solid, study.scene.basis, run.reduction)
+    study.further = study.extended.labels[plain.size :]
+    study.basis = replace(plain, vectors=study.extended.vectors[:, : plain.size])
+
+
+def reduced_model(run: Run) -> None:
+    """Project the solid on the extended basis; the model of the basis is a part of this one."""
+    from fenicsrom.online.model.nested import nested_model
+    from fenicsrom.reduction.projection import project, project_intrusively
+
+    study, solid = run.study, run.study.solid
+    assert study.basis is not None and study.extended is not None
+    nonlinear = solid.geometrically_nonlinear
+    study.candidates = project(solid, study.extended, nonlinear)
+    if nonlinear and study.scene.basis.elastic_force == "projection":
+        study.model = project_intrusively(solid, study.basis)
+    else:
+        study.model = nested_model(study.candidates, range(study.basis.size))
+
+
+def resize(study: Study, stored: StoredModel) -> None:
+    """Take the coordinates of a resized model into the record."""
+    assert study.extended is not None
+    study.basis = study.extended.part(stored.labels, stored.model.mass)
+    study.model, study.candidates = stored.model, stored.candidates
+    study.tables, study.further = stored.tables, stored.further

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.study.source import scene_of, source_of
+from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.response_results import Response
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
 
 STATE = "response_state"  # folder of what is kept of the curves
+COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
 def response(
@@ -38,7 +41,7 @@ def response(
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
-            `assess.curves.response.response`; with several ranks there are no processes.
+            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
         fresh: compute all offline results, also those that the cache has.
@@ -49,10 +52,8 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.response_files import check_folder
     from fenicsrom.assess.curves.response_problem import check_response
-    from fenicsrom.assess.curves.trust import richer_model
     from fenicsrom.post.curves.response_report import write
 
     check_response(scene_of(given))
@@ -60,16 +61,7 @@ def response(
         check_folder(resume)
     watch = Stopwatch(say)
     source = source_of(given, comm, watch, folder, stop, fresh)
-    with watch("response curves"):
-        found = curves.response(
-            source.stored,
-            lambda line: watch.say(f"  {line}"),
-            state=None if folder is None or not source.first else folder / STATE,
-            resume=resume,
-            workers=workers if source.ranks == 1 else 1,
-            stop=stop,
-            richer=richer_model(source.stored),
-        )
+    found, source = _curves(source, watch, folder, resume, workers, stop)
     found.warnings[:0] = source.warnings
     if found.table.full_values and source.study is None:
         found.warnings.append(
@@ -86,3 +78,44 @@ def response(
     if folder is not None and found.curves:
         found.files = write(found, source.stored, folder, source.study)
     return found
+
+
+def _curves(
+    source: Source,
+    watch: Stopwatch,
+    folder: Path | None,
+    resume: Path | None,
+    workers: int,
+    stop: Callable[[], bool],
+) -> tuple[Response, Source]:
+    """Compute response curves with the coordinates that they need; arguments as `response`."""
+    from fenicsrom.assess.curves import response as curves
+    from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
+    from fenicsrom.assess.curves.trust import richer_model
+    from fenicsrom.files import atomic_write
+
+    spare = spare_coordinates(source.stored)
+    state = None if folder is None or not source.first else folder / STATE
+    if resume is not None and (resume / COORDINATES).exists():
+        labels = json.loads((resume / COORDINATES).read_text(encoding="utf-8"))
+        source = source.with_model(source.stored.resized(labels), folder)
+    while True:
+        stored = source.stored
+        if state is not None:
+            with atomic_write(state / COORDINATES) as temporary:
+                temporary.write_text(json.dumps(stored.labels), encoding="utf-8")
+        with watch("response curves"):
+            found = curves.response(
+                stored,
+                lambda line: watch.say(f"  {line}"),
+                state=state,
+                resume=resume,
+                workers=workers if source.ranks == 1 else 1,
+                stop=stop,
+                richer=richer_model(stored),
+            )
+        larger = None if found.interrupted else larger_model(found, stored, spare)
+        if larger is None:
+            return found, source
+        watch.say(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+        source, resume = source.with_model(larger, folder), None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -58,6 +59,25 @@ def integrate(run: Run, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
+def fit_size(run: Run) -> None:
+    """Let the reduced model take coordinates until its basis is accurate enough."""
+    from fenicsrom.assess.errors.sizing import fitted
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.run.summary import stored_model
+
+    study, stored = run.study, stored_model(run.study)
+    motion = study.motions["reduced"]
+    study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
+    if found is None or found.stored is stored:
+        return
+    resize(study, found.stored)
+    study.motions["reduced"] = found.motion
+    study.seconds["reduced motion"] = found.motion.seconds
+    if run.folder is not None and run.comm.rank == 0:
+        save_model(run.folder / MODEL, found.stored)
+
+
 def _strain_warnings(study: Study, motion: Motion) -> list[str]:
     """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
     from fenicsrom.assess.errors.large_strains import LARGE_MOTION, motion_warnings
@@ -109,21 +129,26 @@ def _checkpoints(run: Run) -> dict[str, Any]:
         OSError: a file cannot be written.
     """
     from fenicsrom.online.model.model import ReducedModel
-    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.online.store.archive import load_model, save_model
     from fenicsrom.online.store.checkpoints import keeper, load_start
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.summary import CHECKPOINT, stored_model
 
-    study, model = run.study, run.study.model
-    if not isinstance(model, ReducedModel):
+    study = run.study
+    if not isinstance(study.model, ReducedModel):
         return {}
     options: dict[str, Any] = {}
     if run.resume is not None:
-        options["resume"] = load_start(run.resume, model, study.scene)
+        beside = run.resume.parent / MODEL  # it says which coordinates joined the first ones
+        if beside.exists():
+            labels, stored = load_model(beside).labels, stored_model(study)
+            if set(labels) <= {*stored.labels, *stored.further}:
+                resize(study, stored.resized(labels))
+        options["resume"] = load_start(run.resume, study.model, study.scene)
     if run.folder is not None and run.comm.rank == 0:
         save_model(run.folder / MODEL, stored_model(study))
         study.files.append(run.folder / MODEL)
-        keep = keeper(run.folder / CHECKPOINT, model, study.scene)
+        keep = keeper(run.folder / CHECKPOINT, study.model, study.scene)
         options["checkpoint"] = keep
     return options
 
@@ -140,7 +165,12 @@ def check(study: Study) -> None:
             check_energy(motion)
         model = "reduced"
         estimate_errors(
-            study.model, study.candidates, study.scene, study.motions["reduced"], study.errors
+            study.model,
+            study.candidates,
+            study.scene,
+            study.motions["reduced"],
+            study.errors,
+            None if study.sized is None else study.sized.errors,
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +36,8 @@ MODEL_STAGES = (
     "selection",
     "derivatives",
     "basis",
-    "reduction",
     "candidates",
+    "reduction",
     "stress points",
 )
 """The stages whose results each archive holds."""
@@ -60,7 +60,7 @@ class OfflineCache:
         self._run, self._keys = run, keys
         self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
         self._warned = 0
-        self._last = "stress points" if with_stresses(run.study.scene) else "candidates"
+        self._last = "stress points" if with_stresses(run.study.scene) else "reduction"
         self.reused: tuple[str, ...] = ()
 
     def restore(self) -> None:
@@ -224,16 +224,18 @@ def _model_contents(run: Run, warned: int) -> Contents:
 
     study = run.study
     assert study.derivatives is not None and study.basis is not None
+    assert study.extended is not None
     model, arrays = model_contents(stored_model(study))
     basis = study.basis
     header = {
         "model": model,
         "warnings": study.warnings[warned:],
-        "selection": asdict(study.selection),
+        "selection": asdict(replace(study.selection, principal=None)),
         "derivatives": study.derivatives.labels,
+        "sizes": study.derivatives.sizes,
         "basis": {"masters": basis.masters, "dropped": basis.dropped, "condition": basis.condition},
     }
-    more = {"derivatives": study.derivatives.vectors, "basis": basis.vectors}
+    more = {"derivatives": study.derivatives.vectors, "basis": study.extended.vectors}
     return header, arrays | {f"offline_{name}": value for name, value in more.items()}
 
 
@@ -253,13 +255,16 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
         chosen["modal_coordinates"],
         chosen["weights"],
     )
-    basis = ReducedBasis(stored.method, vectors, stored.labels, **header["basis"])
+    extended = ReducedBasis(
+        stored.method, vectors, (*stored.labels, *stored.further), **header["basis"]
+    )
+    basis = replace(extended, vectors=vectors[:, : stored.size], labels=stored.labels)
     labels, warnings = tuple(header["derivatives"]), list(header["warnings"])
     # nothing raises from here on: the record has all or nothing
-    study.selection, study.basis = selection, basis
-    study.derivatives = Derivatives(labels, derivatives)
+    study.selection, study.basis, study.extended = selection, basis, extended
+    study.derivatives = Derivatives(labels, derivatives, sizes=header["sizes"])
     study.model, study.candidates = stored.model, stored.candidates
-    study.recovery = stored.recovery
+    study.tables, study.further = stored.tables, stored.further
     study.warnings.extend(warnings)
     building.note_selection(study)
 

@@ -17,6 +17,7 @@ from fenicsrom.files import reads_other_files
 from fenicsrom.online.store.scene_changes import CONTACT_KEYS, SURFACE_KEYS
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
 from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.scene.tables import plain
 
 ONLINE_TABLES = (
@@ -71,11 +72,11 @@ def model_table(scene: Scene) -> dict[str, Any]:
 
     basis = scene.basis
     table: dict[str, Any] = {
-        "basis": plain(basis),
+        "basis": {**plain(basis), "accuracy": None},
         "damping": plain(scene.damping),
         "stresses": scene.output.stresses,
     }
-    if scene.geometrically_nonlinear and basis.derivatives in ("mmi", "mmi-nls"):
+    if scene.geometrically_nonlinear and basis.derivatives in BY_MOTION:
         whole = scene_table(scene)
         table |= {name: whole.get(name) for name in ("loads", "contacts", "material", "response")}
         table["time"] = plain(transient_time(scene))

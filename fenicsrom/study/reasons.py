@@ -5,6 +5,7 @@ from __future__ import annotations
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks import LEAST_MODES
 from fenicsrom.scene.excitation import HIGHEST_MODE, highest_frequency
+from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.study.stage import Item
 from fenicsrom.words import counted
 
@@ -99,9 +100,19 @@ def derivatives_reason(scene: Scene) -> str:
     if not scene.geometrically_nonlinear:
         return "the scene is geometrically linear"
     kind = wanted if isinstance(wanted, str) else "a list of labels" if wanted else "empty"
-    if wanted in ("mmi", "mmi-nls") and scene.static_only:
+    if wanted in BY_MOTION and scene.static_only:
         return f"basis.derivatives is {kind}, but all loads are static"
     return f"basis.derivatives is {kind}"
+
+
+def size_reason(scene: Scene) -> str:
+    """Say why the basis takes coordinates, or not."""
+    basis = scene.basis
+    if basis.adapts:
+        return f"basis.accuracy is {basis.accuracy:g}"
+    if basis.derivatives == "principal":
+        return f"basis.elastic_force is {basis.elastic_force}"
+    return "basis.derivatives chooses all coordinates"
 
 
 def reduction_parts(scene: Scene) -> tuple[Item, ...]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.study import building, motions, stresses, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,
@@ -20,6 +21,7 @@ from fenicsrom.study.reasons import (
     mode_parts,
     newton_item,
     reduction_parts,
+    size_reason,
     solid_parts,
     stress_reason,
     toml_text,
@@ -45,7 +47,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         files: include the stages that write files.
     """
     moving, why_not = _moving(scene, modes_only)
-    reference = scene.reference
+    reference, basis = scene.reference, scene.basis
     full, beam = reference.full, reference.beam is not None
     full_reason = f"reference.full is {toml_text(full)}" if moving else why_not
     listed = [
@@ -62,6 +64,12 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
             f"time.scheme is {scene.time.scheme}" if moving else why_not,
             lambda run: motions.integrate(run, "reduced"),
             parts=(newton_item(scene),) if moving else (),
+        ),
+        Stage(
+            "size",
+            moving and basis.adapts,
+            size_reason(scene) if moving else why_not,
+            motions.fit_size,
         ),
         Stage(
             "mode comparison",
@@ -84,9 +92,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis, which runs an enriched basis"
-            if moving
-            else why_not,
+            "energy balance, time step and basis" if moving else why_not,
             lambda run: motions.check(run.study),
         ),
         Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
@@ -99,7 +105,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     basis, nonlinear = scene.basis, scene.geometrically_nonlinear
     with_modes = modes_only or not scene.static_only
     with_basis, why_not = _moving(scene, modes_only)
-    by_motion = basis.derivatives in ("mmi", "mmi-nls")
+    by_motion = basis.derivatives in BY_MOTION
     selecting = nonlinear and by_motion and not scene.static_only
     listed = nonlinear and not by_motion and basis.derivatives not in ("none", ())
     derivatives = derivatives_reason(scene) if with_modes else ALL_STATIC
@@ -119,7 +125,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         Stage("linear transient", with_modes and selecting, derivatives, building.linear_transient),
         Stage(
             "nonlinear statics",
-            with_modes and selecting and basis.derivatives == "mmi-nls",
+            with_modes and selecting and basis.derivatives != "mmi",
             derivatives,
             building.nonlinear_statics,
         ),
@@ -129,17 +135,19 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         ),
         Stage("basis", with_basis, which if with_basis else why_not, building.basis),
         Stage(
+            "candidates",
+            with_basis,
+            "vectors that the basis leaves out: they judge it, and it may take them"
+            if with_basis
+            else why_not,
+            building.candidates,
+        ),
+        Stage(
             "reduction",
             with_basis,
             elastic_reason(scene) if with_basis else why_not,
             building.reduced_model,
             reduction_parts(scene) if with_basis else (),
-        ),
-        Stage(
-            "candidates",
-            with_basis,
-            "vectors that the basis leaves out, for the error estimate" if with_basis else why_not,
-            building.candidates,
         ),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.scene import Scene
+from fenicsrom.study.building import resize
 from fenicsrom.study.execution import offline
 
 if TYPE_CHECKING:
@@ -39,6 +40,21 @@ class Source:
     def ranks(self) -> int:
         """Number of ranks of the offline stages; 1 for a stored model."""
         return 1 if self.study is None else self.study.solid.comm.size
+
+    def with_model(self, stored: StoredModel, folder: Path | None) -> Source:
+        """The source with other coordinates of its model, which is written to the folder.
+
+        Raises:
+            OSError: the model cannot be written.
+        """
+        from fenicsrom.online.store.archive import save_model
+        from fenicsrom.post.base.origin import MODEL
+
+        if self.study is not None:
+            resize(self.study, stored)
+            if folder is not None and self.first:
+                save_model(folder / MODEL, stored)
+        return replace(self, stored=stored)
 
 
 def source_of(

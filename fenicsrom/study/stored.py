@@ -10,7 +10,6 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.errors.estimates import MotionErrors
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.step.state import Checkpoint
     from fenicsrom.online.store.archive import StoredModel
@@ -91,8 +90,11 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
     try:
         stop_where_asked(stop)
+        with watch("size"):
+            _fit_size(found, watch, stop)
+        stop_where_asked(stop)
         with watch("checks"):
-            found.unfinished = _check(found.stored, found.motion, found.errors)
+            found.unfinished = _check(found)
         if found.unfinished is None:
             found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
     except KeyboardInterrupt:
@@ -102,16 +104,25 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         raise
 
 
-def _check(
-    stored: StoredModel, motion: Motion, errors: dict[str, MotionErrors]
-) -> AccuracyError | ConvergenceError | None:
-    """Estimate the errors of a motion into `errors`; give the error that rejects the motion."""
+def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
+    """Let the model take coordinates until its basis is accurate enough."""
+    from fenicsrom.assess.errors.sizing import fitted
+
+    chosen = fitted(found.stored, found.motion, watch.say, stop, found.warnings)
+    if chosen is not None:
+        found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
+
+
+def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
+    """Write the estimated errors of a motion; give the error that rejects the motion."""
     from fenicsrom.assess.errors.verdicts import estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
+    stored, motion = found.stored, found.motion
+    basis = None if found.sized is None else found.sized.errors
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, stored.scene, motion, errors)
+        estimate_errors(stored.model, stored.candidates, stored.scene, motion, found.errors, basis)
     except (AccuracyError, ConvergenceError) as error:
         return error
     return None
@@ -215,6 +226,7 @@ def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.run.pictures import (
         motion_pictures,
+        size_pictures,
         working,
         write_stress_picture,
     )
@@ -222,6 +234,7 @@ def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     stored = found.stored
     names = direction_names(stored.scene, stored.model.points)
     pictures = motion_pictures({"reduced": found.motion}, names=names, work=working(stored.scene))
+    pictures += size_pictures(found.sized)
     written = draw_pictures(pictures, folder, found.warnings)
     if found.stresses is not None:
         assert found.stored.recovery is not None

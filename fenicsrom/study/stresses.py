@@ -16,11 +16,11 @@ def tabulate(run: Run) -> None:
     study = run.study
     solid, scene = study.solid, study.scene
     vectors = np.zeros((solid.local, 0))
-    if study.basis is not None:
-        vectors = study.basis.vectors
+    if study.extended is not None:
+        vectors = study.extended.vectors
     elif study.modes is not None:
         vectors = study.modes.normal
-    study.recovery = Recovery(
+    study.tables = Recovery(
         stress_table(solid, scene, solid.equilibrium, vectors),
         reaction_table(solid, scene, vectors),
     )

@@ -95,7 +95,7 @@ def stress_picture(run: Run) -> None:
     if run.comm.rank == 0 and study.stresses is not None:
         assert study.recovery is not None
         study.pictures += write_stress_picture(
-            study.recovery, study.stresses, _output(run), study.warnings, study.view
+            study.recovery, study.stresses, _output(run), study.warnings
         )
 
 
@@ -110,11 +110,13 @@ def animation(run: Run) -> None:
 def report(run: Run) -> None:
     """Write the report, and the summary again if there are new warnings about the pictures."""
     from fenicsrom.post.base.writers import write_summary
+    from fenicsrom.post.run.pictures import turning_pages
     from fenicsrom.post.run.report import write_study_report
     from fenicsrom.post.run.summary import SUMMARY, summary
 
+    study, folder = run.study, _output(run)
+    pages = turning_pages(study) if study.scene.output.pictures else []
     if run.comm.rank == 0:
-        study, folder = run.study, _output(run)
         write_summary(folder / SUMMARY, summary(study))
-        report = write_study_report(study, folder)
+        report = write_study_report(study, folder, pages)
         study.files = [report, *study.files, *(path for _, path in study.pictures)]

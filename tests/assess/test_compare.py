@@ -124,7 +124,7 @@ def test_combinations_are_the_product_of_the_lists():
         overrides=("compare.modes=[1,2]", 'compare.elastic_force=["polynomial","projection"]')
     )
     found = compare.combinations(scene)
-    assert len(found) == len(set(found)) == 2 * 4 * 2 * 2
+    assert len(found) == len(set(found)) == 2 * 5 * 2 * 2
     linear = compare.combinations(
         beam_scene(overrides=("geometrically_nonlinear=false", "compare.modes=[1,2]"))
     )

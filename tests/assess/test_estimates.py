@@ -45,7 +45,7 @@ def test_missing_mode_is_the_estimated_error(kind: str) -> None:
     one, both, scene = two_modes(kind)
     motion, exact = simulate(one, scene), simulate(both, scene)
     error = estimates.distances(motion, exact).amplitude
-    found = estimates.basis_errors(both, 1, scene, motion)
+    found = estimates.basis_errors(motion, estimates.nested_motion(both, scene, motion))
     assert error > 0.3
     assert found.amplitude == pytest.approx(estimates.BASIS_SAFETY * error, rel=1e-3)
     assert found.directions[1] == found.largest and found.directions[0] == 0.0
@@ -174,7 +174,7 @@ def test_soft_candidate_of_little_energy_is_in_the_estimate() -> None:
     one = one._replace(probe=probe[:, :1])
     motion = simulate(one, scene)
     error = estimates.distances(motion, simulate(both, scene)).amplitude
-    found = estimates.basis_errors(both, 1, scene, motion)
+    found = estimates.basis_errors(motion, estimates.nested_motion(both, scene, motion))
     assert error > 0.1
     assert found.amplitude == pytest.approx(estimates.BASIS_SAFETY * error, rel=1e-3)
 

@@ -148,7 +148,7 @@ def test_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> No
     unknown = estimates.step_errors(model, single, replace(motion, period=None))
     assert unknown == (np.inf, np.inf, (np.inf, np.inf)) and unknown.largest == np.inf
     still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
-    monkeypatch.setattr(estimates, "simulate", lambda *_: still)
+    monkeypatch.setattr(estimates, "simulate", lambda *_, **__: still)
     assert estimates.step_errors(model, single, still) == (0.0, 0.0, (0.0, 0.0))
 
 

@@ -233,8 +233,9 @@ def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
 # ------------------------------------------------------------------ points
 
 
-def test_two_contacts_of_half_stiffness_equal_one_contact() -> None:
-    """The displacements of both contacts are equal; interface modes drop the dependent ones."""
+@pytest.mark.parametrize("masters", ["10", "'all'"])
+def test_two_contacts_of_half_stiffness_equal_one_contact(masters: str) -> None:
+    """The displacements of both contacts are equal; the basis has each of them once."""
 
     def contact(share: float) -> dict[str, Any]:
         return {
@@ -250,7 +251,7 @@ def test_two_contacts_of_half_stiffness_equal_one_contact() -> None:
     options = (
         *STOCKY,
         "geometry.parameters.width=0.1",
-        "basis.masters=10",
+        f"basis.masters={masters}",
         "basis.derivatives=['1V1V']",
         "basis.modes=2",
         "time.periods=2",

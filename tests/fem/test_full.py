@@ -100,3 +100,29 @@ def test_mean_state_of_two_tangents_has_their_weights() -> None:
     assert weight == 1.0 and state[0] == 2.5 and factors[0] == -1.0
     assert wanted.has_coefficients_of(module._Effective(1.0 + 1e-13, 0.0, wanted.states))
     assert not wanted.has_coefficients_of(module._Effective(1.001, 0.0, wanted.states))
+
+
+@pytest.mark.parametrize("touching", [True, False])
+def test_full_model_moves_the_same_by_mumps_and_by_petsc(
+    touching: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stiffness = {"normal_stiffness": 1e7, "tangential_stiffness": 1e7}
+    rubbing = {"nearest": [1.0, 0.0], "normal": [0.0, -1.0], "preload": 50.0, "friction": 0.4}
+    found = []
+    for small in (0, 10**6):  # from so many unknowns on MUMPS factorises, and PETSc below
+        monkeypatch.setattr(Factorisation, "SMALL", small)
+        solid = make_solid(
+            beam_scene(
+                2,
+                (*STOCKY, "geometry.parameters.elements_along=2", "geometrically_nonlinear=true"),
+                contacts=[rubbing | stiffness] if touching else None,
+                loads=[{"group": "tip", "direction": [0, 1], "force": 4e4, "frequency": 40.0}],
+                probe=None if touching else {"group": "tip"},
+                time={"periods": 1, "steps_per_period": 40, "steady_tolerance": 0},
+            )
+        )
+        scene = scene_of(solid)
+        motion = simulate(full_model(solid, contacts_of(scene, solid.points)), scene)
+        assert solid.points.contact.size == int(touching)
+        found.append(motion.displacement)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9 * np.abs(found[1]).max())

@@ -128,17 +128,35 @@ def judged(stored: StoredModel) -> StoredModel:
         loads=[[1.0], [0.3], [0.2]],
         load_histories=stored.model.load_histories,
     )
-    return replace(stored, candidates=larger)
+    return replace(stored, candidates=larger, further=("3V",))
 
 
-def test_candidates_are_stored_with_the_model(judged: StoredModel, tmp_path: Path) -> None:
+def test_model_and_its_further_coordinates_are_stored(judged: StoredModel, tmp_path: Path) -> None:
     path = tmp_path / "model.npz"
     save_model(path, judged)
-    found = load_model(path).candidates
-    assert judged.candidates is not None and found is not None
-    for name in ("mass", "loads", "probe"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(judged.candidates, name))
-    np.testing.assert_array_equal(found.elastic.stiffness, judged.candidates.elastic.stiffness)
+    read = load_model(path)
+    assert (read.size, read.labels, read.further) == (2, ("1V", "2V"), ("3V",))
+    for ours, kept in ((read.model, judged.model), (read.candidates, judged.candidates)):
+        assert ours is not None and kept is not None
+        for name in ("mass", "loads", "probe"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(kept, name))
+        np.testing.assert_array_equal(ours.elastic.stiffness, kept.elastic.stiffness)
+
+
+def test_stored_model_runs_at_any_size(judged: StoredModel, tmp_path: Path) -> None:
+    """The coordinates are uncoupled but for the probe, so each adds its own motion."""
+    save_model(tmp_path / "model.npz", judged.resized(("3V", "1V")))
+    read = load_model(tmp_path / "model.npz")
+    assert (read.labels, read.further) == (("3V", "1V"), ("2V",))
+    assert np.diag(read.model.elastic.stiffness).tolist() == [2000.0, 500.0]
+    whole = read.resized(("1V", "2V", "3V"))
+    assert whole.candidates is None and whole.further == ()
+    assert judged.candidates is not None
+    np.testing.assert_array_equal(whole.model.loads, judged.candidates.loads)
+    assert whole.resized(2).labels == judged.labels
+    for wrong in (0, 4, ("1V", "1V"), ("9V",)):
+        with pytest.raises(ValueError, match="1V 2V 3V"):
+            whole.resized(wrong)
 
 
 def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
@@ -148,14 +166,15 @@ def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
 
 
 @pytest.mark.parametrize("name", ["mass", "loads"])
-def test_damaged_candidates_are_refused(judged: StoredModel, tmp_path: Path, name: str) -> None:
+def test_model_with_too_few_coordinates_in_its_file_is_refused(
+    judged: StoredModel, tmp_path: Path, name: str
+) -> None:
     path = tmp_path / "model.npz"
     save_model(path, judged)
     with np.load(path) as file:
         arrays = dict(file)
-    arrays[f"candidates_{name}"] = arrays[f"candidates_{name}"][:1, :1]
-    np.savez(path, **arrays)
-    with refusal(ErrorKind.FORMAT, file=path.name, names=f"candidates_{name}"):
+    np.savez(path, **arrays | {name: arrays[name][:2, :2]})
+    with refusal(ErrorKind.FORMAT, file=path.name, names=name):
         load_model(path)
 
 

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from fenicsrom.post.body.body_surface import normals, surface_of
+pytest.importorskip("pyvista")
+
+from fenicsrom.post.body.body_surface import (
+    NODE,
+    areas,
+    cell_edges,
+    form_edges,
+    gathered_grid,
+    is_flat,
+    surface_of,
+)
 from fenicsrom.post.paraview.vtk_files import CELLS, Grid, in_space, reference_nodes
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
@@ -35,35 +45,41 @@ def beam_surface(name, length, along=8, height=0.1):
     return surface_of(grid)
 
 
-def areas(surface):
-    a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+def sizes(surface):
+    return np.linalg.norm(areas(surface), axis=1)
 
 
 @pytest.mark.parametrize("quadratic", [0, 1])
 @pytest.mark.parametrize("name", list(CORNERS))
 def test_surface_of_one_cell_is_closed_and_looks_outwards(name, quadratic):
     surface = surface_of(one_cell(name, quadratic))
-    size = areas(surface)
+    size = sizes(surface)
     assert size.min() > 0.0 and size.sum() == pytest.approx(SURFACE[name])
-    direction = normals(surface.points, surface.triangles)
-    assert surface.flat is (name in ("triangle", "quadrilateral"))
-    if surface.flat:
-        np.testing.assert_allclose(direction[:, 2], 1.0)
+    assert is_flat(surface.points) is (name in ("triangle", "quadrilateral"))
+    if is_flat(surface.points):
+        assert areas(surface)[:, 2].min() > 0.0
         return
-    np.testing.assert_allclose(size @ direction, 0.0, atol=1e-12)
-    middle = surface.points[surface.triangles].mean(axis=1)
-    volume = np.sum(np.sum(middle * direction, axis=1) * size) / 3.0
+    np.testing.assert_allclose(areas(surface).sum(axis=0), 0.0, atol=1e-12)
+    middle = surface.points[surface.regular_faces].mean(axis=1)
+    volume = np.sum(middle * areas(surface)) / 3.0
     assert volume == pytest.approx(1.0 if name == "hexahedron" else 1.0 / 6.0)
+
+
+def edge_lengths(lines):
+    pairs = lines.lines.reshape(-1, 3)[:, 1:]
+    return np.linalg.norm(np.diff(lines.points[pairs], axis=1)[:, 0], axis=1)
 
 
 @pytest.mark.parametrize(("name", "edges"), [("triangle", 3), ("hexahedron", 12)])
 @pytest.mark.parametrize("quadratic", [0, 1])
 def test_sharp_edges_show_the_form(name, edges, quadratic):
-    surface = surface_of(one_cell(name, quadratic))
-    assert len(surface.edges) == edges * (1 + quadratic)
-    length = np.linalg.norm(np.diff(surface.points[surface.edges], axis=1)[:, 0], axis=1)
-    assert length.sum() == pytest.approx(12.0 if name == "hexahedron" else 2.0 + np.sqrt(2.0))
+    grid = one_cell(name, quadratic)
+    form = edge_lengths(form_edges(surface_of(grid)))
+    assert len(form) == edges * (1 + quadratic)
+    whole = 12.0 if name == "hexahedron" else 2.0 + np.sqrt(2.0)
+    assert form.sum() == pytest.approx(whole)
+    straight = edge_lengths(cell_edges(grid))
+    assert len(straight) == edges and straight.sum() == pytest.approx(whole)
 
 
 def test_face_between_two_cells_is_not_part_of_the_surface():
@@ -75,19 +91,27 @@ def test_face_between_two_cells_is_not_part_of_the_surface():
     ]
     grid = Grid(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), np.array(cells), 12)
     surface = surface_of(grid)
-    assert areas(surface).sum() == pytest.approx(10.0)
-    assert len(surface.edges) == 16  # of the box; a ring of four lines where the cells meet is flat
-    assert len(surface.wires) == 2 * 5 * 4
+    assert sizes(surface).sum() == pytest.approx(10.0)
+    # edges of the box; a ring of four lines where the cells meet is flat
+    assert len(edge_lengths(form_edges(surface))) == 16
+    assert len(edge_lengths(cell_edges(grid))) == 20
+
+
+@pytest.mark.parametrize("name", list(CORNERS))
+def test_fields_on_the_surface_are_those_of_its_nodes(name):
+    grid = one_cell(name, 1)
+    field = grid.points @ [1.0, -2.0, 3.0]
+    surface = surface_of(grid, {"field": field})
+    np.testing.assert_allclose(surface["field"], surface.points @ [1.0, -2.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(grid.points[surface[NODE]], surface.points, atol=1e-12)
 
 
 def test_body_and_fields_are_collected_from_a_space():
     pytest.importorskip("dolfinx.fem")
     from spaces import HEIGHT, LENGTH, of_space, space_on
 
-    from fenicsrom.post.body.body_surface import gathered_surface
-
     space = space_on("tetrahedron")
-    surface, values = gathered_surface(space, {"u": of_space(space, 2)})
-    assert areas(surface).sum() == pytest.approx(4.0 * LENGTH * HEIGHT + 2.0 * HEIGHT**2)
-    x, y, _ = surface.points.T
+    grid, values = gathered_grid(space, {"u": of_space(space, 2)})
+    assert sizes(surface_of(grid)).sum() == pytest.approx(4.0 * LENGTH * HEIGHT + 2.0 * HEIGHT**2)
+    x, y, _ = grid.points.T
     np.testing.assert_allclose(values["u"][:, 0], 1 + 2 * x - y, atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,8 +13,8 @@ from support import beam_scene
 
 from fenicsrom.post.run.motion_table import (
     PERIODS_NOTE,
-    RESPONSE_NOTE,
     points_note,
+    response_note,
     response_rows,
     response_table,
 )
@@ -40,8 +41,19 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
 
 
 def test_notes_of_the_table_say_what_its_periods_are() -> None:
-    assert PERIODS_NOTE in RESPONSE_NOTE
+    motions = {"reduced": jenkins()}
+    assert PERIODS_NOTE in response_note(motions)
+    assert PERIODS_NOTE in response_table(motions, {}, ["x", "y"], beam_scene(2))
     assert response_table({}, {}, ["x", "y"], beam_scene(2)) == ""
+
+
+def test_motion_without_a_period_counts_nothing_in_periods() -> None:
+    motions = {"reduced": replace(jenkins(), period=None)}
+    head, row = response_rows(motions, {"reduced": 2}, ["x", "y"])
+    assert "J" in head and len(row) == len(head)
+    shown = response_table(motions, {}, ["x", "y"], beam_scene(2)) + response_note(motions)
+    assert "period" not in shown.lower() and "steady" not in shown
+    assert row[head.index("J")] == f"{motions['reduced'].friction_dissipation[-1]:.5g}"
 
 
 def test_note_says_to_which_contact_points_the_numbers_belong() -> None:

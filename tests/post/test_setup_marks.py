@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-from fenicsrom.post.body.body_surface import gathered_surface
+from fenicsrom.post.body.body_surface import gathered_grid
 from fenicsrom.post.setup.setup_marks import CLAMPED, Marks, marked, marks_of
 from fenicsrom.scene import make_scene
 
@@ -33,10 +33,10 @@ def marks(scene: Any, known: Any = UNDEFORMED) -> tuple[Marks, Any]:
     solid = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), known)
     regions = marked(solid, scene)
     fields = {name: solid.field(values) for name, values in regions.fields.items()}
-    found = gathered_surface(solid.space, fields)
+    found = gathered_grid(solid.space, fields)
     assert found is not None
-    surface, values = found
-    return marks_of(solid, scene, regions, surface.points, values), surface.points
+    grid, values = found
+    return marks_of(solid, scene, regions, grid.points, values), grid.points
 
 
 def test_follower_pressure_is_marked_on_the_undeformed_face_up_to_the_supports() -> None:
@@ -88,9 +88,12 @@ def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
     found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
     first, second = found.contacts
     assert first.label == "contact 1, preload 500000 Pa" and second.label == "contact 2, gap 1 mm"
-    assert first.first == 1 and second.first == 1 + len(first.places) and not first.lines
-    (circle,) = second.lines
-    assert np.linalg.norm(circle, axis=1).min() > np.linalg.norm(second.places, axis=1).max()
+    assert first.first == 1 and second.first == 1 + len(first.places) and first.wall is None
+    assert second.wall is not None
+    assert (
+        np.linalg.norm(second.wall.points, axis=1).min()
+        > np.linalg.norm(second.places, axis=1).max()
+    )
 
 
 BOX = """\

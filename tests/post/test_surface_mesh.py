@@ -10,7 +10,7 @@ from support import beam_scene
 
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import frame, penetration, surface_normal
-from fenicsrom.post.body.surface_mesh import surface_grid, surface_lines
+from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.scene import Scene
 
 RUBBING = {"group": "tip", "normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
@@ -66,20 +66,6 @@ def test_penetration_is_zero_on_the_mesh_of_the_surface(name: str) -> None:
         moved = (grid.points[:, :dimension] - place) @ points.frame[p].T
         depths = np.array([penetration(contacts, p, x, time) for x in moved])
         np.testing.assert_allclose(depths, 0.0, atol=1e-12 * size)
-
-
-@pytest.mark.parametrize("name", [name for name in SURFACES if not name.startswith("wall")])
-def test_lines_of_a_picture_lie_on_the_round_surface(name: str) -> None:
-    dimension, contact = SURFACES[name]
-    scene = beam_scene(dimension, contacts=[RUBBING | contact])
-    points = opposite(scene, np.array([[1.0, 0.0, 0.0], [1.0, 0.02, 0.0]])[:, :dimension])
-    contacts, lines = contacts_of(scene, points), surface_lines(scene, points, 0)
-    assert len(lines) == {"circle": 1, "ball": 5}.get(name, 6)
-    moved = (np.concatenate(lines)[:, :dimension] - points.position[0]) @ points.frame[0].T
-    depths = np.array([penetration(contacts, 0, x, 0.0) for x in moved])
-    np.testing.assert_allclose(depths, 0.0, atol=1e-12 * np.ptp(moved))
-    for line in lines[: -4 if dimension == 3 else None]:
-        np.testing.assert_allclose(line[0], line[-1], atol=1e-12)  # a closed circle
 
 
 def test_casing_follows_its_waves_and_covers_its_points() -> None:

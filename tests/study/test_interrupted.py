@@ -94,7 +94,7 @@ def test_run_that_is_interrupted_in_its_pictures_keeps_its_motion(
 def test_run_that_is_interrupted_between_its_checks_says_which_errors_are_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = stored(*SPANS["period"])
+    model = stored(*SPANS["period"], "basis.derivatives='none'")
     monkeypatch.setattr(verdicts, "basis_errors", interrupt)
     with pytest.raises(KeyboardInterrupt):
         study.rerun(replace(model, candidates=model.model), tmp_path)

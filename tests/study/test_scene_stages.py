@@ -77,9 +77,12 @@ def test_plan_leaves_out_rotation_of_speed_zero() -> None:
     assert all(needed[name] for name in names)
 
 
-def test_plan_says_that_checks_run_an_enriched_basis() -> None:
-    (checks,) = [item for item in study.plan(read_scene(SCENE)) if item.name == "checks"]
-    assert "enriched basis" in checks.reason
+def test_plan_says_how_accurate_the_basis_becomes() -> None:
+    scene = read_scene(SCENE, ["basis.derivatives='principal'", "basis.accuracy=0.02"])
+    (size,) = [item for item in study.plan(scene) if item.name == "size"]
+    assert size.needed and "0.02" in size.reason
+    (size,) = [item for item in study.plan(read_scene(SCENE)) if item.name == "size"]
+    assert not size.needed  # the scene names a selection of the paper
 
 
 # Function that does the work of a stage -> name of the stage.
@@ -92,8 +95,9 @@ WORK = {
     "fenicsrom.reduction.stages.choose": "selection",
     "fenicsrom.reduction.stages.differentiate": "derivatives",
     "fenicsrom.reduction.stages.enrich": "basis",
-    "fenicsrom.reduction.stages.reduce": "reduction",
-    "fenicsrom.reduction.candidates.candidate_model": "candidates",
+    "fenicsrom.reduction.candidates.extended_basis": "candidates",
+    "fenicsrom.reduction.projection.project": "reduction",
+    "fenicsrom.assess.errors.sizing.fitted": "size",
     "fenicsrom.fem.solid.reaction_rows.reaction_table": "stress points",
     "fenicsrom.assess.errors.mode_agreement.mode_agreement": "mode comparison",
     "fenicsrom.study.motions.integrate": "motion",

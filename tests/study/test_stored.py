@@ -129,7 +129,7 @@ def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) ->
         load_histories=model.model.load_histories,
     )
     both = both._replace(probe=np.array([[1.0, 1.0], [0.0, 0.0]]))
-    found = study.rerun(replace(model, candidates=both), tmp_path)
+    found = study.rerun(replace(model, candidates=both, further=("2V",)), tmp_path)
     assert isinstance(found.unfinished, AccuracyError) and UNJUDGED not in found.warnings
     assert found.unfinished.kind is ErrorKind.BASIS
     told = json.loads((tmp_path / "summary.json").read_text())

@@ -163,12 +163,13 @@ def check_motion(
         span = replace(scene.time.span, periods=CHECK_PERIODS)
         short = replace(scene, time=replace(scene.time, span=span))
         try:
-            other = simulate(model, short, start=motion if start is None else start)
+            begin = motion if start is None else start
+            other = simulate(model, short, start=begin, keep_coordinates=True)
         except (ConvergenceError, AccuracyError):
-            return simulate(model, scene)
+            return simulate(model, scene, keep_coordinates=True)
         if other.newton_from is not None and other.steady:
             return other
-    return simulate(model, scene)
+    return simulate(model, scene, keep_coordinates=True)
 
 
 def _nearby_motion(
@@ -192,7 +193,7 @@ def _nearby_motion(
     shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
-        found = solve(shooting, s, smallest_damping=1.0, step_tolerance=NEARBY_STEP)
+        found = solve(shooting, s, step_tolerance=NEARBY_STEP)
         other = motion_of(found)
         check_scheme(other, scene.time.scheme)
     except (ConvergenceError, AccuracyError):
@@ -229,8 +230,33 @@ def _last_period(motion: Motion) -> Array:
     return interpolated(motion, motion.displacement, times)
 
 
-def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
-    """Estimate the errors of a motion due to its basis, from a run of an enriched model.
+def nested_motion(model: ReducedModel, scene: Scene, motion: Motion) -> Motion | None:
+    """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
+
+    Args:
+        model: the model, under the loads and the damping of the scene; the first coordinates of
+            both models are the same.
+        scene: the scene of the motion.
+        motion: the motion.
+
+    Returns:
+        The motion; None if the model fails, or does not settle although the motion did.
+    """
+    try:
+        if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
+            other = simulate(model, scene, keep_coordinates=True)
+        else:
+            *state, sliders = end_of(motion)
+            more = np.zeros(max(model.size - state[0].size, 0))
+            q, v = (np.concatenate([values[: model.size], more]) for values in state)
+            other = check_motion(model, scene, motion, (q, v, sliders))
+    except (ConvergenceError, AccuracyError):
+        return None
+    return None if has_settled(motion) and not has_settled(other) else other
+
+
+def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
+    """Estimate the errors of a motion due to its basis, from that of an enriched model.
 
     The enriched model has all candidates (`fenicsrom.reduction.candidates`). The motion of the
     enriched model contains the effect of these vectors on the other coordinates, on the contact and
@@ -238,28 +264,11 @@ def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Moti
     enriched model has an error too.
 
     Args:
-        candidates: the enriched model, under the loads and the damping of the scene.
-        size: number of coordinates of the model that was integrated.
-        scene: the scene of the motion.
         motion: the motion.
-
-    Returns:
-        The estimates; infinite if the enriched model fails, or does not settle although the motion
-        did.
+        other: the motion of the enriched model; the estimates are infinite without it.
     """
-    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
-    try:
-        if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
-            other = simulate(candidates, scene)
-        else:
-            q, v, sliders = end_of(motion)
-            more = np.zeros(candidates.size - size)
-            start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
-            other = check_motion(candidates, scene, motion, start)
-    except (ConvergenceError, AccuracyError):
-        return unknown
-    if has_settled(motion) and not has_settled(other):
-        return unknown
+    if other is None:
+        return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     found = distances(motion, other)
     return MotionErrors(
         BASIS_SAFETY * found.amplitude,

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, step_errors
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion, step_errors
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.energy import check_energy
@@ -45,6 +45,7 @@ def estimate_errors(
     scene: Scene,
     motion: Motion,
     errors: dict[str, MotionErrors],
+    basis: MotionErrors | None = None,
 ) -> None:
     """Estimate the errors of a motion and apply the rule of this module.
 
@@ -54,17 +55,20 @@ def estimate_errors(
         scene: the scene.
         motion: the motion.
         errors: receives the estimates by their causes, "time step" and "basis".
+        basis: the estimate of the error due to the basis, if it is known.
 
     Raises:
         AccuracyError: an estimate is above its limit.
     """
     unsteady = is_unsteady(motion)
     errors["time step"] = step_errors(model, scene, motion)
-    if candidates is not None:
-        errors["basis"] = basis_errors(candidates, model.mass.shape[0], scene, motion)
+    if basis is None and candidates is not None:
+        basis = basis_errors(motion, nested_motion(candidates, scene, motion))
+    if basis is not None:
+        errors["basis"] = basis
     check_time_error(scene, errors["time step"].largest, unsteady)
-    if candidates is not None:
-        check_basis_error(scene, errors["basis"].largest, unsteady)
+    if basis is not None:
+        check_basis_error(scene, basis.largest, unsteady)
 
 
 def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:

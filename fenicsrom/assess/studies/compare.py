@@ -32,6 +32,7 @@ from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, 
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.words import brief, counted
 
@@ -208,13 +209,12 @@ class Workshop:
         method, count = scene.basis.method, scene.basis.modes
         assert isinstance(count, int)  # of [compare]
         modes, snapshots, taken = self._component_modes(method, count)
-        kinds = {"mmi": ["linear"], "mmi-nls": ["linear", "static"]}.get(
-            str(scene.basis.derivatives), []
-        )
+        chosen = scene.basis.derivatives
+        kinds = ("linear",) if chosen == "mmi" else ("linear", "static")
         shared = sum(
             self._taken(snapshots, (method, count, kind))
             for kind in kinds
-            if scene.geometrically_nonlinear
+            if scene.geometrically_nonlinear and chosen in BY_MOTION
         )
         seconds = {**self._seconds, "modes": taken, "selection": shared}
         return Reduction(self.body, scene, partial(timed, seconds), modes, snapshots), seconds

@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.large_strains import equilibrium_warnings
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
@@ -189,15 +190,18 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     def asked(fraction: float, change: float) -> None:
         report(0.0, "")
 
-    scene = stored.scene
-    motion = simulate(stored.model, scene, progress=asked)
-    found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
-    warnings = equilibrium_warnings(stored.deformation)
+    scene, warnings = stored.scene, equilibrium_warnings(stored.deformation)
+    motion = simulate(stored.model, scene, progress=asked, keep_coordinates=True)
+    chosen = fitted(stored, motion, lambda line: asked(0.0, 0.0), lambda: False, warnings)
+    if chosen is not None:
+        stored, motion = chosen.stored, chosen.motion
+    found: dict[str, Any] = {"outcome": DONE, **_numbers(motion), "coordinates": stored.size}
     warnings += multiplicity_warnings("reduced", motion)
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, scene, motion, errors)
+        basis = None if chosen is None else chosen.errors
+        estimate_errors(stored.model, stored.candidates, scene, motion, errors, basis)
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, str(error))

@@ -19,6 +19,7 @@ from fenicsrom.cli.commands import (
     stability,
     statics,
     sweep,
+    view,
 )
 
 COMMANDS = tuple(
@@ -40,6 +41,7 @@ COMMANDS = tuple(
         cache,
         schema,
         stability,
+        view,
     )
 )
 """In the order of the help."""

@@ -32,19 +32,20 @@ or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stre
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 
-A file may hold a larger model beside this one, which judges it
-(`fenicsrom.assess.errors.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
-velocity_matrix, loads, contact_rows, probe and pressures, under these names with the prefix
-`candidates_`. Its first n coordinates are those of the model.
+The arrays are those of all coordinates that the file holds, in their order. The model has the first
+`size` of them. The larger model of all of them judges it
+(`fenicsrom.assess.errors.estimates.basis_errors`), and a model of any of them is a part of the
+arrays.
 
-The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
-the mesh (`dofs`), scene with its source, units and provenance.
+The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
+unknowns of the mesh (`dofs`), scene with its source, units and provenance.
 
 `fenicsrom.online.store.scene_changes` states which keys may change when a stored model runs again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.symmetric import negative_eigenvalues
+from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.motion.motion import Motion
@@ -71,8 +73,7 @@ from fenicsrom.scene.overrides import override_texts
 from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 5"
-CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
+FORMAT = "fenicsrom reduced model 6"
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -96,15 +97,17 @@ class StoredModel:
         model: the model, under the load histories and the damping of the scene.
         scene: the scene from which the model was made, or under which it runs.
         method: "rubin", "craig-bampton" or "superelement".
-        labels: (n,) labels of the coordinates.
+        labels: (n,) labels of the coordinates of the model.
         dofs: number of free unknowns of the solid.
         frequencies_hz: (v,) natural frequencies of the normal modes.
         provenance: versions of the programs that made it, by name.
-        recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
+        tables: tables of the stresses and reactions for all coordinates, those of `further`
+            included; None if the scene did not ask for them.
         candidates: the larger model that judges the basis, whose first n coordinates are those of
             the model; None if it was not made.
         deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
         file: the file from which it was read, for messages; "" if there is none.
+        further: labels of the other coordinates of the larger model.
     """
 
     model: ReducedModel
@@ -114,15 +117,49 @@ class StoredModel:
     dofs: int
     frequencies_hz: Array
     provenance: dict[str, str]
-    recovery: Recovery | None = None
+    tables: Recovery | None = None
     candidates: ReducedModel | None = None
     deformation: Deformation | None = None
     file: str = ""
+    further: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
         return self.model.size
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """The tables of the stresses and reactions for the coordinates of the model."""
+        return None if self.tables is None else self.tables.of(range(self.size))
+
+    def resized(self, chosen: int | Sequence[str]) -> StoredModel:
+        """The model of other coordinates of those that the file holds, without a mesh.
+
+        Args:
+            chosen: the labels of the coordinates in their order, or the number of the first ones.
+
+        Raises:
+            ValueError: there are no such coordinates.
+        """
+        known = (*self.labels, *self.further)
+        labels = known[: max(chosen, 0)] if isinstance(chosen, int) else tuple(chosen)
+        wanted = chosen if isinstance(chosen, int) else len(labels)
+        if not (0 < wanted == len(set(labels)) and set(labels) <= set(known)):
+            raise ValueError(f"{chosen}: must be coordinates of {' '.join(known)}")
+        if labels == self.labels:
+            return self
+        order = [known.index(label) for label in labels]
+        order += [k for k in range(len(known)) if k not in set(order)]
+        whole = nested_model(self.candidates or self.model, order)
+        return replace(
+            self,
+            model=nested_model(whole, range(len(labels))),
+            labels=labels,
+            tables=None if self.tables is None else self.tables.of(order),
+            candidates=whole if len(labels) < len(known) else None,
+            further=tuple(known[k] for k in order[len(labels) :]),
+        )
 
     def with_scene(self, scene: Scene) -> StoredModel:
         """The same model under the loads, damping, contacts and time integration of a scene.
@@ -291,7 +328,8 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
     header = {
         "format": FORMAT,
         "method": stored.method,
-        "labels": list(stored.labels),
+        "labels": [*stored.labels, *stored.further],
+        "size": stored.size,
         "dofs": stored.dofs,
         "source": stored.scene.source,
         "scene": scene_table(stored.scene),
@@ -305,14 +343,11 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
         "contact_offset": model.contact_offset,
         "probe_offset": model.probe_offset,
-        **_matrices(model),
-        **recovery_arrays(stored.recovery),
+        **_matrices(stored.candidates or model),
+        **recovery_arrays(stored.tables),
     }
     if stored.deformation is not None:
         arrays["deformation"] = stored.deformation.as_array()
-    if stored.candidates is not None:
-        more = _matrices(stored.candidates)
-        arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
     return header, arrays
 
 
@@ -381,27 +416,23 @@ def _assemble(
             deformation = Deformation.of_array(data["deformation"], scene.geometry.dimension)
     except ValueError as error:
         raise _damaged(path, str(error)) from None
-    candidates = None
-    if f"{CANDIDATES}mass" in data:
-        prefix = len(CANDIDATES)
-        more = {k[prefix:]: v for k, v in data.items() if k.startswith(CANDIDATES)}
-        mass = more["mass"]
-        size = mass.shape[0] if mass.ndim == 2 else 0
-        if size < len(labels):
-            raise _damaged(path, f"{CANDIDATES}mass is smaller than mass")
-        candidates = _checked_model(path, data | more, scene, size, CANDIDATES)
+    size = int(header["size"])
+    if not 0 < size <= len(labels):
+        raise _damaged(path, f"size is {size} of {len(labels)} coordinates")
+    whole = model if size < len(labels) else None
     return StoredModel(
-        model,
+        model if whole is None else nested_model(whole, range(size)),
         scene,
         str(header["method"]),
-        labels,
+        labels[:size],
         int(header["dofs"]),
         data["frequencies_hz"],
         {str(name): str(number) for name, number in header["provenance"].items()},
         recovery,
-        candidates,
+        whole,
         deformation,
         str(path),
+        labels[size:],
     )
 
 
@@ -410,28 +441,27 @@ def _checked_model(
     data: dict[str, Any],
     scene: Scene,
     size: int,
-    prefix: str = "",
     is_superelement: bool = False,
 ) -> ReducedModel:
-    """The model of so many coordinates in arrays that are checked; `prefix` names them."""
+    """The model of so many coordinates in arrays that are checked."""
     shapes = _shapes(data, scene, size)
     if is_superelement and data["velocity_matrix"].size > 0:
         shapes["velocity_matrix"] = (size, size)  # from its file
     for name, shape in shapes.items():
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            found = f"{prefix}{name} has shape {array.shape} and type {array.dtype}"
+            found = f"{name} has shape {array.shape} and type {array.dtype}"
             raise _damaged(path, f"{found}: must be {shape} of finite float64")
     for name in ("mass", "stiffness"):
         off = np.max(np.abs(data[name] - data[name].T), initial=0.0)
         if off > ROUNDING * np.max(np.abs(data[name]), initial=0.0):
-            raise _damaged(path, f"{prefix}{name} is not symmetric")
+            raise _damaged(path, f"{name} is not symmetric")
     viscous = data["velocity_matrix"] + data["velocity_matrix"].T
     least = np.linalg.eigvalsh(viscous).min(initial=0.0)
     if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
-        raise _damaged(path, f"{prefix}velocity_matrix gives energy to the motion")
-    if not (not negative_eigenvalues(data["mass"]) and data["damping"] >= 0.0):
-        raise _damaged(path, f"{prefix}mass or damping is not positive")
+        raise _damaged(path, "velocity_matrix gives energy to the motion")
+    if not (np.all(np.linalg.eigvalsh(scaled(data["mass"])) > 0.0) and data["damping"] >= 0.0):
+        raise _damaged(path, "mass or damping is not positive")
     followers = np.array(scene.followers, dtype=np.int64)
     return reduced_model(
         data["mass"],

@@ -67,8 +67,11 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
 
 
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:
-    """The wanted scene with the folder of the mesh, the damping α and open modes as made."""
-    basis, geometry = wanted.basis, wanted.geometry
+    """The wanted scene with the folder of the mesh, the damping α and open modes as made.
+
+    The accuracy of the basis may change too.
+    """
+    basis, geometry = replace(wanted.basis, accuracy=made.basis.accuracy), wanted.geometry
     if basis.modes == "auto":  # a stored model keeps its modes
         basis = replace(basis, modes=made.basis.modes)
     if geometry.mesh.name == made.geometry.mesh.name:

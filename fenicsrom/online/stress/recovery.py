@@ -30,8 +30,8 @@ A scene with [[materials]] adds the numbers of the materials of the Gauss points
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,27 @@ class Recovery:
 
     stress: StressTable
     reactions: ReactionTable
+
+    def of(self, chosen: Sequence[int]) -> Recovery:
+        """The tables of some of the coordinates."""
+        at = np.asarray(chosen, dtype=np.int64)
+        if np.array_equal(at, np.arange(len(self.stress.gradients) - 1)):
+            return self
+        rows, stress, reactions = np.append(0, 1 + at), self.stress, self.reactions
+        return Recovery(
+            replace(
+                stress,
+                gradients=stress.gradients[rows],
+                vertex_displacement=stress.vertex_displacement[rows],
+            ),
+            replace(
+                reactions,
+                gradients=reactions.gradients[rows],
+                mass=reactions.mass[:, :, at],
+                velocity=reactions.velocity[:, :, at],
+                static=reactions.static[:, :, rows],
+            ),
+        )
 
 
 def recovery_arrays(recovery: Recovery | None) -> dict[str, Any]:

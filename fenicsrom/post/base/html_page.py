@@ -17,6 +17,10 @@ FEW_COLUMNS = 8  # a table with more columns has smaller letters
 SHORT = 28  # characters of the longest cell that is not broken into lines
 
 
+class Page(str):
+    """A page of its own, which a report shows in a frame."""
+
+
 def write_report(
     path: str | Path, title: str, sections: Iterable[tuple[str, Iterable[Any]]]
 ) -> Path:
@@ -38,8 +42,8 @@ def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> st
     Args:
         title: title of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
-            of rows, the first row is the header), a matplotlib figure, or the path of a PNG or GIF
-            picture.
+            of rows, the first row is the header), a matplotlib figure, the path of a PNG or GIF
+            picture, or a `Page`.
 
     Returns:
         The HTML text.
@@ -54,6 +58,8 @@ def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> st
 
 def _item(item: Any, heading: str) -> str:
     """Compose one item of a section."""
+    if isinstance(item, Page):
+        return f'<iframe id="body" title="{heading}" srcdoc="{html.escape(item)}"></iframe>'
     if isinstance(item, str):
         return f"<p>{html.escape(item)}</p>"
     if isinstance(item, Path):
@@ -123,6 +129,7 @@ p {{ max-width: 46rem; margin: .6rem 0; }}
 img {{ display: block; max-width: 100%; height: auto; margin: 1rem 0; padding: .6rem;
   box-sizing: border-box;
   background: #fff; border: 1px solid var(--line); border-radius: 6px; }}
+iframe {{ width: 100%; height: 32rem; border: 1px solid var(--line); border-radius: 6px; }}
 .wide {{ overflow-x: auto; margin: 1rem 0; }}
 .broad {{ width: max-content; min-width: 100%;
   max-width: calc(100vw - 3rem); position: relative; left: 50%; transform: translateX(-50%); }}

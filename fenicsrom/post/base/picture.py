@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.optional import missing_module, missing_renderer
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.progress import tracked
 
@@ -25,18 +25,27 @@ class Picture:
         name: name of the file.
         draw: makes the figure.
         note: what the picture shows, below it in the report.
+        in_space: whether it shows a body in space, which pyvista draws.
     """
 
     heading: str
     name: str
     draw: Callable[[], Figure]
     note: str = ""
+    in_space: bool = False
 
 
-def not_drawn(names: Sequence[str]) -> str | None:
-    """Say in one sentence that these pictures are left out; None if matplotlib is installed."""
-    reason = missing_module("matplotlib")
-    if reason is None or not names:
+def not_drawn(names: Sequence[str], in_space: bool = False) -> str | None:
+    """Say in one sentence that these pictures are left out; None if they can be drawn.
+
+    Args:
+        names: of their files.
+        in_space: whether they show a body in space.
+    """
+    if not names:
+        return None
+    reason = missing_renderer() if in_space else missing_module("matplotlib")
+    if reason is None:
         return None
     *most, last = names
     listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
@@ -59,11 +68,14 @@ def draw_pictures(
     Raises:
         OSError: a file cannot be written.
     """
-    if sentence := not_drawn([picture.name for picture in pictures]):
-        notes.append(sentence)
-        return []
+    drawn = list(pictures)
+    for in_space in (False, True):
+        names = [picture.name for picture in drawn if picture.in_space or not in_space]
+        if sentence := not_drawn(names, in_space):
+            notes.append(sentence)
+            drawn = [picture for picture in drawn if picture.name not in names]
     written = []
-    for picture in tracked(pictures):
+    for picture in tracked(drawn):
         with softly(picture.name, notes):
             written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
     return written

@@ -2,38 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, new_figure, scale_text, styled
-from fenicsrom.post.body.body_drawing import (
+from fenicsrom.post.body.body_surface import areas, form_edges
+from fenicsrom.post.body.body_view import View, face_on, frame_of, largest_of, view_at, view_of
+from fenicsrom.post.body.rendering import (
+    Part,
     body_panel,
     colour_bar,
-    draw_body,
-    draw_outline,
-    draw_triad,
-    mark_places,
-    show_part,
-    triangle_colours,
+    coloured,
+    drawn_lines,
+    name_axes,
+    show,
 )
-from fenicsrom.post.body.body_surface import Surface, normals
-from fenicsrom.post.body.body_view import View, frame_of, largest_of, view_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pyvista import PolyData
 
 SHAPE = 0.15
 """Largest displacement of a mode shape in a picture, relative to the size of the body."""
 
-MOST_SHAPES = 20
+MOST_SHAPES = 12
 """Largest number of shapes in one picture."""
 
 NO_SCALE = "shapes have no scale: each is drawn with the same largest displacement"
 """What the picture of shapes says of their size."""
+
+NODAL = "white: nodal lines"
+"""What it says of the lines on which the displacement towards the viewer is zero."""
+
+OUTLINE = "#A6ABB0"
+"""Colour of the edges of the undeformed body."""
+
+SIZE = "size"
+"""The point array that gives a surface its colours."""
+
+STEEP = 0.1
+"""Least slope of a shape at its nodal lines, relative to its largest displacement and the body."""
+
+TOWARDS = 0.7
+"""Part of the squares of a shape along the line of sight from which its nodal lines are drawn."""
 
 
 def _grid(count: int, aspect: float) -> tuple[int, int]:
@@ -44,46 +59,98 @@ def _grid(count: int, aspect: float) -> tuple[int, int]:
 
 @styled
 def shape_figure(
-    surface: Surface,
-    fields: Mapping[str, Array],
+    surface: PolyData,
     titles: Mapping[str, str],
+    modes: Collection[str] = (),
     view: View | None = None,
 ) -> Figure:
     """Draw shapes as deformed bodies, coloured by their displacement, one panel each.
 
-    The largest displacement is drawn as `SHAPE` of the size of the body. The undeformed body is
-    grey. At most `MOST_SHAPES` shapes are drawn.
+    The largest displacement is drawn as `SHAPE` of the size of the body. The edges of the
+    undeformed body are grey. At most `MOST_SHAPES` shapes are drawn. A plate is seen face-on.
 
     Args:
-        surface: the surface.
-        fields: label -> displacement (n, 3).
-        titles: label -> title of the panel.
-        view: the projection; by default the first shape is seen from its side.
+        surface: the surface, with the displacements (n, 3) as point arrays.
+        titles: name of the displacement -> title of its panel.
+        modes: names of those that get nodal lines, if they move towards the viewer.
+        view: the projection of other bodies; by default the first shape is seen from its side.
     """
-    labels, places = list(fields)[:MOST_SHAPES], {}
-    view = view or _view_across(surface, fields[labels[0]])
-    for label in labels:
-        largest = float(np.linalg.norm(fields[label], axis=1).max()) or 1.0
-        places[label] = surface.points + SHAPE * view.length / largest * fields[label]
-    low, high = shown_part(view, [surface.points, *places.values()])
+    labels = list(titles)[:MOST_SHAPES]
+    fields = {label: np.asarray(surface.point_data[label]) for label in labels}
+    view = face_on(surface) or view or view_of(surface, moved=largest_of(fields[labels[0]]))
+    length = SHAPE * view.length
+    factors = {label: length / (_largest(field) or 1.0) for label, field in fields.items()}
+    moved = [surface.points + factors[label] * field for label, field in fields.items()]
+    low, high = shown_part(view, [surface.points, *moved])
     aspect = (high[1] - low[1]) / (high[0] - low[0])
     rows, columns = _grid(len(labels), aspect)
     wide = 9.6 / max(columns, 2)
     figure = new_figure(9.6, 1.0 + rows * (wide * aspect + 0.3))
     axes = figure.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set_axis_off()
+    edges, lines = form_edges(surface), False
     for axis, label in zip(axes.flat, labels, strict=False):
-        sizes = np.linalg.norm(fields[label], axis=1)
-        draw_outline(axis, surface, view)
-        colours = triangle_colours(surface, sizes / (float(sizes.max()) or 1.0))
-        draw_body(axis, surface, view, places[label], colours)
-        draw_triad(axis, view, low)
-        show_part(axis, low, high)
+        parts = deformed(surface, edges, label, factors[label], view)
+        nodal = _nodal_lines(parts[0].mesh, fields[label], view) if label in modes else []
+        lines = lines or bool(nodal)
+        show(axis, [*parts, *nodal], view, low, high, wide)
+        name_axes(axis, view, low)
         axis.set_title(titles[label])
-    note = f" ({len(labels)} of {len(fields)} shapes)" if len(fields) > len(labels) else ""
-    colour_bar(figure, axes, 1.0, f"displacement / largest of the shape{note}\n{NO_SCALE}")
+    for axis in axes.flat[len(labels) :]:
+        axis.set_axis_off()
+    few = f" ({len(labels)} of {len(titles)} shapes)" if len(titles) > len(labels) else ""
+    about = f"displacement / largest of the shape{few}{f'; {NODAL}' * lines}\n{NO_SCALE}"
+    colour_bar(figure, axes, 1.0, about)
     return figure
+
+
+def deformed(
+    surface: PolyData,
+    edges: PolyData,
+    label: str,
+    factor: float,
+    view: View,
+    colours: str = "viridis",
+) -> list[Part]:
+    """The moved body coloured from 0 to its largest value, its edges, and the rest in grey behind.
+
+    Args:
+        surface: the surface; its colours are those of the point array `SIZE`, or else of the size
+            of the displacement.
+        edges: its edges.
+        label: the point array of its displacement (n, 3).
+        factor: of the displacement.
+        view: the projection.
+        colours: name of the colour map.
+    """
+    body = surface.warp_by_vector(label, factor=factor)
+    if SIZE not in body.point_data:
+        body.point_data[SIZE] = np.linalg.norm(surface.point_data[label], axis=1)
+    largest = float(body.point_data[SIZE].max()) or 1.0
+    return [
+        coloured(body, SIZE, largest, colours),
+        drawn_lines(edges.warp_by_vector(label, factor=factor)),
+        drawn_lines(edges.translate(-2.0 * view.length * view.towards), OUTLINE),
+    ]
+
+
+def _largest(displacement: Array) -> float:
+    """The length of the largest of displacements (n, 3)."""
+    return float(np.linalg.norm(displacement, axis=1).max())
+
+
+def _nodal_lines(body: PolyData, displacement: Array, view: View) -> list[Part]:
+    """The lines of zero displacement towards the viewer, if most of the motion goes there."""
+    from pyvista import PolyData
+
+    across = displacement @ view.towards
+    if not np.any(across) or np.sum(across**2) < TOWARDS * np.sum(displacement**2):
+        return []
+    corners = across[body.regular_faces]
+    size = np.sqrt(2.0 * np.linalg.norm(areas(body), axis=1))
+    steep = np.ptp(corners, axis=1) * view.length >= STEEP * np.abs(across).max() * size
+    found = PolyData.from_regular_faces(body.points, body.regular_faces[steep])
+    found.point_data["across"] = across
+    return [drawn_lines(found.contour([0.0], scalars="across"), "white", 3.5)]
 
 
 def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
@@ -95,69 +162,59 @@ def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
 
 @styled
 def deflection_figure(
-    surface: Surface, displacement: Array, title: str, view: View | None = None
+    surface: PolyData, label: str, title: str, view: View | None = None
 ) -> Figure:
-    """Draw a displacement (n, 3) in m, magnified by a stated factor if it is small.
-
-    By default it is seen from its side.
-    """
-    view = view or _view_across(surface, displacement)
-    sizes = np.linalg.norm(displacement, axis=1)
-    largest = float(sizes.max())
-    colours = triangle_colours(surface, sizes / (largest or 1.0))
-    figure, axis, factor = _deflected(surface, view, displacement, colours)
-    axis.set_title(title)
-    colour_bar(figure, axis, 1e3 * largest or 1.0, f"displacement, mm ({scale_text(factor)})")
-    return figure
-
-
-def _view_across(surface: Surface, displacement: Array) -> View:
-    """A projection that looks across the largest of displacements (n, 3)."""
-    return view_of(surface.points, surface.triangles, moved=largest_of(displacement))
-
-
-@styled
-def stress_figure(
-    surface: Surface, displacement: Array, stress: Array, title: str, view: View | None = None
-) -> Figure:
-    """Draw the von Mises stress on a deformed body and mark its largest value.
-
-    By default the viewer sees the place of the largest stress, if it is on the boundary. In a given
-    projection it may lie on the far side; the title then says so, and the mark is hollow.
+    """Draw a displacement in m, magnified by a stated factor if it is small.
 
     Args:
         surface: the surface.
-        displacement: (n, 3) m; it is magnified by a stated factor if it is small.
-        stress: (n,) Pa.
+        label: the point array of the displacement (n, 3).
         title: title of the figure.
-        view: the projection.
+        view: the projection; by default the displacement is seen from its side.
     """
-    worst = int(np.argmax(stress))
-    peak = float(stress[worst]) or 1.0
-    around = np.any(surface.triangles == worst, axis=1)
-    faces = normals(surface.points, surface.triangles[around])
-    if view is None:
-        most = largest_of(displacement)
-        view = view_of(surface.points, surface.triangles, faces.sum(axis=0), moved=most)
-    far = bool(len(faces) and np.all(faces @ view.towards < 0.0))
-    title = f"{title}, on the far side" if far else title
-    colours = triangle_colours(surface, stress / peak, "turbo")
-    figure, axis, factor = _deflected(surface, view, displacement, colours)
-    place = surface.points[[worst]] + factor * displacement[[worst]]
-    mark_places(axis, view, place, ["none" if far else "white"])
+    displacement = np.asarray(surface.point_data[label])
+    view = view or view_of(surface, moved=largest_of(displacement))
+    figure, axis, factor = _deflected(surface, label, view)
     axis.set_title(title)
-    label = f"von Mises stress, MPa (displacements {scale_text(factor)})"
-    colour_bar(figure, axis, 1e-6 * peak, label, "turbo")
+    about = f"displacement, mm ({scale_text(factor)})"
+    colour_bar(figure, axis, 1e3 * _largest(displacement) or 1.0, about)
+    return figure
+
+
+@styled
+def stress_figure(surface: PolyData, label: str, title: str) -> Figure:
+    """Draw the von Mises stress on a deformed body and mark its largest value.
+
+    The viewer sees the place of the largest stress. If no projection shows it, the mark is hollow
+    and the title says so.
+
+    Args:
+        surface: the surface, with the stress (n,) as its point array `SIZE`, Pa.
+        label: the point array of the displacement (n, 3); it is magnified by a stated factor if it
+            is small, m.
+        title: title of the figure.
+    """
+    stress = np.asarray(surface.point_data[SIZE])
+    worst = int(np.argmax(stress))
+    view, seen = view_at(surface, worst)
+    figure, axis, factor = _deflected(surface, label, view, "turbo")
+    at = view.project(surface.points[worst] + factor * surface.point_data[label][worst])
+    colour = "white" if seen else "none"
+    axis.plot(*at, "o", color=colour, markersize=6.5, markeredgecolor="black", zorder=6)
+    axis.set_title(title if seen else f"{title}, hidden by the body")
+    about = f"von Mises stress, MPa (displacements {scale_text(factor)})"
+    colour_bar(figure, axis, 1e-6 * float(stress[worst]) or 1.0, about, "turbo")
     return figure
 
 
 def _deflected(
-    surface: Surface, view: View, displacement: Array, colours: Array
+    surface: PolyData, label: str, view: View, colours: str = "viridis"
 ) -> tuple[Figure, Axes, float]:
     """Draw a deflected body; return figure, panel and the factor of the displacements."""
-    factor = magnification(float(np.linalg.norm(displacement, axis=1).max()), view.length)
-    moved = surface.points + factor * displacement
-    figure, axis = body_panel(view, *shown_part(view, [surface.points, moved]), 1.3)
-    draw_outline(axis, surface, view)
-    draw_body(axis, surface, view, moved, colours)
+    displacement = np.asarray(surface.point_data[label])
+    factor = magnification(_largest(displacement), view.length)
+    part = shown_part(view, [surface.points, surface.points + factor * displacement])
+    figure, axis, wide = body_panel(view, *part, 1.3)
+    parts = deformed(surface, form_edges(surface), label, factor, view, colours)
+    show(axis, parts, view, *part, wide)
     return figure, axis, factor

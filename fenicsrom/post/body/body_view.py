@@ -5,23 +5,40 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.body.body_surface import Ints, areas, is_flat
+from fenicsrom.post.body.body_surface import areas, is_flat
+
+if TYPE_CHECKING:
+    from pyvista import PolyData
 
 BROAD = 1.5
 """Ratio of the areas seen from two sides from which one of them is the broad side."""
 
-OBLIQUE = (0.72, 0.15, 0.66)
+PLATE = 3.0
+"""The same ratio from which the body is a plate, whose modes are seen face-on."""
+
+SLENDER = 8.0
+"""Ratio of the length to the height of the box around a straight slender body.
+
+The sections of such a body move like points of its axis."""
+
+Way = tuple[float, float, float]
+
+OBLIQUE: Way = (0.72, 0.15, 0.66)
 """Direction to the viewer: parts along the broad side's normal, the long axis, and across both."""
 
-SIDEWAYS = ((0.45, 0.15, 0.88), (0.88, 0.15, 0.45))
+SIDEWAYS: tuple[Way, ...] = ((0.45, 0.15, 0.88), (0.88, 0.15, 0.45))
 """Other directions: they look across a displacement along the normal, or across the narrow side."""
 
-END_ON = (0.65, 0.45, 0.60)
+END_ON: Way = (0.65, 0.45, 0.60)
 """The same, so that an end of the body is seen as well."""
+
+FACE_ON: Way = (1.0, 0.0, 0.0)
+"""The direction to the viewer of the broad side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +61,9 @@ class View:
 
 
 def view_of(
-    points: Array,
-    triangles: Ints,
+    surface: PolyData,
     facing: Array | None = None,
-    oblique: tuple[float, float, float] = OBLIQUE,
+    oblique: Way = OBLIQUE,
     moved: Array | None = None,
 ) -> View:
     """Look at the broad side of a body; its longest axis lies across the picture.
@@ -56,41 +72,96 @@ def view_of(
     longest axis. A body along z stands upright.
 
     Args:
-        points: (n, 3) points of the body, m.
-        triangles: (k, 3) point numbers of its surface.
-        facing: (3,) normal of a place that must be seen: the viewer moves to the other side, or
-            below the body, if the place is not seen otherwise.
-        oblique: direction to the viewer, `OBLIQUE` or `END_ON`.
+        surface: the surface of the body.
+        facing: (3,) normal of a place that must be seen: the viewer moves to the other side,
+            below the body or to its other end, if the place is not seen otherwise.
+        oblique: direction to the viewer, such as `OBLIQUE`.
         moved: (3,) the largest displacement that is shown: of `oblique` and `SIDEWAYS`, that
             direction is taken that looks across it.
     """
-    extent = np.ptp(points, axis=0)
-    thin, middle, along = np.eye(3)[np.argsort(extent, kind="stable")]
-    if is_flat(points):
+    length = float(np.ptp(surface.points, axis=0).max())
+    if is_flat(surface.points):
         x, y, z = np.eye(3)
-        return View(x, y, z, float(extent.max()))
-    normal = areas(points, triangles)
+        return View(x, y, z, length)
+    axes, _ = _axes(surface)
+    if moved is not None:
+        oblique = min((oblique, *SIDEWAYS), key=lambda way: abs(float(way @ axes @ moved)))
+    towards = np.asarray(oblique @ axes)
+    if facing is not None and facing @ towards < 0.0:
+        sides = sorted(_sides(oblique) @ axes, key=lambda way: -float(facing @ way))
+        upright = [way for way in sides if way @ axes[1] > 0.0 and facing @ way > 0.0]
+        towards = np.asarray((upright or sides)[0])
+    return _looking(axes, towards, length)
+
+
+def view_at(surface: PolyData, place: int) -> tuple[View, bool]:
+    """Look at a point of a body that neither lies behind nor is hidden by another part of it.
+
+    Args:
+        surface: the surface of the body.
+        place: number of the point.
+
+    Returns:
+        The projection, and whether the point is seen in it.
+    """
+    first = view_of(surface)
+    if is_flat(surface.points):
+        return first, True
+    axes, _ = _axes(surface)
+    ways = [way for kind in (OBLIQUE, *SIDEWAYS, END_ON) for way in _sides(kind)]
+    options = [_looking(axes, way @ axes, first.length) for way in ways]
+    around = np.any(surface.regular_faces == place, axis=1)
+    normal = areas(surface)[around].sum(axis=0)
+    options.sort(key=lambda view: -float(np.sign(normal @ view.towards)))
+    seen = (view for view in options if is_seen(surface, surface.points[place], view))
+    found = next(seen, None)
+    return found or options[0], found is not None
+
+
+def is_seen(surface: PolyData, place: Array, view: View) -> bool:
+    """Whether nothing of the body lies between the viewer and a place (3,) on its surface."""
+    start = place + 1e-3 * view.length * view.towards
+    end = place + 4.0 * view.length * view.towards
+    return not len(surface.ray_trace(start, end)[0])
+
+
+def face_on(surface: PolyData) -> View | None:
+    """The projection that sees the broad side of a plate, such as a blade; None of other bodies."""
+    extent = np.sort(np.ptp(surface.points, axis=0))
+    if is_flat(surface.points) or extent[2] >= SLENDER * extent[1] or _axes(surface)[1] < PLATE:
+        return None
+    return view_of(surface, oblique=FACE_ON)
+
+
+def _axes(surface: PolyData) -> tuple[Array, float]:
+    """The broad side's normal, the long axis and the third axis as rows.
+
+    Also the ratio of the areas that are seen from the broad and from the narrow side.
+    """
+    extent = np.ptp(surface.points, axis=0)
+    thin, middle, along = np.eye(3)[np.argsort(extent, kind="stable")]
+    normal = areas(surface)
     sizes = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     plane = np.array([middle, thin])
     seen, turn = np.linalg.eigh(plane @ (normal.T @ (normal / sizes)) @ plane.T)
     broad = turn[:, 1] @ plane if seen[1] > BROAD * seen[0] else middle
     broad = broad * (-1.0 if np.cross(broad, along) @ [0.0, 0.6, 1.0] < 0.0 else 1.0)
-    third = np.cross(broad, along)
-    axes = np.array([broad, along, third])
-    if moved is not None:
-        oblique = min((oblique, *SIDEWAYS), key=lambda way: abs(float(way @ axes @ moved)))
-    towards = oblique @ axes
-    if facing is not None and facing @ towards < 0.0:
-        sides = [(a, 1.0, b) for a, b in itertools.product((1.0, -1.0), repeat=2)]
-        towards = max(
-            (np.multiply(oblique, side) @ axes for side in sides),
-            key=lambda direction: float(facing @ direction),
-        )
+    return np.array([broad, along, np.cross(broad, along)]), float(seen[1] / max(seen[0], 1e-300))
+
+
+def _sides(way: Way) -> Array:
+    """The direction (8, 3) from all sides of the body."""
+    return np.multiply(way, list(itertools.product((1.0, -1.0), repeat=3)))
+
+
+def _looking(axes: Array, towards: Array, length: float) -> View:
+    """The projection with this direction to the viewer."""
+    _, along, third = axes
     up = along if along[2] else third
-    towards = towards / np.linalg.norm(towards)
-    up = up - (up @ towards) * towards
-    up = up / np.linalg.norm(up)
-    return View(np.asarray(np.cross(up, towards)), up, towards, float(extent.max()))
+    towards = np.asarray(towards / np.linalg.norm(towards))
+    up = np.asarray(up - (up @ towards) * towards)
+    up = np.asarray(up / np.linalg.norm(up))
+    return View(np.asarray(np.cross(up, towards)), up, towards, length)
 
 
 def largest_of(displacement: Array) -> Array:

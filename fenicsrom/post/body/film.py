@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,30 +13,30 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.post.base.style import STATES, magnification, scale_text, styled
-from fenicsrom.post.body.body_drawing import (
-    DARKEST,
+from fenicsrom.post.body.body_figures import OUTLINE, SIZE, shown_part
+from fenicsrom.post.body.body_surface import form_edges
+from fenicsrom.post.body.body_view import View
+from fenicsrom.post.body.rendering import (
+    Part,
     body_panel,
     colour_bar,
-    draw_outline,
-    draw_smooth_body,
-    mark_places,
+    coloured,
+    drawn_lines,
+    pixels_of,
+    show,
+    window_of,
 )
-from fenicsrom.post.body.body_figures import shown_part
-from fenicsrom.post.body.body_surface import Surface
-from fenicsrom.post.body.body_view import View
 from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pyvista import PolyData
 
 FILM_SECONDS = 2.5
 """Duration of an animation, s."""
 
-FILM_DPI = 90
+FILM_DPI = 80
 """Pixels per inch of an animation, whose width is 8 inches at most."""
-
-BODY_COLOURS, LIGHTS, GREYS = 215, 5, 36
-"""Numbers of colours in the palette: of the body, in so many lights in space; and of the rest."""
 
 Pixels = NDArray[np.uint8]
 
@@ -69,7 +69,7 @@ class Film:
         dots: the contact points, if there are any.
     """
 
-    surface: Surface
+    surface: PolyData
     times: Array
     moved: Array
     view: View
@@ -87,9 +87,20 @@ def write_film(path: Path, film: Film) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    images = list(film_frames(film))
+    from PIL import Image
+
+    images = [Image.fromarray(frame) for frame in film_frames(film)]
+    palette = images[len(images) // 4].quantize(256)
+    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     with atomic_write(path) as temporary:
-        _write_gif(temporary, images, film_palette(film.surface.flat))
+        frames[0].save(
+            temporary,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=round(1e3 * FILM_SECONDS / len(frames)),
+            loop=0,
+        )
     return path
 
 
@@ -98,36 +109,46 @@ def film_frames(film: Film) -> Iterator[Pixels]:
 
     The parts at rest are drawn once, and each frame is drawn on a copy of this drawing.
     """
-    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from pyvista import PolyData
 
-    surface, view = film.surface, film.view
     sizes = np.linalg.norm(film.moved, axis=2)
     largest = float(sizes.max())
-    factor = magnification(largest, view.length)
-    places = surface.points + factor * film.moved
-    low, high = shown_part(view, [surface.points, *places])
+    factor = magnification(largest, film.view.length)
+    body, edges = film.surface.copy(), form_edges(film.surface)
+    body.point_data[SIZE] = sizes[0]
+    parts = [drawn_lines(edges, OUTLINE), coloured(body, SIZE, largest or 1.0)]
+    cloud = PolyData()
+    if film.dots is not None:
+        cloud = PolyData(film.dots.places)
+        cloud.point_data["colour"] = np.zeros((cloud.n_points, 3), dtype=np.uint8)
+        look = {"scalars": "colour", "rgb": True, "point_size": 9.0, "copy_mesh": False}
+        parts.append(Part(cloud, look | {"render_points_as_spheres": True}))
+    places = film.surface.points + factor * film.moved
+    low, high = shown_part(film.view, [film.surface.points, *places])
     figure = _empty_frame(film, (low, high), largest, factor)
     (axis, *_) = figure.axes
-    draw_outline(axis, surface, view)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
     figure.set_layout_engine("none")
-    colours = matplotlib.colormaps["viridis"](sizes / (largest or 1.0))
+    left, bottom, right, top = np.rint(axis.get_window_extent().extents).astype(int)
+    window = window_of(parts, film.view, low, high, (right - left, top - bottom))
+    corner = {"transform": axis.transAxes, "va": "bottom"}
     for k in tracked(range(len(film.times))):
-        canvas.restore_region(still)
-        moving = draw_smooth_body(axis, surface, view, places[k], colours[k])
+        body.points, body.point_data[SIZE][:] = places[k], sizes[k]
         if film.dots is not None:
-            paint = [STATES[int(state)][1] for state in film.dots.states[k]]
-            at = film.dots.places + factor * film.dots.moved[k]
-            moving.append(mark_places(axis, view, at, paint))
-        corner = {"transform": axis.transAxes, "va": "bottom"}
-        moving.append(axis.text(0.0, 1.0, f"t = {film.times[k]:#.6g} s", corner, fontsize=11))
-        for artist in moving:
-            axis.draw_artist(artist)
-            artist.remove()
-        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+            cloud.points = film.dots.places + factor * film.dots.moved[k]
+            cloud.point_data["colour"][:] = [state_rgb(int(n)) for n in film.dots.states[k]]
+        image = pixels_of(window)
+        canvas.restore_region(still)
+        axis.draw_artist(axis.text(0.0, 1.0, f"t = {film.times[k]:#.6g} s", corner, fontsize=11))
+        axis.texts[-1].remove()
+        frame = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        panel = frame[len(frame) - top : len(frame) - bottom, left:right]
+        weight = image[..., 3:] / 255.0
+        panel[:] = np.rint(weight * image[..., :3] + (1.0 - weight) * panel)
+        yield frame
 
 
 @styled
@@ -135,9 +156,10 @@ def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: 
     """Make the figure of a film without the body: triad, colour bar and legend of the states."""
     from matplotlib.lines import Line2D
 
-    figure, axis = body_panel(film.view, *part, 1.4)
+    figure, axis, wide = body_panel(film.view, *part, 1.4)
     figure.set_dpi(FILM_DPI)
     axis.set_title(" ")  # room for the time
+    show(axis, [], film.view, *part, wide)
     about = "from the equilibrium, " if film.loaded else ""
     label = f"displacement, mm ({about}{scale_text(factor)})"
     colour_bar(figure, axis, 1e3 * largest or 1.0, label)
@@ -146,38 +168,6 @@ def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: 
         marks = [Line2D([], [], color=c, label=name, **look) for name, c in STATES.values()]
         figure.legend(handles=marks, loc="outside upper right", ncols=len(marks))
     return figure
-
-
-def _write_gif(path: Path, images: Sequence[Pixels], palette: Pixels) -> None:
-    """Write pictures as an animated GIF with one palette (at most 256, 3) for all frames."""
-    from PIL import Image
-
-    common = Image.new("P", (1, 1))
-    common.putpalette(palette.tobytes())
-    frames = [
-        Image.fromarray(image).quantize(palette=common, dither=Image.Dither.NONE)
-        for image in images
-    ]
-    frames[0].save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=frames[1:],
-        duration=round(1e3 * FILM_SECONDS / len(frames)),
-        loop=0,
-    )
-
-
-def film_palette(flat: bool) -> Pixels:
-    """The colours of an animation: displacements in each light, greys, and the contact states."""
-    import matplotlib
-
-    lights = np.linspace(1.0, DARKEST, 1 if flat else LIGHTS)
-    levels = np.linspace(0.0, 1.0, BODY_COLOURS // len(lights))
-    body = 255.0 * lights[:, None, None] * matplotlib.colormaps["viridis"](levels)[:, :3]
-    greys = np.repeat(np.linspace(0.0, 255.0, GREYS)[:, None], 3, axis=1)
-    states = [state_rgb(state) for state in STATES]
-    return np.concatenate([body.reshape(-1, 3), greys, states]).round().astype(np.uint8)
 
 
 def state_rgb(state: int) -> tuple[int, ...]:

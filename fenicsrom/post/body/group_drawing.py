@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import COLOURS, styled
-from fenicsrom.post.body.body_drawing import GREY, body_panel
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.body.body_surface import is_flat
 from fenicsrom.post.body.body_view import END_ON, View, frame_of, view_of
+from fenicsrom.post.body.rendering import ABOVE, GREY, Part, name_axes, show
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MORE_COLOURS = (*COLOURS[:-1], "#8C510A", "#542788", "#7FBC41", "#B2182B", "#35978F", "#F1B6DA")
@@ -30,7 +31,7 @@ Ints = NDArray[np.int64]
 def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> Figure:
     """Draw a mesh, and its groups in the colours of the legend.
 
-    The boundary is seen through, so that groups behind the body and inside it show as well.
+    A body in space is seen from in front and from behind.
 
     Args:
         points: (n, 3) corners, m.
@@ -38,67 +39,49 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
         groups: name -> corners of facets (k, corners), or nodes (k,).
     """
     from matplotlib.patches import Patch
+    from pyvista import PolyData
 
-    used = np.unique(boundary)
-    fan = boundary[:, [[0, k, k + 1] for k in range(1, boundary.shape[1] - 1)]].reshape(-1, 3)
-    view = view_of(points[used], np.searchsorted(used, fan), oblique=END_ON)
-    low, high = frame_of([view.project(points[used])], 0.03 * view.length)
-    rows = -(-len(groups) // _columns(groups))
-    figure, axis = body_panel(view, low - [0.0, 0.13 * view.length], high, 0.3 + 0.3 * rows)
-    places = view.project(points)
-    lines = 0.4 if len(boundary) <= MOST_LINES else 0.0
-    _fill(axis, places, _behind_first(points, boundary, view), GREY, 0.45, lines)
-    colours = dict(zip(groups, MORE_COLOURS, strict=False))
-    for name in sorted(groups, key=lambda name: _in_front(points, groups[name], view)):
-        members, colour = groups[name], colours[name]
+    def mesh_of(members: Ints) -> PolyData:
+        """Facets, edges or nodes as a mesh."""
         if members.ndim == 1:
-            axis.plot(*places[members].T, "o", color=colour, markersize=6, zorder=3)
-        elif members.shape[1] == 2:
-            _draw_lines(axis, places[members], colour)
-        else:
-            lines = 0.6 if len(members) <= MOST_LINES else 0.0
-            _fill(axis, places, _behind_first(points, members, view), colour, 0.85, lines)
+            return PolyData(points[members])
+        if members.shape[1] == 2:
+            return PolyData(points, lines=np.insert(members, 0, 2, axis=1).ravel())
+        return PolyData.from_regular_faces(points, members)
+
+    colours = dict(zip(groups, MORE_COLOURS, strict=False))
+    lines = {"show_edges": len(boundary) <= MOST_LINES, "edge_color": "#5B636B"}
+    body = mesh_of(boundary)
+    surface = body.triangulate().clean()
+    small_last = sorted(groups, key=lambda name: -len(groups[name]))
+
+    def parts_of(seen: View) -> list[Part]:
+        """The body and its groups, small ones in front of large ones on the same faces."""
+        parts = [Part(body, {"color": GREY, **lines})]
+        for k, name in enumerate(small_last, 1):
+            mesh = mesh_of(groups[name]).translate(0.2 * k * ABOVE * seen.length * seen.towards)
+            look = {"color": colours[name], "line_width": 6.0, "point_size": 12.0}
+            look |= {"line_width": 1.2, **lines} if mesh.n_faces else {}
+            parts.append(Part(mesh, look, symbol=not mesh.n_faces))
+        return parts
+
+    view = view_of(surface, oblique=END_ON)
+    views = [view, replace(view, right=-view.right, towards=-view.towards)]
+    views = views[:1] if is_flat(points) else views
+    columns = min(6, max(1, len(groups)))
+    places = [seen.project(surface.points) for seen in views]
+    extent = np.max([np.ptp(place, axis=0) for place in places], axis=0)
+    wide = 9.0 / max(1.5, len(views))
+    spare = 0.5 + 0.3 * -(-len(groups) // columns)
+    figure = new_figure(wide * len(views), 1.2 * wide * extent[1] / extent[0] + spare)
+    for axis, seen, place in zip(
+        np.ravel(figure.subplots(1, len(views))), views, places, strict=True
+    ):
+        low, high = frame_of([place], 0.03 * view.length)
+        low = low - [0.0, 0.13 * view.length]
+        show(axis, parts_of(seen), seen, low, high, wide)
+        name_axes(axis, seen, low)
     if groups:
         handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
-        figure.legend(handles=handles, loc="outside lower center", ncols=_columns(groups))
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     return figure
-
-
-def _columns(groups: Mapping[str, Ints]) -> int:
-    """Columns of the legend."""
-    return min(6, max(1, len(groups)))
-
-
-def _in_front(points: Array, members: Ints, view: View) -> tuple[float, float]:
-    """The order of groups: small ones in front of large ones, then those near the viewer."""
-    depth = float((points[members.ravel()] @ view.towards).mean())
-    return -float(np.rint(np.log2(len(members)))), depth
-
-
-def _behind_first(points: Array, facets: Ints, view: View) -> Ints:
-    """Sort facets (k, corners) so that those in front come last."""
-    return facets[np.argsort(points[facets].mean(axis=1) @ view.towards, kind="stable")]
-
-
-def _fill(axis: Axes, places: Any, facets: Ints, colour: str, opacity: float, width: float) -> None:
-    """Draw facets (k, corners) in one colour, with their edges in this width."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgba
-
-    look: dict[str, Any] = {
-        "facecolors": to_rgba(colour, opacity),
-        "linewidths": width,
-        "zorder": 3,
-    }
-    axis.add_collection(
-        PolyCollection(places[facets], edgecolors=to_rgba("#5b636b", 0.7), **look), autolim=False
-    )
-
-
-def _draw_lines(axis: Axes, lines: Any, colour: str) -> None:
-    """Draw thick lines (k, 2, 2)."""
-    from matplotlib.collections import LineCollection
-
-    axis.add_collection(
-        LineCollection(lines, colors=colour, linewidths=3.0, zorder=3), autolim=False
-    )

@@ -16,7 +16,6 @@ from fenicsrom.scene import Scene
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
 ALONG = 4  # edges along the axis of a cylinder and across a plane
 MARGIN = 0.1  # extent of a cylinder beyond the paths of the contact points, relative to the paths
-LINES = 4  # along a cylinder or the meridians of a sphere, in a picture
 BEYOND = 0.05  # extent of a plane beyond these paths, relative to the distance of the points from 0
 
 
@@ -69,23 +68,6 @@ def surface_grid(
     """
     places = _surface(scene, points, k, time, moved)
     return _line(places) if places.ndim == 2 else _sheet(places)
-
-
-def surface_lines(scene: Scene, points: ContactPoints, k: int) -> list[Array]:
-    """Lines (n, 3) that show the round surface of contact k at the start.
-
-    They are the circles at both ends of a cylinder with four lines along it, the equator and two
-    meridians of a sphere, or a circle in 2D.
-    """
-    places = _surface(scene, points, k, 0.0)
-    if places.ndim == 2:
-        return [in_space(places)]
-    around, last = len(places) - 1, places.shape[1] - 1
-    surface = scene.contacts[k].surface
-    assert surface is not None
-    rings = [last // 2] if surface.kind == "sphere" else [0, last]
-    rows = [places[j * around // LINES] for j in range(LINES)]
-    return [*(places[:, ring] for ring in rings), *rows]
 
 
 def _surface(

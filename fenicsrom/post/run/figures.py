@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from fenicsrom.assess.errors.sizing import NestedSize
     from fenicsrom.online.motion.motion import Motion
 
 
@@ -66,6 +67,33 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     axes[0].set_title(f"{place} {point + 1} of {count}" if count > 1 else place)
     _legend(figure, next((axis for axis in axes if axis.lines), axes[0]))
     figure.align_ylabels()
+    return figure
+
+
+@styled
+def plot_sizes(sizes: Sequence[NestedSize], size: int) -> Figure:
+    """Draw the error due to the basis over the run time, for models of several sizes.
+
+    Args:
+        sizes: the models; each point has its number of coordinates.
+        size: number of coordinates of the run, whose point is filled.
+    """
+    figure = new_figure(4.6, 3.2)
+    axis = figure.subplots()
+    seconds, errors = ([getattr(each, name) for each in sizes] for name in ("seconds", "error"))
+    axis.plot(seconds, np.multiply(100.0, errors), "-", color="#b0b6bc", lw=0.8)
+    for each in sizes:
+        fill = None if each.size == size else "white"
+        axis.plot(each.seconds, 100.0 * each.error, "o", color="#0072B2", markerfacecolor=fill)
+        axis.annotate(
+            str(each.size),
+            (each.seconds, 100.0 * each.error),
+            xytext=(4, 4),
+            textcoords="offset points",
+        )
+    axis.set(xscale="log", yscale="log", xlabel="run time of the steps, s")
+    axis.set_ylabel("estimated error of the basis, %")
+    axis.set_title("numbers of coordinates; filled: this run")
     return figure
 
 

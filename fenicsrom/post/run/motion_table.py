@@ -15,23 +15,25 @@ from fenicsrom.post.base.tables import text_table
 if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
-RESPONSE_HEAD = (
-    "open %",
-    "slip %",
-    "stick %",
-    "peak N",
-    "J per period",
-    "periods",
-    "steady",
-    "imbalance",
-)
 FEW_POINTS = 4  # largest number of contact points that have one picture each
 PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
-RESPONSE_NOTE = (
-    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
-    "of the motion. The imbalance is the largest error of the energy balance relative to the "
-    f"largest energy of the motion. {PERIODS_NOTE}"
+SIZE_NOTE = "The size is the number of unknowns. Amplitudes are half of peak-to-peak over"
+IMBALANCE_NOTE = (
+    "The imbalance is the largest error of the energy balance relative to the largest energy of "
+    "the motion."
 )
+
+
+def has_period(motions: Mapping[str, Motion]) -> bool:
+    """Whether the motions have a period, which all models of a scene share."""
+    return any(motion.period is not None for motion in motions.values())
+
+
+def response_note(motions: Mapping[str, Motion]) -> str:
+    """Explain the columns of `response_rows`."""
+    if not has_period(motions):
+        return f"{SIZE_NOTE} the whole motion. {IMBALANCE_NOTE}"
+    return f"{SIZE_NOTE} the last period of the motion. {IMBALANCE_NOTE} {PERIODS_NOTE}"
 
 
 def response_rows(
@@ -39,7 +41,8 @@ def response_rows(
 ) -> list[list[Any]]:
     """Compose the table of responses; the first row is the header.
 
-    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
+    Without contact there are no fractions, no force and no dissipation by friction. Without a
+    period of the loads, nothing is counted in periods, and nothing becomes steady. The beam has no
     third direction.
 
     Args:
@@ -48,7 +51,10 @@ def response_rows(
         names: names of the directions.
     """
     directions = [f"{name} mm" for name in names]
-    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
+    repeats = has_period(motions)
+    head = ["open %", "slip %", "stick %", "peak N", "J per period" if repeats else "J"]
+    head += ["periods", "steady"] if repeats else []
+    rows: list[list[Any]] = [["model", "size", *directions, *head, "imbalance"]]
     for name, motion in motions.items():
         r = response_summary(motion)
         amplitude = millimetres(in_order(r["amplitude_m"]))
@@ -65,8 +71,7 @@ def response_rows(
                 *amplitude,
                 *missing,
                 *(contact if motion.force.shape[1] else [None] * len(contact)),
-                r["periods"],
-                "yes" if r["steady"] else "no",
+                *([r["periods"], "yes" if r["steady"] else "no"] if repeats else []),
                 f"{r['energy_imbalance']:.1e}",
             ]
         )
@@ -79,7 +84,8 @@ def response_table(
     """Compose the table of responses with its notes for the terminal; empty without a motion."""
     if not motions:
         return ""
-    notes = filter(None, [points_note(motions, scene), PERIODS_NOTE])
+    periods = PERIODS_NOTE if has_period(motions) else None
+    notes = filter(None, [points_note(motions, scene), periods])
     return "\n".join([text_table(response_rows(motions, sizes, names)), *notes])
 
 

@@ -12,11 +12,18 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
 from fenicsrom.post.base.directions import direction_names
+from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.paraview.fields import shapes
-from fenicsrom.post.run.body_pictures import body_pictures, film_of, is_slender, stress_picture
+from fenicsrom.post.run.body_pictures import (
+    body_pictures,
+    film_of,
+    is_slender,
+    stress_picture,
+    turning_view,
+)
 from fenicsrom.post.run.figures import (
     LOADS,
     LOADS_AND_SURFACES,
@@ -25,6 +32,7 @@ from fenicsrom.post.run.figures import (
     plot_modes,
     plot_motion,
     plot_points,
+    plot_sizes,
 )
 from fenicsrom.post.run.mode_agreement import agreement_figure
 from fenicsrom.post.run.motion_figures import (
@@ -41,10 +49,10 @@ from fenicsrom.scene.excitation import surface_spin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.body.body_view import View
     from fenicsrom.records import Study
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
@@ -152,7 +160,21 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     work = working(study.scene)
     motions = motion_pictures(study.motions, natural, names, work) if study.motions else []
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
+    listed += size_pictures(study.sized)
     return draw_pictures(listed, folder, study.warnings)
+
+
+def size_pictures(found: Sized | None) -> list[Picture]:
+    """The picture of the error over the run time, of a nonlinear model with several sizes."""
+    if found is None or len(found.sizes) < 2:
+        return []
+    return [
+        Picture(
+            "Error over run time",
+            "sizes.png",
+            lambda: plot_sizes(found.sizes, found.stored.size),
+        )
+    ]
 
 
 def _agreement(study: Study) -> list[Picture]:
@@ -214,13 +236,24 @@ def _box(study: Study) -> Array | None:
     return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
 
 
+def turning_pages(study: Study) -> list[Page]:
+    """The page on which the body turns; none, and a warning, if it cannot be made. Collective."""
+    if sentence := not_drawn(["the view to turn"], in_space=True):
+        study.warnings.append(sentence)
+        return []
+    page = None
+    with softly("the view to turn", study.warnings):
+        page = turning_view(study)
+    return [] if page is None else [Page(page)]
+
+
 def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     """Animate the last period of the reduced model about its equilibrium as a GIF. Collective.
 
     Raises:
         OSError: the file cannot be written.
     """
-    if sentence := not_drawn(["motion.gif"]):
+    if sentence := not_drawn(["motion.gif"], in_space=True):
         study.warnings.append(sentence)
         return []
     film = film_of(study)
@@ -232,18 +265,12 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
 
 
 def write_stress_picture(
-    recovery: Recovery,
-    stresses: Stresses,
-    folder: Path,
-    notes: list[str],
-    view: View | None = None,
+    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
 ) -> list[tuple[str, Path]]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
-
-    The projection is by default one in which the largest stress is seen.
 
     Raises:
         OSError: the file cannot be written.
     """
-    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure, view)
+    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
     return draw_pictures([picture], folder, notes)

@@ -7,19 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.errors.mode_agreement import ModeAgreement
+from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.html_page import Page, write_report
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
-from fenicsrom.post.run.motion_table import RESPONSE_NOTE, open_sentence, points_note, response_rows
+from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
 from fenicsrom.post.run.sentences import (
     MULTIPLIER_NOTE,
     equilibrium_sentence,
     error_sentence,
     estimate_rows,
     periodic_sentence,
+    size_sentence,
     support_sentence,
     unreliable_sentence,
 )
@@ -42,14 +44,15 @@ REPORT = "report.html"
 Section = tuple[str, list[Any]]
 
 
-def write_study_report(study: Study, folder: Path) -> Path:
-    """Write the report of a study with its pictures.
+def write_study_report(study: Study, folder: Path, pages: Sequence[Page] = ()) -> Path:
+    """Write the report of a study with its pictures, and with pages on which its body turns.
 
     Raises:
         OSError: the file cannot be written.
     """
     sections = [
         ("Results", _results(study)),
+        ("The body: choose a shape, turn it with the mouse", list(pages)),
         *((heading, [path]) for heading, path in study.pictures),
         *_open_points(study.motions),
         *_stresses(study.stresses),
@@ -87,6 +90,7 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         *((heading, [path]) for heading, path in pictures),
         *_open_points({"reduced": motion}),
         *_stresses(found.stresses),
+        *([("Basis", _sizes(found.sized))] if found.sized is not None else []),
         ("Left out", [_left_out(found.left_out)]),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
@@ -147,7 +151,7 @@ def _results(study: Study) -> list[Any]:
 def _notes(motions: Mapping[str, Motion], scene: Scene, points: ContactPoints) -> list[str]:
     """Compose the notes below the table of responses."""
     notes = points_note(motions, scene), direction_note(scene, points)
-    return [RESPONSE_NOTE, *filter(None, notes)]
+    return [response_note(motions), *filter(None, notes)]
 
 
 def _periodic(motion: Motion) -> list[str]:
@@ -177,12 +181,35 @@ def _basis(study: Study) -> list[Any]:
         if basis.dropped:
             dropped = ", ".join(f"{k} ({v:.0e})" for k, v in basis.dropped.items())
             found.append(f"Dropped because they depend on other vectors: {dropped}")
+    if study.sized is not None:
+        found += _sizes(study.sized)
+    if study.derivatives is not None and study.derivatives.sizes:
+        first = set(study.derivatives.labels)
+        found.append(
+            [
+                ["combination of derivatives", "displacement in the energy norm %", "first basis"],
+                *(
+                    [label, f"{100.0 * size:.2g}", "yes" if label in first else "no"]
+                    for label, size in study.derivatives.sizes.items()
+                ),
+            ]
+        )
     if study.selection.weights:
         order = sorted(study.selection.weights.items(), key=lambda item: -item[1])
         kept = set(study.selection.derivatives)
         rows = [[k, f"{w:.2e}", "yes" if k in kept else "no"] for k, w in order]
         found.append([["derivative", "weight", "kept"], *rows])
     return found
+
+
+def _sizes(found: Sized) -> list[Any]:
+    """Compose the sentence on the size of the basis, and the error over the run time."""
+    rows = [
+        [each.size, f"{each.seconds:.2g}", f"{100.0 * each.error:.2g}"]
+        for each in (found.sizes if found.stored.scene.output.pictures else ())
+    ]
+    head = ["coordinates", "run time of the steps, s", "estimated error of the basis %"]
+    return [size_sentence(found), *([[head, *rows]] if rows else [])]
 
 
 def _seconds(study: Study) -> list[list[str]]:

@@ -32,6 +32,7 @@ from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.errors.estimates import MotionErrors
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
@@ -156,6 +157,7 @@ def rerun_sentences(found: Rerun) -> list[str]:
         support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
     )
     told += out_of_reach(motion, found.stored.model.points)
+    told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if found.stresses is None else stress_sentences(found.stresses)
     if found.errors:
         names = direction_names(found.stored.scene, found.stored.model.points)
@@ -223,8 +225,34 @@ def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
     """State the ratio of the run times of the full and the reduced model; None unless both ran."""
     if "full" not in motions or "reduced" not in motions:
         return None
-    ratio = motions["full"].seconds / max(motions["reduced"].seconds, 1e-9)
-    return f"The motion of the reduced model took 1/{ratio:.0f} of the time of the full model."
+    full, reduced = motions["full"].seconds, motions["reduced"].seconds
+    said = (
+        f"The motion of the reduced model took {reduced:.2g} s, that of the full model {full:.2g} s"
+    )
+    if reduced < full:
+        return f"{said}: {full / max(reduced, 1e-9):.2g} times as long."
+    return (
+        f"{said}: the reduced model is slower than the solid, so use the full model, or accept a "
+        "larger error by basis.accuracy."
+    )
+
+
+def size_sentence(found: Sized) -> str:
+    """State which coordinates a basis took, and how many are left."""
+    stored = found.stored
+    known = stored.size + len(stored.further)
+    taken = [f"{label} ({100.0 * size:.2g} %)" for label, size in found.energies.items()]
+    joined = (
+        f" It took, by the elastic energies that they have in the motion of all coordinates "
+        f"(square roots, relative to that of the first basis): {', '.join(taken)}."
+        if taken
+        else ""
+    )
+    reached = "is not reached" if found.warning else "is reached"
+    return (
+        f"Size of the basis: {stored.size} of the {counted(known, 'coordinate')} of the model; "
+        f"basis.accuracy = {stored.scene.basis.accuracy:g} {reached}.{joined}"
+    )
 
 
 def study_sentences(study: Study) -> list[str]:
@@ -237,6 +265,7 @@ def study_sentences(study: Study) -> list[str]:
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     found += basis_sentences(study)
+    found += [] if study.sized is None else [size_sentence(study.sized)]
     if reduced is not None:
         found += out_of_reach(reduced, study.solid.points)
     if errors := errors_of(study.motions):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.support_motion import (
@@ -56,6 +57,8 @@ def summary(study: Study) -> dict[str, Any]:
             "flexibility_condition": modes.flexibility_condition if modes is not None else None,
             "participation": study.selection.modal_coordinates,
             "weights": study.selection.weights,
+            "derivatives": study.derivatives.sizes if study.derivatives is not None else {},
+            **size_summary(study.sized),
         },
         "seconds": study.seconds,
         "left_out": study.left_out,
@@ -105,7 +108,8 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
         "scene": stored.scene.source,
         "dofs": stored.dofs,
         "frequencies_hz": stored.frequencies_hz,
-        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
+        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
+        | size_summary(found.sized),
         "seconds": {"reduced motion": motion.seconds},
         "left_out": found.left_out,
         **motions_summary({"reduced": motion}, stored.model.points),
@@ -118,6 +122,18 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
     contents["warnings"] = found.warnings
     contents["provenance"] = stored.provenance
     return contents
+
+
+def size_summary(found: Sized | None) -> dict[str, Any]:
+    """How the basis got its size: the coordinates that joined, and those that it left out."""
+    if found is None:
+        return {}
+    return {
+        "accuracy": found.stored.scene.basis.accuracy,
+        "accuracy_reached": not found.warning,
+        "joined": found.energies,
+        "further": found.stored.further,
+    }
 
 
 def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
@@ -223,9 +239,10 @@ def stored_model(study: Study) -> StoredModel:
         study.solid.free,
         study.modes.frequencies_hz,
         provenance(),
-        study.recovery,
+        study.tables,
         study.candidates,
         study.deformation,
+        further=study.further,
     )
 
 

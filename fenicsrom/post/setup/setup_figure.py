@@ -1,177 +1,165 @@
-"""The picture of the set-up: the undeformed mesh with all that acts on it."""
+"""The picture of the set-up: the undeformed mesh with all that acts on it.
+
+The axis of rotation and round walls are often much larger than the body: a second panel then shows
+all of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import styled
-from fenicsrom.post.body.body_drawing import GREY, body_panel, draw_body
-from fenicsrom.post.body.body_surface import Surface, areas, normals
-from fenicsrom.post.body.body_view import View, frame_of, view_of
-from fenicsrom.post.setup.setup_marks import CLAMPED, Marks
-from fenicsrom.post.setup.setup_surroundings import (
-    draw_numbers,
-    draw_overview,
-    draw_surroundings,
-    surroundings,
+from fenicsrom.post.body.body_surface import (
+    NODE,
+    areas,
+    cell_edges,
+    faces_on,
+    form_edges,
+    surface_of,
 )
+from fenicsrom.post.body.body_view import View, frame_of, view_of
+from fenicsrom.post.body.rendering import body_panel, drawn_lines, painted, show
+from fenicsrom.post.paraview.vtk_files import Grid
+from fenicsrom.post.setup.setup_marks import Marks
 from fenicsrom.post.setup.setup_symbols import (
-    REGION_COLOURS,
-    attachment_symbols,
-    bars,
-    draw_arrows,
-    draw_attachments,
-    draw_bars,
-    draw_contacts,
-    draw_probe,
+    COLOURS,
+    REACH,
     legend_handles,
     load_arrows,
+    region_parts,
+    surroundings,
+    symbols,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pyvista import PolyData
 
-REACH = 0.14
-"""Length of the arrow of a load, relative to the size of the body."""
-
-LETTERS = 11.0
-"""Letters of a legend in an inch."""
-
-SYMBOL = 7
-"""Width of a symbol in the legend with its margins, in letters."""
-
-MOST_COLUMNS = 4
-"""Largest number of columns of the legend."""
+OVERVIEW = 0.32
+"""Width of the second panel, relative to the picture of the body."""
 
 
 @styled
-def setup_figure(surface: Surface, marks: Marks, title: str, view: View | None = None) -> Figure:
+def setup_figure(grid: Grid, marks: Marks, title: str, view: View | None = None) -> Figure:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
-    Several loads have numbers. The projection is that of `setup_view` by default.
+    Several loads and contact points have numbers. The projection is that of `setup_view` by
+    default.
     """
+    surface = surface_of(grid)
     view = view or setup_view(surface, marks)
-    reach = REACH * view.length
-    arrows = load_arrows(marks.loads, view, reach)
-    held = [bars(mark, surface, view, 0.3 * reach) for mark in marks.supports]
-    walls = [view.project(each.places + 0.5 * reach * each.normals) for each in marks.contacts]
-    shafts = [np.array([arrow.start, 0.5 * (arrow.start + arrow.end)]) for arrow in arrows]
-    bar_ends = [lines[:, 1] for lines in held]
-    taken = np.concatenate([np.zeros((0, 2)), *shafts, *walls, *bar_ends])
-    symbols = attachment_symbols(marks.attachments, view, 0.6 * reach, taken)
-    drawn = [line for symbol in symbols for line in symbol.lines]
-    every = np.concatenate([view.project(surface.points), taken, *drawn])
-    low, high = frame_of([every], 0.05 * view.length)
+    edges, drawn = form_edges(surface), symbols(marks, grid.points, view)
+    places = [view.project(mesh.points) for mesh in (surface, *(symbol.mesh for symbol in drawn))]
+    low, high = frame_of(places, 0.05 * view.length)
+    low = low - [0.0, 0.13 * view.length]
+    body = [*region_parts(surface, edges, marks), drawn_lines(edges)]
+    body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *(symbol.part for symbol in drawn)]
+    around = surroundings(marks, grid.points)
 
-    figure, axis = body_panel(
-        view, low - [0.0, 0.13 * view.length], high, 0.6 + 0.2 * title.count("\n")
-    )
-    draw_body(axis, surface, view, None, _face_colours(surface, marks))
-    _draw_wires(axis, surface, view)
-    _draw_regions(axis, surface, view.project(surface.points), marks)
-    for lines in held:
-        draw_bars(axis, lines)
-    draw_attachments(axis, symbols)
-    draw_contacts(axis, view, marks.contacts, 0.5 * reach)
-    draw_numbers(axis, view, marks.contacts)
-    around = surroundings(marks, surface.points)
-    draw_surroundings(axis, view, marks, around)
-    draw_overview(figure, axis, surface, view, marks, around)
-    occupied = np.concatenate([taken, *drawn])
-    draw_arrows(axis, arrows, reach, len(marks.loads) > 1, occupied)
-    if marks.probe is not None:
-        draw_probe(axis, view, marks.probe)
+    handles = legend_handles(marks, drawn)
+    columns = 2 if len(handles) > 3 else len(handles)
+    rows = -(-len(handles) // max(columns, 1))
+    figure, axis, wide = body_panel(view, low, high, 0.6 + 0.21 * (rows + title.count("\n")))
+    show(axis, [*body, *around], view, low, high, wide)
+    _write_numbers(axis, _numbers(marks, view), (high[0] - low[0]) / (72.0 * wide))
+    reach = [view.project(part.mesh.points) for part in around]
+    if any(np.any(seen < low) or np.any(seen > high) for seen in reach):
+        low, high = frame_of([*places, *reach], 0.05 * view.length)
+        figure.set_figwidth(figure.get_figwidth() * (1.0 + OVERVIEW))
+        panel = axis.inset_axes((1.02, 0.0, OVERVIEW, 1.0))
+        show(panel, [painted(surface), *around], view, low, high, OVERVIEW * wide)
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)
-    _add_legend(figure, legend_handles(marks))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     return figure
 
 
-def setup_view(surface: Surface, marks: Marks, moved: Array | None = None) -> View:
-    """The projection of the body in all pictures of a report.
+def setup_view(surface: PolyData, marks: Marks, moved: Array | None = None) -> View:
+    """The projection of a body in its set-up and its motions.
 
     The viewer sees the side on which the loads act, and looks across the displacement `moved`
     (3,) if it is given.
     """
-    return view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
+    sizes = areas(surface)
+    loaded = [faces_on(surface, load.on[surface.point_data[NODE]]) for load in marks.loads]
+    facing = np.sum([sizes[found].sum(axis=0) for found in loaded], axis=0) + np.zeros(3)
+    return view_of(surface, facing, moved=moved)
 
 
-def _loaded_side(surface: Surface, marks: Marks) -> Array:
-    """(3,) mean normal of the loaded parts of the surface, times their area."""
-    sizes = areas(surface.points, surface.triangles)
-    loaded = [load.on[surface.triangles].all(axis=1) for load in marks.loads]
-    return np.sum([sizes[found].sum(axis=0) for found in loaded], axis=0) + np.zeros(3)
+class Number(NamedTuple):
+    """A number beside a symbol.
+
+    Attributes:
+        text: the number.
+        at: (2,) place of the symbol in the picture, m.
+        way: (2,) direction from there in which there should be room.
+        colour: of the text.
+        needed: whether it is written where there is no room, too.
+    """
+
+    text: str
+    at: Array
+    way: Array
+    colour: str
+    needed: bool
 
 
-def _painted(marks: Marks) -> list[tuple[str, Any]]:
-    """The regions in the order in which they are painted: colour, and flags of the points."""
-    held = sorted(marks.supports, key=lambda mark: mark.label == CLAMPED)
-    return [
-        *((REGION_COLOURS["loaded"], load.on) for load in marks.loads),
-        *(
-            (REGION_COLOURS["clamped" if mark.label == CLAMPED else "held"], mark.on)
-            for mark in held
-        ),
-    ]
+def _numbers(marks: Marks, view: View) -> list[Number]:
+    """The numbers of several loads and contact points, the most important ones first."""
+    found = []
+    if len(marks.loads) > 1:
+        for number, start, end in load_arrows(marks.loads, REACH * view.length):
+            (at,), (way,) = view.project(start[None]), view.project((start - end)[None])
+            found.append(Number(str(number + 1), at, way, COLOURS["load"], True))
+    if sum(len(mark.places) for mark in marks.contacts) > 1:
+        for mark in marks.contacts:
+            at, ways = view.project(mark.places), -view.project(mark.normals)
+            for k in halving(len(at)):
+                text = str(mark.first + k)
+                found.append(Number(text, at[k], ways[k], COLOURS["contact"], False))
+    return found
 
 
-def _face_colours(surface: Surface, marks: Marks) -> Array:
-    """Colours (k, 4) of the triangles; those of a plane body show no region."""
-    from matplotlib.colors import to_rgba
-
-    colours = np.tile(to_rgba(GREY), (len(surface.triangles), 1))
-    for colour, on in _painted(marks) if not surface.flat else []:
-        colours[on[surface.triangles].all(axis=1)] = to_rgba(colour)
-    return colours
+def halving(count: int) -> list[int]:
+    """The numbers below `count`: the first, the last, and then those between known ones."""
+    steps = [count - 1 or 1]
+    while steps[-1] > 1:
+        steps.append(-(-steps[-1] // 2))
+    return list(dict.fromkeys(k for step in steps for k in range(0, count, step)))
 
 
-def _draw_wires(axis: Axes, surface: Surface, view: View) -> None:
-    """Draw the edges of the cells that face the viewer."""
-    from matplotlib.collections import LineCollection
+def _write_numbers(axis: Axes, numbers: Sequence[Number], point: float) -> None:
+    """Write numbers beside their symbols; one that would lie on an earlier one is left out.
 
-    facing = normals(surface.points, surface.triangles) @ view.towards
-    seen = surface.wires[(facing[surface.wire_sides] > 0.0) | surface.flat]
-    places: Any = view.project(surface.points)
-    axis.add_collection(LineCollection(places[seen], colors="#8c949b", linewidths=0.3, zorder=2.2))
+    Args:
+        axis: the panel.
+        numbers: the numbers.
+        point: length of a typographic point in the picture, m.
+    """
+    from matplotlib.patheffects import withStroke
 
-
-def _draw_regions(axis: Axes, surface: Surface, places: Any, marks: Marks) -> None:
-    """Draw regions of a plane body as thick lines; in space the edges and nodes of supports."""
-    from matplotlib.collections import LineCollection
-
-    every = np.concatenate([surface.edges, surface.wires]) if surface.flat else surface.edges
-    painted = _painted(marks) if surface.flat else _painted(marks)[len(marks.loads) :]
-    for colour, on in painted:
-        lines = every[on[every].all(axis=1)]
-        width = 5.0 if colour == REGION_COLOURS["loaded"] else 4.0
-        axis.add_collection(
-            LineCollection(places[lines], colors=colour, linewidths=width, zorder=3)
-        )
-        faces = surface.triangles[on[surface.triangles].all(axis=1)]
-        alone = np.setdiff1d(np.flatnonzero(on), [*lines.ravel(), *faces.ravel()])
-        axis.plot(*places[alone].T, "s", color=colour, markersize=6, zorder=3)
-
-
-def _add_legend(figure: Figure, handles: Sequence[Any]) -> None:
-    """Add the legend below the picture, in as many columns as fit, and make room for its rows."""
-    if not handles:
-        return
-    width, height = figure.get_size_inches()
-    sizes = [len(handle.get_label()) + SYMBOL for handle in handles]
-    columns = next(
-        n
-        for n in range(min(MOST_COLUMNS, len(handles)), 0, -1)
-        if n == 1 or _letters(sizes, n) <= LETTERS * width
-    )
-    rows = -(-len(handles) // columns)
-    figure.set_size_inches(width, height + 0.21 * rows)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
-
-
-def _letters(sizes: Sequence[int], columns: int) -> int:
-    """Width of a legend that is filled column by column, in letters."""
-    return sum(int(part.max()) for part in np.array_split(np.array(sizes), columns))
+    taken: list[tuple[Array, Array]] = []
+    for text, at, way, colour, needed in numbers:
+        half = point * np.array([3.0 * len(text) + 1.0, 5.0])
+        size = float(np.linalg.norm(way))
+        way = np.asarray(way / size) if size > 1e-9 else np.array([0.0, -1.0])
+        across = np.array([-way[1], way[0]])
+        steps = (across, -across, way, -way) if needed else (way,)
+        places = [at + 11.0 * point * step for step in steps]
+        free = [
+            place
+            for place in places
+            if all(np.any(np.abs(place - other) > half + room) for other, room in taken)
+        ]
+        if not free and not needed:
+            continue
+        place = (free or places)[0]
+        taken.append((place, half))
+        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 7}
+        look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
+        axis.text(place[0], place[1], text, color=colour, weight="bold", **look)

@@ -7,7 +7,7 @@ to the face that is drawn, also if the pressure follows the deformation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import SceneError
-from fenicsrom.post.body.body_surface import Ints
-from fenicsrom.post.body.surface_mesh import surface_lines
+from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.post.paraview.fields import contact_places
-from fenicsrom.post.paraview.vtk_files import in_space
+from fenicsrom.post.paraview.vtk_files import Grid, in_space
 from fenicsrom.scene import Contact, Load, Place, Scene, Support
 from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
 from fenicsrom.scene.tables import keys
@@ -101,14 +100,14 @@ class ContactMark:
         places: (P, 3) its contact points, m.
         normals: (P, 3) unit normals into the wall.
         first: number of the first point of the contact, from 1 over all contacts.
-        lines: lines (n, 3) that show its round surface, m; none of a plane.
+        wall: the round surface of the contact; None of a plane.
     """
 
     label: str
     places: Array
     normals: Array
     first: int = 1
-    lines: Sequence[Array] = ()
+    wall: Grid | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,14 +141,6 @@ class Marks:
     contacts: Sequence[ContactMark] = ()
     probe: Array | None = None
     rotation: RotationMark | None = None
-
-    def at(self, kept: Ints) -> Marks:
-        """The marks on the points of a surface that has only these points of the whole one."""
-        return replace(
-            self,
-            supports=[replace(mark, on=mark.on[kept]) for mark in self.supports],
-            loads=[replace(mark, on=mark.on[kept]) for mark in self.loads],
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,17 +243,17 @@ def marks_of(
     return Marks(supports, loads, attachments, contacts, probe, _rotation_mark(scene))
 
 
-def _round(solid: Solid, scene: Scene, k: int) -> list[Array]:
-    """The lines of the round surface of contact k; none of a plane.
+def _round(solid: Solid, scene: Scene, k: int) -> Grid | None:
+    """The round surface of contact k; None of a plane.
 
-    A surface that cuts into the undeformed body has none: a run refuses it with a sentence.
+    Of a surface that cuts into the undeformed body, none is drawn: a run refuses it.
     """
     if scene.contacts[k].surface is None:
-        return []
+        return None
     try:
-        return surface_lines(scene, solid.points, k)
+        return surface_grid(scene, solid.points, k, 0.0)
     except SceneError:
-        return []
+        return None
 
 
 def _rotation_mark(scene: Scene) -> RotationMark | None:

@@ -1,4 +1,4 @@
-"""The symbols of supports, loads, attachments, contacts and the probe in the picture of a set-up.
+"""The symbols of supports, loads, attachments, contacts and the probe in space.
 
 Each symbol has a form and a colour of its own, so that readers who cannot tell the colours apart
 see the form.
@@ -13,21 +13,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.body.body_surface import Surface
+from fenicsrom.post.body.body_surface import NODE, faces_on, is_flat
 from fenicsrom.post.body.body_view import View
+from fenicsrom.post.body.rendering import GREY, Part, drawn_lines, painted
 from fenicsrom.post.setup.setup_marks import (
     CLAMPED,
-    AttachmentMark,
     ContactMark,
     LoadMark,
     Marks,
+    RotationMark,
     SupportMark,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from pyvista import PolyData
 
-MARK_COLOURS = {
+COLOURS = {
     "support": "#56585A",
     "load": "#D55E00",
     "attachment": "#882255",
@@ -36,40 +37,61 @@ MARK_COLOURS = {
     "rotation": "#332288",
 }
 
-REGION_COLOURS = {"loaded": "#F3C6A5", "clamped": "#56585A", "held": "#9AA1A8"}
-"""Colours of the regions of loads, and of supports that hold all or some components."""
+LOADED, HELD = "#F3C6A5", "#9AA1A8"
+"""Colours of the regions of loads, and of supports that hold some components."""
 
-MOST_BARS = 7
-"""Points of a support at which its held directions are drawn."""
+REACH = 0.14
+"""Length of the arrow of a load, relative to the size of the body."""
 
 APART = 0.045
-"""Distance of two arrows or symbols at one place, relative to the size of the body."""
+"""Smallest distance of two cones of a support, relative to the size of the body."""
 
-DOT = 0.15
-"""Length of an arrow that is drawn as a dot, relative to its true length."""
-
-NUMBER = 0.16
-"""Distance of a number from the tail of its arrow, relative to the true length of the arrow."""
+MOST_CONES = 7
+"""Points of a support at which its held directions are drawn."""
 
 SAME_WAY = 0.9
 """Cosine of the angle from which two arrows have the same direction."""
 
-CONTACT_FORMS = ("o", "s", "D", "^", "v", "P", "X")
-"""Markers of the points of the contacts."""
+SPARE = 0.15
+"""Length of the axis of rotation beyond what it passes, relative to the extent along it."""
 
-AXIS_LINE: Any = (0, (8, 2, 1.5, 2))
-"""The line style of the axis of rotation."""
+CONTACT_FORMS = ("o", "s", "D", "^")
+"""Markers of the points of the contacts in the legend: sphere, cube, octahedron and cone."""
+
+ATTACHED_FORMS = {"mass": "s", "spring": "D", "dashpot": "^"}
+"""The same of attachments."""
 
 ARROW = r"$\rightarrow$"
 """The marker of an arrow in the legend."""
 
 
+class Symbol(NamedTuple):
+    """What marks one thing in the picture and in the legend.
+
+    Attributes:
+        label: its name in the legend.
+        kind: a key of `COLOURS`.
+        marker: its marker in the legend.
+        mesh: its form in space.
+    """
+
+    label: str
+    kind: str
+    marker: str
+    mesh: PolyData
+
+    @property
+    def part(self) -> Part:
+        """The symbol as a part of the picture, which shows through the body."""
+        return Part(self.mesh, {"color": COLOURS[self.kind]}, symbol=True)
+
+
 class Arrow(NamedTuple):
-    """The arrow of a load in the picture.
+    """The arrow of a load.
 
     Attributes:
         number: number of its load.
-        start, end: (2,) m.
+        start, end: (3,) m.
     """
 
     number: int
@@ -77,308 +99,240 @@ class Arrow(NamedTuple):
     end: Array
 
 
-def load_arrows(loads: Sequence[LoadMark], view: View, reach: float) -> list[Arrow]:
-    """Place the arrows of loads; those of one place and direction are drawn side by side.
+def load_arrows(loads: Sequence[LoadMark], reach: float) -> list[Arrow]:
+    """Place the arrows of loads; those of one place and direction stand behind one another.
 
-    The first one stays at its place: a concentrated load, if there is one. The others turn away
-    from it.
+    A concentrated load stays at its place, if there is one.
     """
-    arrows = [
-        Arrow(number, *view.project(np.array([place - reach * load.direction, place])))
-        for number, load in enumerate(loads)
-        for place in load.places
-    ]
-    shifted = []
-    for arrow in arrows:
-        beside = [other for other in arrows if _coincide(arrow, other, APART * view.length)]
-        beside.sort(key=lambda other: (bool(loads[other.number].on.any()), other.number))
-        rank = [other.number for other in beside].index(arrow.number)
-        way = arrow.end - arrow.start
-        across = np.array([way[1], -way[0]]) / (np.linalg.norm(way) or 1.0)
-        first = beside[0].end - beside[0].start
-        turned = -1.0 if across @ first < 0.0 else 1.0
-        shift = turned * rank * APART * view.length * across
-        shifted.append(Arrow(arrow.number, arrow.start + shift, arrow.end + shift))
-    return shifted
+    every = [(number, place) for number, load in enumerate(loads) for place in load.places]
+    every.sort(key=lambda item: bool(loads[item[0]].on.any()))
+    arrows: list[Arrow] = []
+    for number, place in every:
+        step = reach * loads[number].direction
+        while any(_coincide(place, step, other) for other in arrows):
+            place = place - 1.1 * step
+        arrows.append(Arrow(number, place - step, place))
+    return sorted(arrows, key=lambda arrow: arrow.number)
 
 
-def _coincide(arrow: Arrow, other: Arrow, near: float) -> bool:
+def _coincide(place: Array, step: Array, other: Arrow) -> bool:
     """Whether two arrows would lie on one another."""
-    a, b = arrow.end - arrow.start, other.end - other.start
-    same = a @ b >= SAME_WAY * np.linalg.norm(a) * np.linalg.norm(b)
-    return bool(same and np.linalg.norm(arrow.end - other.end) < near)
+    same = step @ (other.end - other.start) >= SAME_WAY * (step @ step)
+    return bool(same and np.linalg.norm(place - other.end) < 0.5 * np.linalg.norm(step))
 
 
-def number_places(arrows: Sequence[Arrow], reach: float, taken: Array) -> list[Array]:
-    """Places (2,) of the numbers of arrows: behind or beside their tails, where there is room.
+def region_parts(surface: PolyData, edges: PolyData, marks: Marks) -> list[Part]:
+    """The body with its regions in their colours.
 
-    Arguments as for `draw_arrows`.
+    Edges and nodes that a support holds alone are thick, and so are all regions of a plane body.
     """
-    shafts = [start + np.linspace(0.0, 1.0, 8)[:, None] * (end - start) for _, start, end in arrows]
-    every: Array = np.concatenate([np.zeros((0, 2)), taken, *shafts])
-    places: list[Array] = []
-    for _, start, end in arrows:
-        size = float(np.linalg.norm(end - start))
-        way = np.array([0.0, -1.0])
-        if size > DOT * reach:
-            way = (end - start) / size
-        across = np.array([-way[1], way[0]])
-        steps = np.array([[1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [2, 0], [2, 1], [2, -1]])
-        options = start + NUMBER * reach * steps @ [-way, across]
-        apart = np.linalg.norm(options[:, None] - np.array([*every, *places]), axis=2).min(axis=1)
-        free = np.flatnonzero(apart > 0.9 * NUMBER * reach)
-        places.append(options[free[0] if free.size else int(np.argmax(apart))])
-    return places
+    from pyvista import PolyData
+
+    held = sorted(marks.supports, key=lambda mark: mark.label == CLAMPED)
+    regions = [(LOADED, load.on, False) for load in marks.loads]
+    regions += [(_colour_of(mark), mark.on, True) for mark in held]
+    flat, node = is_flat(surface.points), surface.point_data[NODE]
+    number = np.full(surface.n_cells, -1)
+    parts = []
+    for k, (colour, on, support) in enumerate(regions):
+        faces = faces_on(surface, on[node])
+        number[faces & (not flat)] = k
+        if not (support or flat):
+            continue
+        pairs = edges.lines.reshape(-1, 3)[:, 1:]
+        pairs = pairs[on[edges.point_data[NODE][pairs]].all(axis=1)]
+        drawn = [*node[surface.regular_faces[faces]].ravel(), *edges.point_data[NODE][pairs].flat]
+        alone = surface.points[np.isin(node, np.setdiff1d(np.flatnonzero(on), drawn))]
+        lines = PolyData(edges.points, lines=np.insert(pairs, 0, 2, axis=1).ravel())
+        look = {"color": colour, "line_width": 7.0, "point_size": 11.0}
+        parts += [Part(mesh, look, symbol=support) for mesh in (lines, PolyData(alone))]
+    for k, colour in enumerate([GREY, *(colour for colour, _, _ in regions)], -1):
+        faces = surface.regular_faces[number == k]
+        if len(faces):
+            parts.append(painted(PolyData.from_regular_faces(surface.points, faces), colour))
+    return parts
 
 
-def draw_arrows(
-    axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: bool, taken: Array
-) -> None:
-    """Draw the arrows of loads with their numbers; one that is seen from its end is a dot.
+def held_points(surface: PolyData, marks: Marks) -> list[Part]:
+    """The points of a surface that belong to supports."""
+    from pyvista import PolyData
+
+    node = surface.point_data[NODE]
+    places = [(mark, surface.points[mark.on[node]]) for mark in marks.supports]
+    return [painted(PolyData(found), _colour_of(mark)) for mark, found in places if len(found)]
+
+
+def _colour_of(mark: SupportMark) -> str:
+    """The colour of the region of a support."""
+    return COLOURS["support"] if mark.label == CLAMPED else HELD
+
+
+def symbols(marks: Marks, points: Array, view: View) -> list[Symbol]:
+    """The symbols of a set-up.
 
     Args:
-        axis: the panel.
-        arrows: the arrows.
-        reach: the length of an arrow that is seen from its side, m.
-        numbered: whether the loads have numbers.
-        taken: (k, 2) places where no number may stand, m.
+        marks: what is marked.
+        points: (n, 3) points of the whole body, m.
+        view: the projection.
     """
-    from matplotlib.patheffects import withStroke
+    import pyvista
 
-    colour = MARK_COLOURS["load"]
-    look: dict[str, Any] = {
-        "arrowstyle": "-|>",
-        "color": colour,
-        "lw": 2.2,
-        "shrinkA": 0,
-        "shrinkB": 0,
-    }
-    places = number_places(arrows, reach, taken)
-    for (number, start, end), place in zip(arrows, places, strict=True):
-        if np.linalg.norm(end - start) > DOT * reach:
-            head, tail = ((float(x), float(y)) for x, y in (end, start))
-            axis.annotate("", head, tail, arrowprops=look, zorder=5)
-        else:
-            axis.plot(*end, "o", color=colour, markersize=9, zorder=5)
-        if numbered:
-            text: dict[str, Any] = {"ha": "center", "va": "center", "weight": "bold"}
-            text["path_effects"] = [withStroke(linewidth=3.0, foreground="white")]
-            x, y = place
-            axis.text(x, y, str(number + 1), color=colour, fontsize=10, zorder=7, **text)
+    reach = REACH * view.length
+    found = []
+    for support in marks.supports:
+        if support.label != CLAMPED:
+            cones = _cones(support, points, view, 0.3 * reach)
+            found.append(Symbol(f"support, {support.label}", "support", "<", cones))
+    arrows = load_arrows(marks.loads, reach)
+    for k, load in enumerate(marks.loads):
+        label = f"{k + 1}: {load.label}" if len(marks.loads) > 1 else load.label
+        mine = [_arrow(start, end - start) for number, start, end in arrows if number == k]
+        found.append(Symbol(label, "load", ARROW, pyvista.merge(mine)))
+    for attached in marks.attachments:
+        marker = ATTACHED_FORMS[attached.kind]
+        mesh = _forms(marker, attached.place[None], 0.2 * reach)
+        found.append(Symbol(attached.label, "attachment", marker, mesh))
+    for marker, contact in zip(itertools.cycle(CONTACT_FORMS), marks.contacts, strict=False):
+        mesh = _forms(marker, contact.places, 0.11 * reach)
+        found.append(Symbol(contact.label, "contact", marker, mesh))
+    if marks.contacts:
+        normals = pyvista.merge([_normals(mark, 0.5 * reach) for mark in marks.contacts])
+        found.append(Symbol("normal into the wall", "contact", ARROW, normals))
+    if marks.probe is not None:
+        ring = pyvista.Disc(
+            center=marks.probe,
+            inner=0.09 * reach,
+            outer=0.14 * reach,
+            normal=view.towards,
+            c_res=40,
+        )
+        found.append(Symbol("probe", "probe", "$○$", ring))
+    return found
 
 
-def bars(mark: SupportMark, surface: Surface, view: View, reach: float) -> Array:
-    """The lines (k, 2, 2) from points of a support along its held directions, out of the body."""
-    nodes = np.flatnonzero(mark.on)
-    if not len(nodes) or not len(mark.directions):
-        return np.zeros((0, 2, 2))
-    seen = view.project(surface.points[nodes])
-    chosen, away = [0], np.full(len(nodes), np.inf)
-    for _ in range(MOST_BARS - 1):
-        away = np.minimum(away, np.linalg.norm(seen - seen[chosen[-1]], axis=1))
+def _arrow(start: Array, way: Array) -> PolyData:
+    """An arrow along `way` (3,)."""
+    import pyvista
+
+    look: dict[str, Any] = {"scale": "auto", "tip_radius": 0.09, "shaft_radius": 0.028}
+    return pyvista.Arrow(start=start, direction=way, **look)
+
+
+def _cone(tip: Array, way: Array, height: float) -> PolyData:
+    """A cone at `tip` (3,) that points along the unit vector `way` (3,)."""
+    import pyvista
+
+    size: dict[str, Any] = {"height": height, "radius": 0.35 * height, "resolution": 24}
+    return pyvista.Cone(center=tip - 0.5 * height * way, direction=way, **size)
+
+
+def _cones(mark: SupportMark, points: Array, view: View, height: float) -> PolyData:
+    """Cones whose tips hold some points of a support in its directions, outside of the body."""
+    import pyvista
+
+    places = points[mark.on]
+    chosen, away = [0], np.full(len(places), np.inf)
+    for _ in range(MOST_CONES - 1):
+        away = np.minimum(away, np.linalg.norm(places - places[chosen[-1]], axis=1))
         if away.max() < APART * view.length:
             break
         chosen.append(int(np.argmax(away)))
-    middle = surface.points.mean(axis=0)
-    lines = []
+    found = []
     for direction in mark.directions:
-        outward = np.sign((surface.points[nodes].mean(axis=0) - middle) @ direction) or 1.0
-        for place in surface.points[nodes[chosen]]:
-            lines.append(view.project(np.array([place, place + reach * outward * direction])))
-    return np.array(lines)
+        outward = np.sign((places.mean(axis=0) - points.mean(axis=0)) @ direction) or 1.0
+        found += [_cone(place, -outward * direction, height) for place in places[chosen]]
+    return pyvista.merge(found)
 
 
-def draw_bars(axis: Axes, lines: Array) -> None:
-    """Draw lines (k, 2, 2) that end in a bar across, as a wall that holds them."""
-    from matplotlib.collections import LineCollection
+def _forms(marker: str, places: Array, size: float) -> PolyData:
+    """The form of a marker of the legend at each place (P, 3)."""
+    import pyvista
 
-    if not len(lines):
-        return
-    way = lines[:, 1] - lines[:, 0]
-    across = 0.3 * np.column_stack([way[:, 1], -way[:, 0]])
-    ends = np.stack([lines[:, 1] - across, lines[:, 1] + across], axis=1)
-    both: Any = np.concatenate([lines, ends])
-    axis.add_collection(
-        LineCollection(both, colors=MARK_COLOURS["support"], linewidths=1.8, zorder=3.5)
+    forms = {
+        "o": pyvista.Sphere(radius=0.5),
+        "s": pyvista.Cube(x_length=0.8, y_length=0.8, z_length=0.8),
+        "D": pyvista.PlatonicSolid("octahedron", radius=0.6),
+        "^": pyvista.Cone(direction=(0.0, 0.0, 1.0), radius=0.5, resolution=24),
+    }
+    cloud = pyvista.PolyData(places)
+    return cloud.glyph(orient=False, scale=False, geom=forms[marker], factor=size)
+
+
+def _normals(mark: ContactMark, size: float) -> PolyData:
+    """The normals of a contact into its wall as thin arrows."""
+    import pyvista
+
+    cloud = pyvista.PolyData(mark.places)
+    cloud.point_data["normal"] = mark.normals
+    thin = pyvista.Arrow(tip_radius=0.08, shaft_radius=0.02)
+    return cloud.glyph(orient="normal", scale=False, geom=thin, factor=size)
+
+
+def surroundings(marks: Marks, points: Array) -> list[Part]:
+    """The round walls, and the axis of rotation beside the body (n, 3) and the walls.
+
+    An arrow around the axis points in the sense in which the body turns.
+    """
+    import pyvista
+
+    found = []
+    for wall in (mark.wall for mark in marks.contacts if mark.wall is not None):
+        cells = np.insert(wall.cells, 0, wall.cells.shape[1], axis=1).ravel()
+        kind = "lines" if wall.cells.shape[1] == 2 else "faces"
+        look = {"opacity": 1.0 if kind == "lines" else 0.35, "line_width": 2.0}
+        mesh = pyvista.PolyData(wall.points, **{kind: cells})
+        found.append(painted(mesh, COLOURS["contact"], **look))
+    if marks.rotation is not None:
+        ends = axis_ends(marks.rotation, np.concatenate([points, *(p.mesh.points for p in found)]))
+        radius = 0.05 * float(np.linalg.norm(ends[1] - ends[0]))
+        arc = turning_arrow(marks.rotation, ends[1] + 0.2 * (ends[0] - ends[1]), radius)
+        way = (arc[-1] - arc[-2]) / np.linalg.norm(arc[-1] - arc[-2])
+        lines = [pyvista.MultipleLines(points=line) for line in (ends, arc)]
+        found += [drawn_lines(line, COLOURS["rotation"], 2.5) for line in lines]
+        found.append(painted(_cone(arc[-1], way, 0.6 * radius), COLOURS["rotation"]))
+    return found
+
+
+def axis_ends(rotation: RotationMark, places: Array) -> Array:
+    """The ends (2, 3) of the drawn part of the axis of rotation, beside places (n, 3)."""
+    along = (places - rotation.point) @ rotation.axis
+    spare = SPARE * float(np.ptp(places, axis=0).max())
+    return np.asarray(
+        rotation.point + np.outer([along.min() - spare, along.max() + spare], rotation.axis)
     )
 
 
-_ZIGZAG = [(0.15 + 0.1 * k, 0.0 if k in (0, 7) else 0.15 * (-1) ** k) for k in range(8)]
-_GROUND = ([(1.0, -0.2), (1.0, 0.2)], *([(1.0, y), (1.09, y - 0.09)] for y in (-0.1, 0.05, 0.2)))
-_FORMS: dict[str, tuple[list[tuple[float, float]], ...]] = {
-    "spring": ([(0.0, 0.0), *_ZIGZAG, (1.0, 0.0)], *_GROUND),
-    "dashpot": (
-        [(0.0, 0.0), (0.5, 0.0)],
-        [(0.5, -0.1), (0.5, 0.1)],
-        [(0.35, -0.16), (0.7, -0.16), (0.7, 0.16), (0.35, 0.16)],
-        [(0.7, 0.0), (1.0, 0.0)],
-        *_GROUND,
-    ),
-}
-"""Lines of the symbols from the body at (0, 0) to the ground at (1, 0)."""
-
-_BAR = ([(0.0, 0.0), (1.0, 0.0)], [(1.0, -0.16), (1.0, 0.16)])
-"""The same of a held direction, in the legend."""
+def turning_arrow(rotation: RotationMark, centre: Array, radius: float) -> Array:
+    """An arc (n, 3) around the axis, in the sense in which the body turns."""
+    first = np.eye(3)[int(np.argmin(np.abs(rotation.axis)))]
+    across = np.cross(rotation.axis, first)
+    across /= np.linalg.norm(across)
+    angle = np.linspace(0.0, 1.6 * np.pi, 33)[:, None]
+    upward = np.cross(rotation.axis, across)
+    return np.asarray(centre + radius * (np.cos(angle) * across + np.sin(angle) * upward))
 
 
-class Symbol(NamedTuple):
-    """The symbol of an attachment in the picture.
-
-    Attributes:
-        kind: "mass", "spring" or "dashpot".
-        place: (2,) the place of the attachment, m.
-        lines: lines (k, 2) of the symbol, m; empty for a mass.
-    """
-
-    kind: str
-    place: Array
-    lines: list[Array]
-
-
-def attachment_symbols(
-    attachments: Sequence[AttachmentMark], view: View, reach: float, taken: Array
-) -> list[Symbol]:
-    """Place the symbols of attachments where nothing else is drawn.
-
-    Args:
-        attachments: the attachments.
-        view: the projection.
-        reach: length of a symbol, m.
-        taken: (k, 2) places of arrows and other symbols, m.
-    """
-    symbols = []
-    for mark in attachments:
-        (place,) = view.project(mark.place[None])
-        if mark.kind not in _FORMS:
-            symbols.append(Symbol(mark.kind, place, []))
-            continue
-        options = [
-            (place + offset * APART * view.length * np.array([-way[1], way[0]]), reach * way)
-            for way in np.array([[0.0, -1.0], [0.0, 1.0], [-1.0, 0.0], [1.0, 0.0]])
-            for offset in (0, 1, -1)
-        ]
-        free = [_distance(taken, foot, way) for foot, way in options]
-        near = 0.8 * APART * view.length
-        best = next((k for k, found in enumerate(free) if found > near), int(np.argmax(free)))
-        foot, way = options[best]
-        taken = np.concatenate([taken, _along(foot, way)])
-        turn = np.array([way, [-way[1], way[0]]])
-        symbols.append(
-            Symbol(mark.kind, place, [foot + np.array(x) @ turn for x in _FORMS[mark.kind]])
-        )
-    return symbols
-
-
-def _along(foot: Array, way: Array) -> Array:
-    """Places (3, 2) along a symbol."""
-    return np.asarray(foot + np.outer([0.3, 0.65, 1.0], way))
-
-
-def _distance(taken: Array, foot: Array, way: Array) -> float:
-    """Smallest distance between a symbol and places (k, 2), m."""
-    apart = _along(foot, way)[:, None] - taken[None]
-    return float(np.min(np.linalg.norm(apart, axis=2), initial=np.inf))
-
-
-def draw_attachments(axis: Axes, symbols: Sequence[Symbol]) -> None:
-    """Draw the symbols of attachments."""
-    look: dict[str, Any] = {"color": MARK_COLOURS["attachment"], "zorder": 5.5}
-    for kind, place, lines in symbols:
-        for line in lines:
-            axis.plot(*line.T, lw=1.5, solid_capstyle="round", **look)
-        if lines and np.linalg.norm(lines[0][0] - place) > 0.0:
-            axis.plot(*np.transpose([place, lines[0][0]]), lw=1.5, **look)
-        if kind == "mass":
-            axis.plot(*place, zorder=5.5, linestyle="none", **_MASS)
-
-
-def draw_contacts(axis: Axes, view: View, contacts: Sequence[ContactMark], reach: float) -> None:
-    """Draw contact points with the normals into their walls."""
-    colour = MARK_COLOURS["contact"]
-    for form, mark in zip(itertools.cycle(CONTACT_FORMS), contacts, strict=False):
-        at, ways = view.project(mark.places), view.project(reach * mark.normals)
-        axis.quiver(
-            *at.T,
-            *ways.T,
-            angles="xy",
-            scale_units="xy",
-            scale=1.0,
-            color=colour,
-            width=0.0018,
-            headwidth=5.0,
-            headlength=6.0,
-            headaxislength=6.0,
-            zorder=4,
-        )
-        look: dict[str, Any] = {"linestyle": "none", "markersize": 6, "markeredgecolor": "white"}
-        axis.plot(*at.T, marker=form, color=colour, zorder=6, **look)
-
-
-_MASS: dict[str, Any] = {
-    "marker": "s",
-    "markersize": 13,
-    "markerfacecolor": "none",
-    "markeredgecolor": MARK_COLOURS["attachment"],
-    "markeredgewidth": 2.5,
-}
-"""The frame around the place of a mass, which hides nothing."""
-
-_RING: dict[str, Any] = {
-    "marker": "o",
-    "markersize": 13,
-    "markerfacecolor": "none",
-    "markeredgecolor": MARK_COLOURS["probe"],
-    "markeredgewidth": 2.0,
-}
-"""The ring around the probe."""
-
-
-def draw_probe(axis: Axes, view: View, probe: Array) -> None:
-    """Draw a ring around the probe, which hides nothing."""
-    axis.plot(*view.project(probe[None])[0], linestyle="none", zorder=4.5, **_RING)
-
-
-def legend_handles(marks: Marks) -> list[Any]:
-    """The entries of the legend: each support, load, attachment and contact once."""
+def legend_handles(marks: Marks, drawn: Sequence[Symbol]) -> list[Any]:
+    """The entries of the legend: the regions, each symbol once, and the surroundings."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
-    from matplotlib.path import Path
-
-    def entry(label: str, what: str, form: Any = "o", size: float = 7.0, **look: Any) -> Any:
-        look = {"color": MARK_COLOURS[what], "marker": form, "markersize": size} | look
-        return Line2D([], [], linestyle="none", label=label, **look)
-
-    def drawn(label: str, what: str, lines: Sequence[Sequence[tuple[float, float]]]) -> Any:
-        shape = Path.make_compound_path(*(Path(np.array(line) - [0.5, 0.0]) for line in lines))
-        return entry(label, what, shape, 24.0, markerfacecolor="none", markeredgewidth=1.5)
 
     handles: list[Any] = []
-    for support in marks.supports:
-        if support.label == CLAMPED:
-            handles.append(Patch(color=MARK_COLOURS["support"], label=f"support, {CLAMPED}"))
-        else:
-            handles.append(drawn(f"support, {support.label}", "support", _BAR))
-    several = len(marks.loads) > 1
-    for k, load in enumerate(marks.loads):
-        label = f"{k + 1}: {load.label}" if several else load.label
-        handles.append(entry(label, "load", ARROW, 14.0))
+    if any(mark.label == CLAMPED for mark in marks.supports):
+        handles.append(Patch(color=COLOURS["support"], label=f"support, {CLAMPED}"))
     if any(load.on.any() for load in marks.loads):
-        handles.append(Patch(color=REGION_COLOURS["loaded"], label="loaded region"))
-    for label, kind in {mark.label: mark.kind for mark in marks.attachments}.items():
-        if kind in _FORMS:
-            handles.append(drawn(label, "attachment", _FORMS[kind]))
-        else:
-            handles.append(entry(label, "attachment", **_MASS))
-    for form, contact in zip(itertools.cycle(CONTACT_FORMS), marks.contacts, strict=False):
-        handles.append(entry(contact.label, "contact", form))
-    if marks.contacts:
-        handles.append(entry("normal into the wall", "contact", ARROW, 14.0))
-    if any(contact.lines for contact in marks.contacts):
-        handles.append(Line2D([], [], color=MARK_COLOURS["contact"], alpha=0.6, label="round wall"))
+        handles.append(Patch(color=LOADED, label="loaded region"))
+    for symbol in {symbol.label: symbol for symbol in drawn}.values():
+        look: dict[str, Any] = {
+            "color": COLOURS[symbol.kind],
+            "marker": symbol.marker,
+            "label": symbol.label,
+        }
+        size = 13.0 if symbol.marker.startswith("$") else 7.0
+        handles.append(Line2D([], [], linestyle="none", markersize=size, **look))
+    if any(contact.wall is not None for contact in marks.contacts):
+        handles.append(Patch(color=COLOURS["contact"], alpha=0.35, label="round wall"))
     if marks.rotation is not None:
         label = f"axis of rotation, {marks.rotation.speed_rpm:g} rpm"
-        look = {"color": MARK_COLOURS["rotation"], "linestyle": AXIS_LINE}
-        handles.append(Line2D([], [], label=label, **look))
-    if marks.probe is not None:
-        handles.append(entry("probe", "probe", **_RING))
+        handles.append(Line2D([], [], label=label, color=COLOURS["rotation"]))
     return handles

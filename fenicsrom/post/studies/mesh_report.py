@@ -115,7 +115,7 @@ def group_picture(found: Inspection) -> Picture:
         members = {group.name: np.asarray(group.members) for group in chosen}
         return group_figure(found.points, found.boundary, members)
 
-    return Picture("Mesh", "mesh.png", draw)
+    return Picture("Mesh", "mesh.png", draw, in_space=True)
 
 
 def _shown(found: Inspection) -> list[Group]:

@@ -1,0 +1,272 @@
+"""The size and the error of reduced models that choose their size, on random nonlinear scenes.
+
+    python3 demos/evidence/basis_size.py --output DIR [--planar 28] [--spatial 12] [--seed 1]
+
+The scenes are cantilever beams of 12 cells in the plane and of 6 cells in space, with 1 to 8
+contact points, shaken near their first resonance by a load that would swing the free tip by 0.1 %
+to 10 % of the length. The reference is the full model on the same mesh with the same time steps,
+started at the periodic motion of the reduced model. Every result is one line of `runs.jsonl`; a run
+that is there already is not repeated. `sizes.png` shows the sizes and the errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import fenicsrom
+from fenicsrom.assess.errors.estimates import distances
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.motion.measures import has_settled
+from fenicsrom.online.run.march import end_of
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.writers import write_figure
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.stages import choose
+from fenicsrom.scene import Scene, make_scene
+from fenicsrom.scene.step_size import with_time
+
+YOUNG, DENSITY, DAMPING_RATIO = 207e9, 7800.0, 0.02
+CELLS = {2: 12, 3: 6}
+STEPS = 60  # in a period
+FULL_PERIODS = 20  # of the full model from the motion of the reduced one
+LONGEST = 30.0  # CPU seconds of the full model; a longer run has no result
+LEAST = 1e-6  # smaller errors are rounding and are left out of the effectivity
+
+
+class TooSlow(Exception):
+    """The full model took more than `LONGEST`."""
+
+
+def _interrupt(*_: Any) -> None:
+    raise TooSlow
+
+
+def random_scene(dimension: int, seed: int, number: int) -> Scene:
+    """Scene `number` of a seed."""
+    rng = np.random.default_rng((dimension, seed, number))
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    length = between(0.5, 2.0)
+    height = length / rng.uniform(20.0, 40.0)
+    bending = YOUNG * height**4 / 12.0
+    stiffness = 3.0 * bending / length**3
+    omega = (1.875 / length) ** 2 * np.sqrt(bending / (DENSITY * height**2))
+    swing = between(1e-3, 1e-1)
+    force = 2.0 * DAMPING_RATIO * stiffness * swing * length
+    points = int(rng.integers(1, 9))
+    directions = np.eye(dimension)[1:]
+    springs = {
+        "normal_stiffness": stiffness * between(10.0, 3e3),
+        "tangential_stiffness": stiffness * between(10.0, 1e3),
+        "friction": float(rng.uniform(0.1, 1.0)),
+        "preload": force * between(0.1, 3.0),
+    }
+    nodes = 2 * CELLS[dimension]
+    places = np.append(nodes, rng.choice(np.arange(nodes // 3, nodes), points - 1, replace=False))
+    contacts = []
+    for k, place in enumerate(places):
+        normal = np.eye(dimension)[0] if k == 0 and rng.random() < 0.5 else rng.choice(directions)
+        contacts.append(
+            {
+                "nearest": [float(place) / nodes * length, *[0.0] * (dimension - 1)],
+                "normal": (float(rng.choice((-1.0, 1.0))) * normal).tolist()
+                if normal[0] == 0.0
+                else normal.tolist(),
+                **springs,
+            }
+        )
+    sizes = {"length": length, "height": height, "elements_along": CELLS[dimension]}
+    return make_scene(
+        title=f"{dimension}D, seed {seed}, number {number}",
+        geometrically_nonlinear=True,
+        geometry={
+            "mesh": f"beam{dimension}d.geo",
+            "dimension": dimension,
+            "parameters": sizes | ({"width": height} if dimension == 3 else {}),
+            **({"thickness": height} if dimension == 2 else {}),
+        },
+        material={
+            "young": YOUNG,
+            "poisson": 0.3,
+            "density": DENSITY,
+            "mass_damping": 2.0 * DAMPING_RATIO * omega,
+        },
+        damping={"stiffness": 1e-3 / omega},
+        supports=[{"group": "root"}],
+        loads=[
+            {
+                "nearest": [float(rng.uniform(0.5, 1.0)) * length, *[0.0] * (dimension - 1)],
+                "direction": [0.0, 1.0, 0.0][:dimension],
+                "force": force,
+                "frequency": float(omega * rng.uniform(0.8, 1.5) / (2.0 * np.pi)),
+            }
+        ],
+        contacts=contacts,
+        time={"steps_per_period": STEPS},
+        output={"pictures": False, "paraview": False},
+    )
+
+
+def examine(scene: Scene) -> dict[str, Any]:
+    """Run a scene with the size that it chooses, and measure its error."""
+    found: dict[str, Any] = {"points": len(scene.contacts)}
+    try:
+        study = fenicsrom.run(scene)
+        motion, sized, solid = study.motions["reduced"], study.sized, study.solid
+        assert sized is not None and study.basis is not None
+        found |= {
+            "unknowns": solid.free,
+            "first": study.basis.size - len(sized.energies),
+            "size": study.basis.size,
+            "known": study.basis.size + len(sized.stored.further),
+            "paired": paired_size(scene, solid),
+            "seconds": motion.seconds,
+            "sizing": study.seconds["size"],
+            "step": motion.seconds / motion.steps,
+            "settled": has_settled(motion),
+            "estimate": sized.errors.largest,
+            "warned": bool(sized.warning),
+            "unfinished": str(study.unfinished[1])[:80] if study.unfinished else "",
+        }
+        start = None
+        if motion.newton_from is not None:
+            q, v, sliders = end_of(motion)
+            start = study.basis.vectors @ q, study.basis.vectors @ v, sliders
+            scene = with_time(scene, periods=FULL_PERIODS)
+        signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+        full = simulate(full_model(solid, contacts_of(scene, solid.points)), scene, start=start)
+        error = distances(motion, full)
+        found |= {"error": error.largest, "full_step": full.seconds / full.steps}
+        found["full_settled"] = has_settled(full)
+    except (SceneError, ConvergenceError, AccuracyError, TooSlow) as failure:
+        return found | {"refused": f"{type(failure).__name__}: {failure}"}
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    return found
+
+
+def paired_size(scene: Scene, solid: Any) -> int:
+    """The size of a basis with derivatives along pairs of modes (MMI-NLS)."""
+    basis = replace(scene.basis, derivatives="mmi-nls")
+    if len(scene.contacts) > 4:
+        basis = replace(basis, masters=10)
+    modes = component_modes(solid, basis)
+    chosen = choose(solid, replace(scene, basis=basis), modes)
+    return len(chosen.modes) + len(modes.loads.labels) + len(chosen.derivatives)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """The runs of a file."""
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def compared(runs: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The runs with an error against the full model."""
+    return [run for run in runs if "error" in run]
+
+
+def statistics(runs: Sequence[Mapping[str, Any]], accuracy: float) -> dict[str, float]:
+    """Sizes, errors, effectivity and speed of the runs with a full model."""
+    known = compared(runs)
+    size, paired, error, estimate, step, full = (
+        np.array([run[key] for run in known], dtype=float)
+        for key in ("size", "paired", "error", "estimate", "step", "full_step")
+    )
+    counted = (error > LEAST) & np.isfinite(estimate)
+    effectivity = estimate[counted] / error[counted]
+    silent = [run["error"] > 2.0 * accuracy and not run["warned"] for run in known]
+    return {
+        "runs": len(runs),
+        "compared": len(known),
+        "median size": float(np.median(size)),
+        "largest size": float(size.max()),
+        "median size by pairs": float(np.median(paired)),
+        "largest size by pairs": float(paired.max()),
+        "below the accuracy": float(np.mean(error <= accuracy)),
+        "below twice the accuracy": float(np.mean(error <= 2.0 * accuracy)),
+        "above it without a warning": int(np.sum(silent)),
+        "warned": int(sum(run["warned"] for run in known)),
+        "median error": float(np.median(error)),
+        "largest error": float(error.max()),
+        "median effectivity": float(np.median(effectivity)),
+        "effectivity 5 %": float(np.quantile(effectivity, 0.05)),
+        "effectivity 95 %": float(np.quantile(effectivity, 0.95)),
+        "median speed of a step": float(np.median(full / step)),
+        "least speed of a step": float((full / step).min()),
+    }
+
+
+@styled
+def figure(runs: Sequence[Mapping[str, Any]], accuracy: float) -> Any:
+    """The sizes over the number of contact points, and the estimate over the true error."""
+    made = new_figure(9.0, 3.8)
+    left, right = made.subplots(1, 2)
+    known = compared(runs)
+    points = [run["points"] for run in runs if "size" in run]
+    for name, colour in (("paired", "#b0b6bc"), ("size", "#0072B2")):
+        values = [run[name] for run in runs if "size" in run]
+        label = "along pairs of modes" if name == "paired" else "by basis.accuracy"
+        left.plot(points, values, "o", ms=4, alpha=0.7, color=colour, label=label)
+    left.set(xlabel="contact points", ylabel="coordinates", ylim=(0.0, None))
+    left.legend()
+    line = np.array([1e-7, 1.0])
+    right.plot(line, line, "-", color="#777777", lw=0.8)
+    for warned, marker in ((False, "o"), (True, "x")):
+        chosen = [run for run in known if run["warned"] == warned]
+        errors, estimates = ([run[key] for run in chosen] for key in ("error", "estimate"))
+        label = "accuracy not reached" if warned else "accuracy reached"
+        right.plot(np.clip(errors, *line), np.clip(estimates, *line), marker, ms=4, label=label)
+    right.axhline(accuracy, color="#777777", ls=":")
+    right.axvline(accuracy, color="#777777", ls=":")
+    right.set(xscale="log", yscale="log", xlabel="error against the full model", ylabel="estimate")
+    right.legend()
+    return made
+
+
+def main() -> None:
+    """Run the scenes, print the statistics and draw the picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--planar", type=int, default=28)
+    parser.add_argument("--spatial", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    signal.signal(signal.SIGVTALRM, _interrupt)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / "runs.jsonl"
+    wanted = [(2, k) for k in range(options.planar)] + [(3, k) for k in range(options.spatial)]
+    done = {run["name"] for run in read(path)}
+    for dimension, number in sorted(wanted, key=lambda scene: scene[1]):
+        scene = random_scene(dimension, options.seed, number)
+        if scene.title in done:
+            continue
+        begin = clock.process_time()
+        found = {"name": scene.title} | examine(scene)
+        found["cpu"] = clock.process_time() - begin
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(found) + "\n")
+        print(json.dumps(found), flush=True)
+    runs, accuracy = read(path), random_scene(2, 1, 0).basis.accuracy
+    for name, value in statistics(runs, accuracy).items():
+        print(f"{name}: {value:.4g}")
+    print(write_figure(options.output / "sizes.png", figure(runs, accuracy)))
+
+
+if __name__ == "__main__":
+    main()

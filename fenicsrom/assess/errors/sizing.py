@@ -1,0 +1,247 @@
+"""The size of a reduced model by the estimate of its error: as small as the accuracy asks.
+
+A stored model holds N coordinates, of which it uses the first n. The motion of all N coordinates
+judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`). Where the estimate is above
+`basis.accuracy`, the energies of the other coordinates in the motion of the larger model,
+
+    ½ K_ii mean(e_i²) relative to ½ mean(qᵀ K q),    (1)
+
+say what the motion lacks. Those with the largest energies join the model: at least `AT_LEAST`,
+because a mode without its derivatives can make the answer worse, and then twice as many, until the
+estimate is small enough. A model that took nearly all coordinates cannot be judged by the rest:
+`RESERVE` of those that the first model left out stay out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
+from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+from fenicsrom.scene.step_size import with_time
+from fenicsrom.words import counted
+
+AT_LEAST = 3
+"""Fewest coordinates that join a model at once."""
+
+RESERVE = 0.3
+"""Part of the coordinates beyond the first model that must be left to judge a larger one."""
+
+SIZES = 5
+"""Sizes of the picture of the error over the run time, besides the size of the run.
+
+They reach half-way from the size of the run to that of all coordinates, whose time steps cost most.
+"""
+
+TIMED_PERIODS = 2
+"""Periods that time the steps of a size."""
+
+
+@dataclass(frozen=True, eq=False)
+class NestedSize:
+    """A model of the first coordinates of a larger one.
+
+    Attributes:
+        size: number of coordinates.
+        seconds: run time of the steps of the run with this size, s.
+        error: estimated relative error due to the basis, the largest of all directions.
+    """
+
+    size: int
+    seconds: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """A model whose size fits the accuracy, with its motion.
+
+    Attributes:
+        stored: the model.
+        motion: its motion.
+        other: the motion of all coordinates of the stored model; None if there is none.
+        errors: estimated errors due to the basis.
+        energies: square roots of (1) of the coordinates that joined, by their labels.
+        warning: why the accuracy is not reached, or "".
+    """
+
+    stored: StoredModel
+    motion: Motion
+    other: Motion | None
+    errors: MotionErrors
+    energies: dict[str, float]
+    warning: str = ""
+
+    @cached_property
+    def sizes(self) -> list[NestedSize]:
+        """The error over the run time: models of the first coordinates of the stored ones.
+
+        Each has its motion near that of the run. Without a period each runs like the run.
+        """
+        stored, motion, other = self.stored, self.motion, self.other
+        if other is None or motion.end is None or stored.model.linear:
+            return []
+        known, scene = (*stored.labels, *stored.further), stored.scene
+        least = 1 + next((k for k, label in enumerate(known) if label[-1] != "S"), 0)
+        most = (stored.size + len(known)) // 2
+        sizes = np.linspace(least, most, SIZES).round().astype(int)
+        rows = []
+        for n in sorted({*sizes.tolist(), stored.size}):
+            part = stored.resized(n)
+            near = motion if n == stored.size else nested_motion(part.model, scene, motion)
+            error = np.inf if near is None else basis_errors(near, other).largest
+            if near is not None and np.isfinite(error):
+                rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
+        return rows
+
+
+def sized(
+    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion]
+) -> Sized | None:
+    """Let a model take coordinates until the error due to its basis is small enough.
+
+    Only a basis with derivatives along principal directions takes coordinates.
+
+    Args:
+        stored: the model under the scene.
+        motion: its motion.
+        run: integrates a larger model as the run does.
+
+    Returns:
+        The model with its motion; None if it has no further coordinates, or takes none.
+
+    Raises:
+        ConvergenceError, AccuracyError: a larger model failed where the first one did not.
+    """
+    if stored.candidates is None or not stored.scene.basis.adapts:
+        return None
+    scene, energies = stored.scene, dict[str, float]()
+    limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
+    spare = RESERVE * len(stored.further)
+    while True:
+        other = nested_motion(stored.candidates, scene, motion)
+        errors = basis_errors(motion, other)
+        if errors.largest <= limit:
+            return Sized(stored, motion, other, errors, energies)
+        larger = None
+        if other is not None:
+            found = candidate_energies(stored, other)
+            most = int(len(stored.further) - spare)
+            larger = _enlarged(stored, motion, other, list(found)[: max(most, 0)], limit)
+        if larger is None:
+            warning = _unreached(stored, errors, limit)
+            return Sized(stored, motion, other, errors, energies, warning)
+        energies |= {label: found[label] for label in larger.labels[stored.size :]}
+        stored, motion = larger, run(larger)
+        assert stored.candidates is not None
+
+
+def fitted(
+    stored: StoredModel,
+    motion: Motion,
+    say: Callable[[str], None],
+    stop: Callable[[], bool],
+    warnings: list[str],
+) -> Sized | None:
+    """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
+
+    Args:
+        stored: the model under the scene.
+        motion: its motion.
+        say: receives the coordinates of each larger model.
+        stop: the run ends when it returns True.
+        warnings: receives a sentence if the accuracy is not reached.
+    """
+
+    def run(larger: StoredModel) -> Motion:
+        say(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+        return simulate(larger.model, larger.scene, keep_coordinates=True, stop=stop)
+
+    try:
+        found = sized(stored, motion, run)
+    except (AccuracyError, ConvergenceError) as error:
+        warnings.append(f"a reduced model with more coordinates failed: {error}")
+        return None
+    if found is not None and found.warning:
+        warnings.append(found.warning)
+    return found
+
+
+def _unreached(stored: StoredModel, errors: MotionErrors, limit: float) -> str:
+    """The warning that a model cannot reach its accuracy."""
+    known = counted(stored.size + len(stored.further), "coordinate")
+    found = (
+        f"the error due to the basis is estimated as {in_percent(errors.largest)}"
+        if np.isfinite(errors.largest)
+        else "the error due to the basis is not known"
+    )
+    return (
+        f"basis.accuracy = {limit:g} is not reached with {stored.size} of the {known} that the "
+        f"model holds: {found}; run the scene with a larger basis.modes to reach it"
+    )
+
+
+def candidate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
+    """The square roots of (1) by the labels of the further coordinates, the largest first.
+
+    Args:
+        stored: the model.
+        other: the motion of all coordinates.
+    """
+    assert stored.candidates is not None and other.coordinates is not None
+    q, n, stiffness = other.coordinates, stored.size, stored.candidates.elastic.stiffness
+    whole = np.mean(np.einsum("ti,ij,tj->t", q[:, :n], stiffness[:n, :n], q[:, :n]))
+    squares = np.mean(q[:, n:] ** 2, axis=0) * np.abs(np.diag(stiffness)[n:]) / abs(whole)
+    return {stored.further[k]: float(np.sqrt(squares[k])) for k in np.argsort(-squares)}
+
+
+def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:
+    """The first `AT_LEAST` of the labels, then twice as many, and so on up to all."""
+    count = 0
+    while count < len(labels):
+        count = min(max(AT_LEAST, 2 * count), len(labels))
+        yield labels[:count]
+
+
+def _enlarged(
+    stored: StoredModel, motion: Motion, other: Motion, labels: list[str], limit: float
+) -> StoredModel | None:
+    """The smallest larger model whose motion is near enough to that of all coordinates.
+
+    Where none is, the one with the least error; None if no coordinates can join.
+
+    Args:
+        stored: the model.
+        motion: its motion.
+        other: the motion of all coordinates.
+        labels: of the coordinates that can join, the most important first.
+        limit: largest accepted error.
+    """
+    best, least = None, np.inf
+    for joining in growing(labels):
+        trial = stored.resized((*stored.labels, *joining))
+        near = nested_motion(trial.model, stored.scene, motion)
+        error = np.inf if near is None else basis_errors(near, other).largest
+        if best is None or error < least:
+            best, least = trial, error
+        if error <= limit:
+            break
+    return best
+
+
+def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:
+    """Run time of the steps of a motion with a part of its model, s."""
+    if scene.period is None:
+        return near.seconds
+    timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
+    return timed.seconds * motion.steps / timed.steps

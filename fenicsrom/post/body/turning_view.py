@@ -1,0 +1,204 @@
+"""A page with a body that turns with the mouse, and a list of its shapes and motions.
+
+The page needs no network: it holds the data and the library that draws them, k3d.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.post.base.style import magnification, scale_text
+from fenicsrom.post.body.body_figures import SHAPE
+from fenicsrom.post.body.body_surface import NODE, form_edges
+from fenicsrom.post.body.body_view import View
+from fenicsrom.post.body.rendering import Part
+
+if TYPE_CHECKING:
+    from pyvista import PolyData
+
+MOST_TRIANGLES = 6000
+"""Largest number of triangles of the body in a page."""
+
+INK = 0x30363C
+"""The colour of the edges of the body."""
+
+UNPAINTED = -0.1
+"""The value that has no colour."""
+
+CONTROLS = """
+const shown = SHOWN, bar = document.createElement("div"), list = document.createElement("select");
+bar.id = "controls";
+bar.style = "position:absolute;z-index:10;left:8px;top:8px;font:14px sans-serif;color:#1d2125";
+list.id = "shape";
+shown.forEach((one, k) => list.add(new Option(one.name, k)));
+const play = document.createElement("input"), scale = document.createElement("span");
+play.type = "checkbox"; play.id = "play"; play.checked = true;
+const label = document.createElement("label");
+label.append(play, " animate");
+bar.append(list, " ", label, " ", scale);
+document.body.append(bar);
+let begin = performance.now(), last = -1;
+function draw(now) {
+  const one = shown[list.value], phase = play.checked ? ((now - begin) / 2500) % 1 : 0;
+  const swing = (1 - Math.cos(2 * Math.PI * phase)) / 2;
+  const time = one.first + (one.loops ? phase * (one.frames - 1) : swing * (one.frames - 1));
+  scale.textContent = one.note;
+  if (time !== last) { last = time; K3DInstance.setTime(time); }
+}
+setInterval(() => draw(performance.now()), 60);
+list.onchange = () => { begin = performance.now(); };
+"""
+"""What the page adds to k3d: the list of shapes, and the animation by their times.
+
+A shape swings between its frames as a cosine; a motion runs through them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One entry of the list.
+
+    Attributes:
+        name: its name.
+        note: what the colours mean.
+        moved: (k, n, 3) displacements of the points in its frames, as drawn, m.
+        colours: (k, n) or (n,) values from 0 to 1, or `UNPAINTED`.
+        loops: whether the frames are a motion, which repeats; otherwise the body swings between
+            the two frames.
+    """
+
+    name: str
+    note: str
+    moved: Array
+    colours: Array
+    loops: bool = False
+
+
+def swinging(name: str, displacement: Array, length: float) -> Shown:
+    """A shape that swings to both sides, its largest displacement `body_figures.SHAPE` of `length`.
+
+    Args:
+        name: its name.
+        displacement: (n, 3) of any size.
+        length: of the body, m.
+    """
+    sizes = np.linalg.norm(displacement, axis=1)
+    unit = displacement / (float(sizes.max()) or 1.0)
+    note = "colour: displacement / largest of the shape"
+    moved = SHAPE * length * np.array([unit, -unit])
+    return Shown(name, note, moved, np.linalg.norm(unit, axis=1))
+
+
+def loaded(name: str, displacement: Array, length: float) -> Shown:
+    """A state (n, 3) that the body reaches from rest, magnified by a stated factor if it is small.
+
+    Arguments as for `swinging`.
+    """
+    sizes = np.linalg.norm(displacement, axis=1)
+    largest = float(sizes.max()) or 1.0
+    factor = magnification(largest, length)
+    note = f"colour: 0 to {1e3 * largest:.4g} mm, {scale_text(factor)}"
+    return Shown(name, note, factor * np.array([displacement, 0.0 * displacement]), sizes / largest)
+
+
+def running(name: str, rest: Array, moved: Array, length: float) -> Shown:
+    """A motion (k, n, 3) about a state of rest (n, 3), m, magnified as in `loaded`."""
+    sizes = np.linalg.norm(moved, axis=2)
+    largest = float(sizes.max()) or 1.0
+    factor = magnification(largest, length)
+    note = f"colour: 0 to {1e3 * largest:.4g} mm, {scale_text(factor)}"
+    return Shown(name, note, rest + factor * moved, sizes / largest, loops=True)
+
+
+def simplified(surface: PolyData) -> PolyData:
+    """A surface of at most about `MOST_TRIANGLES` triangles on some of the points of another."""
+    if surface.n_cells <= MOST_TRIANGLES:
+        return surface
+    return surface.decimate_pro(1.0 - MOST_TRIANGLES / surface.n_cells, preserve_topology=True)
+
+
+def turning_page(
+    surface: PolyData, shown: Sequence[Shown], symbols: Sequence[Part], view: View
+) -> str:
+    """Compose the page.
+
+    Args:
+        surface: the undeformed body.
+        shown: the entries of the list.
+        symbols: what marks supports, loads and contacts: triangles, or points.
+        view: the first projection.
+
+    Returns:
+        The HTML text.
+    """
+    import k3d
+
+    plot = k3d.plot(
+        grid_visible=False, menu_visibility=False, colorbar_object_id=0, camera_auto_fit=False
+    )
+    plot.lighting, plot.camera_fov = 0.3, 20.0
+    middle = surface.points.mean(axis=0)
+    plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
+    entries: list[dict[str, Any]] = []
+    vertices: dict[str, Any] = {}
+    colours: dict[str, Any] = {}
+    for one in shown:
+        entries.append({"name": one.name, "note": one.note, "first": len(vertices)})
+        entries[-1] |= {"frames": len(one.moved), "loops": one.loops}
+        paint = np.broadcast_to(one.colours, (len(one.moved), surface.n_points))
+        for moved, values in zip(one.moved, paint, strict=True):
+            time = str(float(len(vertices)))
+            vertices[time], colours[time] = _floats(surface.points + moved), _floats(values)
+    body = _mesh(
+        surface, attribute=colours["0.0"], color_map=_palette(), color_range=[UNPAINTED, 1.0]
+    )
+    body.vertices, body.attribute = vertices, colours
+    edges = form_edges(surface)
+    pairs = np.array(edges.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
+    row = np.argsort(surface.point_data[NODE])
+    at = row[np.searchsorted(surface.point_data[NODE], edges.point_data[NODE], sorter=row)]
+    form = k3d.lines(
+        _floats(edges.points), pairs, indices_type="segment", shader="simple", color=INK
+    )
+    form.vertices = {time: places[at] for time, places in vertices.items()}
+    plot += body
+    plot += form
+    for part in symbols:
+        colour = int(str(part.look["color"])[1:], 16)
+        if part.mesh.n_faces:
+            plot += _mesh(part.mesh.triangulate(), color=colour)
+        else:
+            size = 0.012 * view.length
+            plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
+    plot.snapshot_type = "full"
+    return str(
+        plot.get_snapshot(9, additional_js_code=CONTROLS.replace("SHOWN", json.dumps(entries)))
+    )
+
+
+def _mesh(surface: PolyData, **look: Any) -> Any:
+    """Triangles in k3d."""
+    import k3d
+
+    faces = np.array(surface.regular_faces, dtype=np.uint32)
+    return k3d.mesh(_floats(surface.points), faces, flat_shading=True, side="double", **look)
+
+
+def _palette() -> Any:
+    """Grey for `UNPAINTED`, and the colours of the pictures from 0 to 1, as k3d wants them."""
+    from matplotlib import colormaps
+
+    levels = np.linspace(0.0, 1.0, 33)
+    places = (levels - UNPAINTED) / (1.0 - UNPAINTED)
+    grey = [[place, 0.85, 0.87, 0.88] for place in (0.0, 0.5 * places[0])]
+    return _floats([*grey, *np.column_stack([places, colormaps["viridis"](levels)[:, :3]])]).ravel()
+
+
+def _floats(values: Any) -> Any:
+    """Values as k3d wants them."""
+    return np.array(values, dtype=np.float32)

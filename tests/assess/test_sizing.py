@@ -1,0 +1,100 @@
+"""Reduced models that take coordinates until the estimate of their error is small enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model
+
+from fenicsrom.assess.errors.estimates import distances
+from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
+from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.online.store.archive import StoredModel
+
+LOADS = [1.0, 0.02, 0.3, 1e-4, 0.01, 2e-3, 1e-5, 1e-5, 1e-5, 1e-5]
+
+
+def stored_with(*overrides: str) -> StoredModel:
+    """A model of the first of ten uncoupled coordinates, with loads of several sizes."""
+    scene = beam_scene(
+        2,
+        ("geometrically_nonlinear=false", "material.mass_damping=2.0", *overrides),
+        contacts=None,
+        probe={"group": "tip"},
+        loads=[{"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 3.0}],
+        time={"periods": 40, "steps_per_period": 40},
+    )
+    whole = linear_model(
+        np.eye(10),
+        np.diag(1000.0 * (1.0 + np.arange(10.0))),
+        damping=2.0,
+        loads=np.array(LOADS)[:, None],
+        load_histories=load_histories(scene),
+    )._replace(probe=np.array([[0.0] * 10, [1.0] * 10]))
+    labels = tuple(f"{k + 1}V" for k in range(10))
+    return StoredModel(
+        nested_model(whole, [0]),
+        scene,
+        "rubin",
+        labels[:1],
+        99,
+        np.array([5.0]),
+        {},
+        candidates=whole,
+        further=labels[1:],
+    )
+
+
+def run(stored: StoredModel) -> Motion:
+    return simulate(stored.model, stored.scene, keep_coordinates=True)
+
+
+def fit(stored: StoredModel) -> Sized:
+    found = sized(stored, run(stored), run)
+    assert found is not None
+    return found
+
+
+def test_model_takes_the_coordinates_with_the_largest_energies() -> None:
+    stored = stored_with()
+    found = fit(stored)
+    assert found.stored.labels == ("1V", "3V", "2V", "5V")
+    assert list(found.energies) == ["3V", "2V", "5V"] and not found.warning
+    whole = run(stored.resized(10))
+    assert distances(found.motion, whole).largest <= found.errors.largest <= 1e-3
+    assert distances(run(stored), whole).largest > 0.01
+
+
+def test_energies_of_coordinates_are_those_of_the_larger_motion() -> None:
+    stored = stored_with()
+    other = run(stored.resized(10))
+    assert other.coordinates is not None
+    found = candidate_energies(stored, other)
+    assert list(found)[:4] == ["3V", "2V", "5V", "6V"]
+    q = other.coordinates
+    wanted = np.sqrt(3.0 * np.mean(q[:, 2] ** 2) / np.mean(q[:, 0] ** 2))
+    assert found["3V"] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_model_with_a_coarse_accuracy_stays_as_it_is() -> None:
+    stored = stored_with("basis.accuracy=1.0")
+    found = fit(stored)
+    assert found.stored is stored and found.energies == {} and found.errors.largest > 0.01
+
+
+def test_model_that_cannot_reach_the_accuracy_says_so_and_keeps_judges() -> None:
+    found = fit(stored_with("basis.accuracy=1e-9"))
+    assert "basis.accuracy = 1e-09" in found.warning
+    assert 0 < len(found.stored.further) < 9 and found.errors.largest > 1e-9
+
+
+def test_selections_of_the_paper_keep_their_size() -> None:
+    stored = stored_with("basis.derivatives='mmi-nls'")
+    assert sized(stored, run(stored), run) is None
+
+
+def test_models_grow_by_three_and_then_twice_as_many() -> None:
+    assert [len(part) for part in growing("abcdefghijklmn")] == [3, 6, 12, 14]
+    assert [len(part) for part in growing("ab")] == [2] and list(growing("")) == []

@@ -1,0 +1,499 @@
+"""Pictures of deformed bodies and of set-ups, drawn by pyvista into figures of matplotlib."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_figures import drawn, illegible
+
+pytest.importorskip("pyvista")
+
+from fenicsrom.post.base import optional, picture
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.style import magnification
+from fenicsrom.post.body import body_figures
+from fenicsrom.post.body.body_surface import areas, surface_of
+from fenicsrom.post.body.body_view import face_on, is_seen, view_at, view_of
+from fenicsrom.post.body.group_drawing import MORE_COLOURS, group_figure
+from fenicsrom.post.body.rendering import painted, render
+from fenicsrom.post.paraview.vtk_files import Grid, reference_nodes
+from fenicsrom.post.setup.setup_figure import halving, setup_figure
+from fenicsrom.post.setup.setup_marks import (
+    CLAMPED,
+    AttachmentMark,
+    ContactMark,
+    LoadMark,
+    Marks,
+    RotationMark,
+    SupportMark,
+)
+from fenicsrom.post.setup.setup_symbols import (
+    COLOURS,
+    LOADED,
+    MOST_CONES,
+    axis_ends,
+    load_arrows,
+    region_parts,
+    surroundings,
+    symbols,
+    turning_arrow,
+)
+
+LONG, WIDE, THIN = 10, 4, 0.1
+TURNING = RotationMark(100.0, np.array([-2.0, 0.0, 0.0]), np.array([0.0, 0.6, 0.8]))
+
+
+def blocks(size, kept=lambda i, j: True):
+    """A grid of cubes of side 0.1 in the plane of x and y, without some of them."""
+    count = np.array([*size, 1]) + 1
+    at = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1)
+    number = np.arange(count.prod()).reshape(count)
+    corners = reference_nodes("hexahedron")[:8].astype(int)
+    cells = [
+        [number[i + a, j + b, c] for a, b, c in corners]
+        for i, j in itertools.product(*(range(n) for n in size))
+        if kept(i, j)
+    ]
+    return Grid(0.1 * at.reshape(-1, 3), np.array(cells), 12)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """A thin plate along x whose broad side is turned by 40 degrees about x."""
+    found = blocks((LONG, WIDE))
+    return replace(found, points=found.points * [1.0, 1.0, THIN] @ turn().T)
+
+
+def turn():
+    angle = np.radians(40.0)
+    return np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
+
+
+@pytest.fixture
+def plate(grid):
+    return surface_of(grid), turn()[:, 2]
+
+
+def colours_of(figure, panel=0):
+    """The colours (n, 3) of the body's picture in a panel, from 0 to 1."""
+    image = np.asarray(figure.axes[panel].images[0].get_array())
+    return image[image[..., 3] == 255][:, :3] / 255.0
+
+
+def shown_in(figure, colour, tolerance=0.12, panel=0):
+    """The number of pixels of the body's picture with this colour, in any light."""
+    from matplotlib.colors import to_rgb
+
+    found, wanted = colours_of(figure, panel), np.array(to_rgb(colour))
+    found = found * (wanted.sum() / np.maximum(found.sum(axis=1, keepdims=True), 1e-3))
+    return int(np.sum(np.abs(found - wanted).max(axis=1) < tolerance * wanted.max()))
+
+
+def test_view_shows_the_broad_side_with_the_long_axis_to_the_right(plate):
+    surface, normal = plate
+    view = view_of(surface)
+    assert abs(view.towards @ normal) > 0.7
+    places = view.project(np.eye(3))
+    assert places[0, 0] > 0.9
+    frame = np.array([view.right, view.up, view.towards])
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(frame) == pytest.approx(1.0)
+
+
+def test_plate_is_seen_face_on_and_a_beam_is_not(plate):
+    surface, normal = plate
+    assert abs(face_on(surface).towards @ normal) == pytest.approx(1.0)
+    assert face_on(surface_of(blocks((10, 1)))) is None
+
+
+def test_picture_shows_a_place_where_the_projection_says(plate):
+    import pyvista
+
+    surface, _ = plate
+    view, size = view_of(surface), (400, 300)
+    low, high = np.array([-0.6, -0.5]), np.array([1.4, 1.0])
+    corner = surface.points[np.argmax(surface.points[:, 0] + 1e-3 * surface.points @ view.towards)]
+    place = corner + 0.2 * view.towards
+    ball = painted(pyvista.Sphere(radius=0.02, center=place), "#FF0000")
+    image = render([painted(surface), ball], view, low, high, size)
+    assert image.shape == (300, 400, 4) and not image[0, 0, 3]
+    red = (image[..., 0] > 150) & (image[..., 1] < 80)
+    y, x = (found.mean() + 0.5 for found in np.nonzero(red))
+    (at,) = view.project(place[None])
+    np.testing.assert_allclose([x, 300 - y], (at - low) / (high - low) * size, atol=1.0)
+
+
+@pytest.mark.parametrize("symbol", [True, False])
+def test_symbols_behind_a_body_are_pale(plate, symbol):
+    import pyvista
+
+    surface, _ = plate
+    view = view_of(surface)
+    low, high = np.array([-0.6, -0.5]), np.array([1.4, 1.0])
+    place = surface.points.mean(axis=0) - 0.3 * view.towards
+    ball = painted(pyvista.Sphere(radius=0.03, center=place), "#FF0000")._replace(symbol=symbol)
+    image = render([painted(surface, "#FFFFFF"), ball], view, low, high, (400, 300)) / 255.0
+    reddest = np.max(image[..., 3] * (image[..., 0] - image[..., 1]))
+    assert 0.2 < reddest < 0.6 if symbol else reddest < 0.05
+
+
+def test_front_of_a_concave_body_hides_what_is_behind_it():
+    """A U whose open end is at the right: the inner side of one leg lies behind the other leg."""
+    surface = surface_of(blocks((6, 5), lambda i, j: i < 1 or j in (0, 4)))
+    inner = np.flatnonzero(np.isclose(surface.points[:, 1], 0.4) & (surface.points[:, 0] > 0.3))
+    low = next(k for k in inner if surface.points[k, 2] < 0.01)
+    across = replace(view_of(surface), towards=np.array([0.0, -1.0, 0.0]))
+    above = replace(across, towards=np.array([0.0, -0.6, 0.8]))
+    high = next(k for k in inner if surface.points[k, 2] > 0.09)
+    assert not is_seen(surface, surface.points[low], across)
+    assert is_seen(surface, surface.points[high], above)
+    for place in (low, high):
+        view, seen = view_at(surface, place)
+        assert seen and is_seen(surface, surface.points[place], view)
+
+
+def test_shapes_are_drawn_with_titles_and_colours(plate, tmp_path):
+    surface, normal = plate
+    bent = surface.points[:, :1] ** 2 * normal
+    for label, field in {"1V": bent, "2V": -bent, "1S": 0.0 * bent}.items():
+        surface.point_data[label] = field
+    titles = {"1V": "1V, 12.3 Hz", "2V": "2V, 45.6 Hz", "1S": "1S"}
+    before = surface.points.copy()
+    figure = body_figures.shape_figure(surface, titles)
+    np.testing.assert_array_equal(surface.points, before)
+    panels = figure.axes[:3]
+    assert [axis.get_title(loc="left") for axis in panels] == list(titles.values())
+    assert all({t.get_text() for t in axis.texts} >= {"x"} for axis in panels)
+    drawn(figure, tmp_path)
+    many = [f"{k}V" for k in range(30)]
+    for label in many:
+        surface.point_data[label] = bent
+    figure = body_figures.shape_figure(surface, {name: name for name in many})
+    shown = [axis for axis in figure.axes if axis.get_title(loc="left")]
+    assert len(shown) == body_figures.MOST_SHAPES
+    assert "12 of 30" in figure.axes[-1].get_xlabel()
+    assert body_figures.NO_SCALE in figure.axes[-1].get_xlabel()
+    assert not illegible(figure)
+
+
+def test_nodal_line_is_drawn_where_the_shape_changes_its_sign(plate):
+    surface, normal = plate
+    surface.point_data["twist"] = (surface.points[:, :1] - 0.6) * normal
+    surface.point_data["swing"] = 0.0 * normal + surface.points[:, :1] * turn()[:, 1]
+    view = face_on(surface)
+    line, *_ = body_figures._nodal_lines(surface, surface["twist"], view)
+    np.testing.assert_allclose(line.mesh.points[:, 0], 0.6, atol=1e-6)
+    assert not body_figures._nodal_lines(surface, surface["swing"], view)  # moves in the plane
+    for label, said in (("twist", True), ("swing", False)):
+        figure = body_figures.shape_figure(surface, {label: label}, [label])
+        assert (body_figures.NODAL in figure.axes[-1].get_xlabel()) is said
+
+
+def test_deflection_names_its_magnification(plate, tmp_path):
+    surface, normal = plate
+    surface.point_data["bent"] = 1e-3 * surface.points[:, :1] ** 2 * normal
+    figure = body_figures.deflection_figure(surface, "bent", "equilibrium")
+    factor = magnification(1e-3, LONG * 0.1)
+    assert factor > 1.0 and f"× {factor:g}" in figure.axes[-1].get_xlabel()
+    drawn(figure, tmp_path)
+
+
+def test_setup_shows_every_mark_in_its_legend_and_in_its_colour(grid, tmp_path):
+    normal, x = turn()[:, 2], grid.points[:, 0]
+    tip = grid.points[x > 0.99 * x.max()]
+    none = np.zeros(len(x), dtype=bool)
+    marks = Marks(
+        supports=[
+            SupportMark(CLAMPED, x < 1e-9, np.zeros((0, 3))),
+            SupportMark("held along x", x > 0.99 * x.max(), np.eye(3)[:1]),
+        ],
+        loads=[
+            LoadMark("first", tip.mean(axis=0)[None], normal, x > 0.99 * x.max()),
+            LoadMark("second", tip.mean(axis=0)[None], normal, none),
+        ],
+        attachments=[
+            AttachmentMark("spring", "spring, 3 N/m", tip[0]),
+            AttachmentMark("dashpot", "dashpot, 2 N s/m", tip[0]),
+            AttachmentMark("mass", "mass, 1 kg", tip[-1]),
+        ],
+        contacts=[ContactMark("contact", tip, np.tile([1.0, 0.0, 0.0], (len(tip), 1)))],
+        probe=tip[0],
+    )
+    figure = setup_figure(grid, marks, "a plate")
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "support, clamped",
+        "loaded region",
+        "support, held along x",
+        "1: first",
+        "2: second",
+        "spring, 3 N/m",
+        "dashpot, 2 N s/m",
+        "mass, 1 kg",
+        "contact",
+        "normal into the wall",
+        "probe",
+    ]
+    (axis,) = figure.axes
+    loads = [text for text in axis.texts if text.get_color() == COLOURS["load"]]
+    assert sorted(text.get_text() for text in loads) == ["1", "2"]
+    for kind in ("load", "attachment", "contact", "probe"):
+        assert shown_in(figure, COLOURS[kind]) > 50
+    drawn(figure, tmp_path)
+
+
+def test_arrows_of_one_place_stand_behind_one_another_and_forces_stay(grid):
+    """A pressure beside two forces on a mass, one of which points nearly the same way."""
+    place, up = grid.points.mean(axis=0), np.array([0.0, 0.0, 1.0])
+    none = np.zeros(len(grid.points), dtype=bool)
+    leaning = (up - 0.3 * np.array([1.0, 0.0, 0.0])) / np.hypot(1.0, 0.3)
+    loads = [
+        LoadMark("pressure", place[None] - 0.01 * up, leaning, ~none),
+        LoadMark("down", place[None], -up, none),
+        LoadMark("up", place[None], up, none),
+    ]
+    arrows = load_arrows(loads, 0.1)
+    assert [arrow.number for arrow in arrows] == [0, 1, 2]
+    for arrow in arrows[1:]:
+        np.testing.assert_allclose(arrow.end, place)
+    np.testing.assert_allclose(arrows[0].end, place - 0.01 * up - 0.11 * leaning)
+
+
+def numbers_in(figure):
+    """The texts of the numbers in the picture of a set-up, and the boxes around them."""
+    figure.draw_without_rendering()
+    wanted = (COLOURS["contact"], COLOURS["load"])
+    found = [text for text in figure.axes[0].texts if text.get_color() in wanted]
+    return [text.get_text() for text in found], [text.get_window_extent() for text in found]
+
+
+@pytest.mark.parametrize(("count", "whole"), [(1, 0), (5, 5), (80, None)])
+def test_numbers_of_contact_points_do_not_overlap(grid, count, whole):
+    """The first and the last point of many have numbers."""
+    places = grid.points[:1] + np.linspace(0.0, 1.0, count)[:, None] * np.eye(3)[0]
+    mark = ContactMark("contact", places, np.tile([0.0, 0.0, 1.0], (count, 1)))
+    load = LoadMark("load", places[:1], np.array([0.0, 0.0, -1.0]), np.zeros(len(grid.points)) > 0)
+    texts, boxes = numbers_in(setup_figure(grid, Marks(contacts=[mark], loads=[load]), "a plate"))
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    assert len(texts) == whole if whole is not None else 2 < len(texts) < count
+    assert count == 1 or {"1", str(count)} <= set(texts)
+
+
+def test_halving_gives_every_number_once_and_the_ends_first():
+    for count in (1, 2, 3, 7, 17):
+        found = halving(count)
+        assert sorted(found) == list(range(count)) and found[:2] == [0, count - 1][:count]
+
+
+@pytest.mark.parametrize("lines", [1, 4])
+def test_long_title_and_legend_of_the_setup_are_whole(grid, lines):
+    none = np.zeros(len(grid.points), dtype=bool)
+    label = "a load with a rather long label, 50 N, static"
+    load = LoadMark(label, grid.points[:1], turn()[:, 2], none)
+    title = "\n".join(["a title of many words"] * lines)
+    assert not illegible(setup_figure(grid, Marks(loads=[load] * lines), title))
+
+
+def test_held_direction_is_drawn_as_cones_whose_tips_hold_the_points(grid):
+    view = view_of(surface_of(grid))
+    on = grid.points[:, 0] < 1e-9
+    way = np.array([0.6, 0.8, 0.0])
+    marks = Marks(supports=[SupportMark("held", on, way[None])])
+    (symbol,) = symbols(marks, grid.points, view)
+    cones = symbol.mesh.connectivity().split_bodies()
+    assert 1 < len(cones) <= MOST_CONES
+    for cone in cones:
+        tip = cone.points[np.argmax(cone.points @ way)]  # the cones stand out of the body
+        assert np.linalg.norm(grid.points[on] - tip, axis=1).min() < 1e-6
+
+
+def test_view_turns_to_a_place_that_must_be_seen(plate):
+    """From in front, from behind, from above, from below and from the ends."""
+    surface, normal = plate
+    along = np.array([1.0, 0.0, 0.0])
+    across = np.cross(normal, along)
+    for facing in (normal, -normal, across, -across, along, -along):
+        view = view_of(surface, facing)
+        assert view.towards @ facing > 0.1
+        assert np.cross(view.right, view.up) @ view.towards == pytest.approx(1.0)
+
+
+def test_view_looks_across_the_largest_displacement(plate):
+    surface, normal = plate
+    across = np.cross(normal, [1.0, 0.0, 0.0])
+    for moved in (normal, -normal, across):
+        view = view_of(surface, moved=0.01 * moved)
+        assert abs(view.towards @ moved) < 0.5 < np.linalg.norm(view.project(moved))
+    usual, along = (
+        view_of(surface, moved=moved) for moved in (None, 0.01 * np.array([1.0, 0.0, 0.0]))
+    )
+    np.testing.assert_allclose(along.towards, usual.towards)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path, side):
+    surface, normal = plate
+    x, across = surface.points[:, 0], surface.points @ normal
+    surface.point_data["u"] = 0.01 * surface.points
+    stress = 1e6 * (1.0 - x) * (1.0 + side * np.sign(across - across.mean()))
+    surface.point_data[body_figures.SIZE] = stress
+    figure = body_figures.stress_figure(surface, "u", "bending")
+    panel, bar = figure.axes
+    assert bar.get_xlabel().startswith("von Mises stress, MPa")
+    assert [float(text.get_text()) for text in bar.get_xticklabels()] == [0.0, 1.0, 2.0]
+    assert panel.get_title(loc="left") == "bending"
+    (mark,) = panel.lines
+    image = np.asarray(panel.images[0].get_array())
+    low, high = np.transpose([panel.get_xlim(), panel.get_ylim()])
+    column, row = ((mark.get_xydata()[0] - low) / (high - low) * image.shape[1::-1]).astype(int)
+    around = (slice(max(at - 40, 0), at + 40) for at in (row, column))
+    near = image[::-1][*around].reshape(-1, 4)
+    red, _, blue = near[near[:, 3] > 200][:, :3].mean(axis=0)
+    assert red > 2.0 * blue  # the stressed side, not its back, where the stress is zero
+    drawn(figure, tmp_path)
+
+
+def test_stress_that_no_view_shows_says_so():
+    """The largest stress lies on the inner wall of a closed box."""
+    surface = surface_of(blocks((5, 5), lambda i, j: i in (0, 4) or j in (0, 4)))
+    lid = surface_of(blocks((5, 5)))
+    closed = lid.scale([1.1, 1.1, 3.0]).translate([-0.025, -0.025, -0.1])
+    body = surface.merge(closed, merge_points=False).extract_surface(algorithm="dataset_surface")
+    inside = np.linalg.norm(body.points - [0.25, 0.1, 0.0], axis=1)
+    body.point_data[body_figures.SIZE] = 1.0 - inside
+    body.point_data["u"] = 0.0 * body.points
+    figure = body_figures.stress_figure(body, "u", "bending")
+    assert figure.axes[0].get_title(loc="left") == "bending, hidden by the body"
+
+
+def test_groups_are_drawn_in_their_colours(plate, tmp_path):
+    surface, _ = plate
+    facets = surface.regular_faces
+    normal = areas(surface) @ turn()[:, 2]
+    front = facets[normal > 1e-9]
+    back = facets[normal < -1e-9]
+    groups = {"front": front, "back": back, "corners": np.unique(facets)[::20]}
+    figure = group_figure(surface.points, facets, groups)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == list(groups)
+    for panel, (shown, hidden) in enumerate([(0, 1), (1, 0)]):
+        sizes = [shown_in(figure, colour, panel=panel) for colour in MORE_COLOURS[:3]]
+        assert sizes[shown] > 1000 > 10 * sizes[hidden] and sizes[2] > 20
+    drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_setup_shows_the_loaded_side(grid, side):
+    across = side * (grid.points @ turn()[:, 2])
+    on = across > across.mean()
+    marks = Marks(loads=[LoadMark("load", grid.points[:1], turn()[:, 2], on)])
+    figure = setup_figure(grid, marks, "a plate")
+    assert shown_in(figure, LOADED, 0.08) > 0.3 * len(colours_of(figure))
+
+
+def test_every_triangle_belongs_to_one_region(plate):
+    """Where regions overlap, that of a clamped support is seen."""
+    from fenicsrom.post.body.body_surface import NODE, form_edges
+
+    surface, _ = plate
+    x = np.zeros(surface[NODE].max() + 1)
+    x[surface[NODE]] = surface.points[:, 0]
+    every = x > -1.0
+    marks = Marks(
+        supports=[SupportMark(CLAMPED, x < 0.35, np.zeros((0, 3)))],
+        loads=[LoadMark("load", surface.points[:1], np.eye(3)[0], every)],
+    )
+    faces = [
+        part for part in region_parts(surface, form_edges(surface), marks) if part.mesh.n_faces
+    ]
+    colours = {part.look["color"]: part.mesh for part in faces}
+    assert set(colours) == {COLOURS["support"], LOADED}
+    assert sum(mesh.n_cells for mesh in colours.values()) == surface.n_cells
+    used = colours[COLOURS["support"]]
+    assert used.points[used.regular_faces][..., 0].max() < 0.35
+
+
+def test_arrow_around_the_axis_turns_by_the_right_hand_rule():
+    arc = turning_arrow(TURNING, TURNING.point, 0.3) - TURNING.point
+    np.testing.assert_allclose(np.linalg.norm(arc, axis=1), 0.3)
+    np.testing.assert_allclose(arc @ TURNING.axis, 0.0, atol=1e-12)
+    assert np.all(np.cross(arc[:-1], arc[1:]) @ TURNING.axis > 0.0)
+
+
+def test_axis_passes_what_turns_about_it():
+    places = np.random.default_rng(0).standard_normal((20, 3))
+    ends, along = axis_ends(TURNING, places), places @ TURNING.axis
+    assert ends[0] @ TURNING.axis < along.min() and ends[1] @ TURNING.axis > along.max()
+    np.testing.assert_allclose(np.cross(ends - TURNING.point, TURNING.axis), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("distance", "panels"), [(0.0, 0), (-2.5, 1)])
+def test_second_panel_shows_what_lies_beyond_the_picture(grid, distance, panels, tmp_path):
+    """An axis that is seen as a point, in the body or far from it."""
+    view = view_of(surface_of(grid))
+    middle = grid.points.mean(axis=0)
+    marks = Marks(rotation=RotationMark(100.0, middle + distance * view.right, view.towards))
+    figure = setup_figure(grid, marks, "a plate")
+    assert len(figure.axes[0].child_axes) == panels and not illegible(figure)
+    (legend,) = figure.legends
+    assert "axis of rotation, 100 rpm" in [text.get_text() for text in legend.get_texts()]
+    assert not panels or shown_in_panel(figure, COLOURS["rotation"])
+    drawn(figure, tmp_path)
+
+
+def shown_in_panel(figure, colour):
+    """The number of pixels of the second panel with about this colour."""
+    from matplotlib.colors import to_rgb
+
+    (panel,) = figure.axes[0].child_axes
+    image = np.asarray(panel.images[0].get_array())
+    away = np.abs(image[..., :3] / 255.0 - to_rgb(colour)).max(axis=2)
+    return int(np.sum((away < 0.15) & (image[..., 3] > 200)))
+
+
+def test_surroundings_are_the_walls_and_an_axis_beside_them(grid):
+    angle = np.linspace(0.0, 2.0 * np.pi, 101)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    wall = Grid(circle, np.column_stack([np.arange(100), np.arange(1, 101)]), 3)
+    mark = ContactMark("contact", circle[:1], circle[:1], 1, wall)
+    (line,) = surroundings(Marks(contacts=[mark]), grid.points)
+    assert line.mesh.n_cells == 100 and line.look["color"] == COLOURS["contact"]
+    _, axis, _, _ = surroundings(Marks(contacts=[mark], rotation=TURNING), grid.points)
+    ends = axis_ends(TURNING, np.concatenate([grid.points, circle]))
+    np.testing.assert_allclose(axis.mesh.points, ends)
+    assert not surroundings(Marks(contacts=[replace(mark, wall=None)]), grid.points)
+
+
+def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(
+    monkeypatch, tmp_path
+):
+    from fenicsrom.post.base.style import new_figure
+
+    monkeypatch.setattr(picture, "missing_renderer", lambda: "VTK finds no EGL")
+    names = {"setup.png": True, "motion.png": False, "shapes.png": True}
+    listed = [
+        Picture(n, n, lambda: new_figure(1.0, 1.0), in_space=space) for n, space in names.items()
+    ]
+    notes = []
+    written = picture.draw_pictures(listed, tmp_path, notes)
+    assert notes == ["setup.png and shapes.png were not drawn: VTK finds no EGL"]
+    assert [path.name for _, path in written] == ["motion.png"]
+
+
+def test_renderer_is_missing_where_vtk_falls_back_to_a_library_that_is_not_there(monkeypatch):
+    from vtkmodules import vtkRenderingCore
+
+    class Window:
+        def GetClassName(self):
+            return "vtkOSOpenGLRenderWindow"
+
+    assert optional.missing_renderer() is None
+    optional.missing_renderer.cache_clear()
+    monkeypatch.setattr(vtkRenderingCore, "vtkRenderWindow", Window)
+    monkeypatch.setattr(optional, "find_library", lambda name: None)
+    assert "OSMesa" in optional.missing_renderer()
+    monkeypatch.undo()
+    optional.missing_renderer.cache_clear()

@@ -1,0 +1,148 @@
+"""The page on which a body turns: its data, and what a browser shows."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_body_surface import beam_surface
+
+pytest.importorskip("pyvista")
+pytest.importorskip("k3d")
+
+from fenicsrom.cli import main
+from fenicsrom.post.base.html_page import Page, write_report
+from fenicsrom.post.body.body_view import view_of
+from fenicsrom.post.body.turning_view import (
+    MOST_TRIANGLES,
+    UNPAINTED,
+    Shown,
+    loaded,
+    running,
+    simplified,
+    swinging,
+    turning_page,
+)
+
+LENGTH = 2.0
+FLAGS = (
+    "--headless=new --no-sandbox --disable-dev-shm-usage --use-gl=angle --use-angle=swiftshader "
+    "--enable-unsafe-swiftshader --ignore-gpu-blocklist --window-size=1000,900"
+)
+
+
+def bent(surface: Any, size: float) -> Any:
+    moved = np.zeros((surface.n_points, 3))
+    moved[:, 1] = size * (surface.points[:, 0] / LENGTH) ** 2
+    return moved
+
+
+def test_shapes_swing_to_both_sides_and_loads_start_at_rest() -> None:
+    surface = beam_surface("hexahedron", LENGTH)
+    shape = swinging("1V", bent(surface, 7.0), LENGTH)
+    assert np.abs(shape.moved).max() == pytest.approx(0.15 * LENGTH)
+    np.testing.assert_allclose(shape.moved[0], -shape.moved[1])
+    state = loaded("equilibrium", bent(surface, 1e-4 * LENGTH), LENGTH)
+    assert np.abs(state.moved[0]).max() == pytest.approx(0.1 * LENGTH) and "× 1000" in state.note
+    assert not np.any(state.moved[1]) and "0.2 mm" in state.note
+    rest, moved = bent(surface, 0.05), np.array([bent(surface, 0.1), bent(surface, -0.1)])
+    motion = running("motion", rest, moved, LENGTH)
+    np.testing.assert_allclose(motion.moved, rest + moved)
+    assert motion.loops and motion.colours.max() == pytest.approx(1.0)
+
+
+def test_fine_surface_has_fewer_triangles_and_keeps_its_fields() -> None:
+    surface = beam_surface("hexahedron", LENGTH, along=600)
+    surface.point_data["x"] = surface.points[:, 0]
+    coarse = simplified(surface)
+    assert surface.n_cells > 1.5 * MOST_TRIANGLES > coarse.n_cells
+    np.testing.assert_allclose(coarse["x"], coarse.points[:, 0], atol=1e-9)
+    assert np.ptp(coarse.points[:, 0]) == pytest.approx(LENGTH)
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    """A report with a body, its set-up and one shape."""
+    surface = beam_surface("hexahedron", LENGTH)
+    still = np.zeros((1, surface.n_points, 3))
+    setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
+    shown = [setup, swinging("1V", bent(surface, 1.0), LENGTH)]
+    page = turning_page(surface, shown, [], view_of(surface))
+    return write_report(tmp_path / "report.html", "a beam", [("The body", [Page(page)])])
+
+
+@pytest.fixture
+def browser() -> Iterator[Any]:
+    """A headless Chromium that draws by software."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    driver = shutil.which("chromedriver")
+    if driver is None:
+        pytest.skip("chromedriver is not installed")
+    options = webdriver.ChromeOptions()
+    for flag in FLAGS.split():
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    started = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield started
+    started.quit()
+
+
+def picture(browser: Any) -> Any:
+    """What the browser shows, (height, width, 3)."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+def changed(one: Any, other: Any) -> int:
+    """The number of pixels that differ."""
+    return int(np.sum(np.abs(one - other).max(axis=2) > 40))
+
+
+@pytest.mark.slow
+def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: Any) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import Select, WebDriverWait
+
+    assert report.stat().st_size < 3e6
+    browser.get(report.as_uri())
+    browser.switch_to.frame(browser.find_element(By.ID, "body"))
+    wait = WebDriverWait(browser, 60)
+    wait.until(lambda found: found.find_elements(By.ID, "shape"))
+    play = browser.find_element(By.ID, "play")
+    play.click()  # the body stands still
+    shapes = Select(browser.find_element(By.ID, "shape"))
+    assert [option.text for option in shapes.options] == ["set-up", "1V"]
+    blank = picture(browser)
+    wait.until(lambda found: np.std(picture(found)[300:, :, 0]) > 5.0)
+    setup = picture(browser)
+    shapes.select_by_index(1)
+    wait.until(lambda found: changed(setup, picture(found)) > 1000)
+    shape = picture(browser)
+    canvas = browser.find_element(By.ID, "canvasTarget")
+    drag = ActionChains(browser).move_to_element_with_offset(canvas, 100, 100).click_and_hold()
+    drag.move_by_offset(120, 80).release().perform()
+    wait.until(lambda found: changed(shape, picture(found)) > 1000)
+    assert blank.shape == setup.shape
+    severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert not severe
+    loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")
+    assert not [entry["name"] for entry in loaded_files if entry["name"].startswith("http")]
+
+
+def test_view_opens_the_report_or_names_its_address(
+    report: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: bool(opened.append(address)))
+    assert main(["view", str(report.parent)]) == 0
+    assert opened == [f"{report.as_uri()}#body"] and capsys.readouterr().out.split() == opened
+    assert main(["view", str(report.parent / "nothing")]) == 2
+    assert "report.html" in capsys.readouterr().err
