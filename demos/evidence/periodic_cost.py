@@ -32,7 +32,7 @@ from fenicsrom.assess.errors.verdicts import estimate_errors
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.shooting import Shooting, largest_multiplier, least_squares_step
+from fenicsrom.online.periodic.shooting import Shooting, hold_sliders, largest_multiplier
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.tables import text_table
@@ -88,7 +88,9 @@ class Case:
         """Find the residual and its derivative, and solve for one step of Newton's method."""
         found = self.shooting.march(self.s)
         assert found is not None
-        least_squares_step(found[1] - np.eye(self.s.size), -found[0])
+        jacobian = found[1] - np.eye(self.s.size)
+        hold_sliders(jacobian, self.shooting.sliders)
+        np.linalg.solve(jacobian, -found[0])
 
 
 def seconds(work: Callable[[], Any]) -> float:

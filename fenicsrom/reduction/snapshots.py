@@ -154,7 +154,7 @@ def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes)
         return []
     orders = structure.load_histories.sines[:, OMEGA] * scene.period / (2.0 * np.pi)
     meeting = np.outer(modes.frequencies_hz, 1.0 / np.unique(orders[orders > 0.0])).ravel()
-    between = meeting[(meeting > response.first) & (meeting < response.last)]
+    between = meeting[(meeting > response.low) & (meeting < response.high)]
     inner = np.sort(between)[:MOST_RESONANCES]
     return [float(value) for value in (response.first, *inner, response.last) if value > 0.0]
 

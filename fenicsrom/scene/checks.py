@@ -270,6 +270,9 @@ def _basis_problems(scene: Scene) -> Problems:
             yield Problem("basis.modes", basis.modes, allowed)
         if basis.masters is not None:
             yield Problem("basis.masters", basis.masters, "not allowed in a scene without contact")
+    if basis.size is not None and not basis.adapts:
+        allowed = 'only allowed with derivatives = "principal" and elastic_force = "polynomial"'
+        yield Problem("basis.size", basis.size, allowed)
     if not isinstance(basis.derivatives, tuple):
         return
     if any(contact.place.at == "nodes" for contact in scene.contacts):

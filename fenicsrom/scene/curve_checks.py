@@ -19,15 +19,15 @@ def response_problems(scene: Scene) -> Problems:
     if scene.period is None:
         allowed = "only allowed in a scene whose loads repeat"
         yield Problem("response.parameter", response.parameter, allowed)
-    if not response.last > response.first:
-        allowed = f"must be above response.first = {response.first:g}"
+    if response.last == response.first:
+        allowed = f"must differ from response.first = {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
     for value in response.isolated or ():
-        if not response.first <= value <= response.last:
-            allowed = f"must be from {response.first:g} to {response.last:g}"
+        if not response.low <= value <= response.high:
+            allowed = f"must be from {response.low:g} to {response.high:g}"
             yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
     for k, value in enumerate(response.full_values):
-        if not response.first <= value <= response.last:
+        if not response.low <= value <= response.high:
             allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
             yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
             return
@@ -44,8 +44,9 @@ def response_problems(scene: Scene) -> Problems:
             kind = f"static {load.kind}" if load.static else load.kind
             allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
             yield Problem("response.parameter", response.parameter, allowed)
-    if response.first == 0.0 and name not in MAY_BE_ZERO:
-        yield Problem("response.first", response.first, "must be above 0", ErrorKind.RANGE)
+    if response.low == 0.0 and name not in MAY_BE_ZERO:
+        key = "response.first" if response.first == 0.0 else "response.last"
+        yield Problem(key, 0.0, "must be above 0", ErrorKind.RANGE)
     if table == "contacts" and name == "gap" and _has_radius(scene, index):
         allowed = "not allowed with surface.radius, which determines the gap"
         yield Problem("response.parameter", response.parameter, allowed)

@@ -100,8 +100,9 @@ class Response:
             frequency of the loads in Hz, and the frequencies of all loads and of the waves of
             surfaces change in proportion to it.
         first: value of the parameter at which a curve starts.
-        last: value of the parameter at which a curve ends, above `first`.
-        points: largest number of points of a curve.
+        last: value of the parameter at which a curve ends, above or below `first`.
+        points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
+            100, a curve with several contact points up to 600.
         families: a second number of the scene; each of its values gives a curve.
         branches: 1 follows the branches that leave a curve at period doublings (motions of twice
             as many periods) and at branch points; 2 also follows the branches of these branches,
@@ -116,12 +117,22 @@ class Response:
 
     parameter: Annotated[str, PARAMETER] = "frequency"
     first: Annotated[float, number(least=0.0)]
-    last: Annotated[float, number(above=0.0)]
-    points: Annotated[int, integer(2, 100_000)] = 500
+    last: Annotated[float, number(least=0.0)]
+    points: Annotated[int, integer(2, 100_000)] = 3000
     families: Annotated[Families | None, table_of(Families)] = None
     branches: Annotated[int, integer(0, 10)] = 0
     isolated: Annotated[tuple[float, ...] | None, list_of(number())] = None
     full: Annotated[int | tuple[float, ...] | None, FULL] = None
+
+    @property
+    def low(self) -> float:
+        """The smaller end of the range."""
+        return min(self.first, self.last)
+
+    @property
+    def high(self) -> float:
+        """The larger end of the range."""
+        return max(self.first, self.last)
 
     @property
     def full_values(self) -> tuple[float, ...]:

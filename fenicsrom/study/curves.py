@@ -41,7 +41,7 @@ def response(
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
-            `assess.curves.response.response`; with several ranks there are no processes.
+            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
         fresh: compute all offline results, also those that the cache has.
@@ -98,7 +98,11 @@ def _curves(
     state = None if folder is None or not source.first else folder / STATE
     if resume is not None and (resume / COORDINATES).exists():
         labels = json.loads((resume / COORDINATES).read_text(encoding="utf-8"))
-        source = source.with_model(source.stored.resized(labels), folder)
+        if {*labels} <= {*source.stored.labels, *source.stored.further}:
+            source = source.with_model(source.stored.resized(labels), folder)
+    elif source.stored.scene.basis.size is not None:
+        with watch("size"):
+            source = source.fitted(watch, folder, stop)
     while True:
         stored = source.stored
         if state is not None:

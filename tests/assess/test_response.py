@@ -228,6 +228,7 @@ def test_command_writes_the_files_of_a_stored_model(
         ('response.parameter="contacts.0.preload"', "response.parameter", ErrorKind.RANGE),
         ('response.parameter="loads.0.pressure"', "response.parameter", ErrorKind.CONFLICT),
         (f"response.last={LOW}", "response.last", ErrorKind.RANGE),
+        ("response.last=0.0", "response.last", ErrorKind.RANGE),
         ("response.first=0.0", "response.first", ErrorKind.RANGE),
         (f"response.full=[{2.0 * HIGH}]", "response.full[0]", ErrorKind.RANGE),
         ("response.full=0", "response.full", ErrorKind.RANGE),
@@ -311,17 +312,38 @@ def test_lost_curve_says_where_and_exits_1(
 ) -> None:
     from fenicsrom.online.curves.continuation import Continuation
 
-    true = Continuation._next
+    true = Continuation.values
 
-    def lost(path: Any, before: Any, *arguments: Any) -> Any:
-        return None if before.parameter > 1.1 * LOW else true(path, before, *arguments)
+    def lost(path: Any, s: Any, parameter: float, **options: Any) -> Any:
+        missing = 1.1 * LOW < parameter < 1.15 * LOW
+        return None if missing else true(path, s, parameter, **options)
 
-    monkeypatch.setattr(Continuation, "_next", lost)
+    monkeypatch.setattr(Continuation, "values", lost)
     assert run(model, tmp_path / "out") == 1
     summary = json.loads((tmp_path / "out" / "response.json").read_text())
     assert summary["curves"][0]["points"] > 2
-    assert re.search(r"lost at frequency = [0-9. and]+ Hz: no next point", summary["unfinished"])
-    assert "lost" in capsys.readouterr().err
+    assert re.search(r"ends at frequency = [0-9. and]+ Hz: no next point", summary["unfinished"])
+    assert "no next point" in capsys.readouterr().err
+
+
+def test_curve_out_of_points_says_what_to_do_and_exits_1(model: Path, tmp_path: Path) -> None:
+    assert run(model, tmp_path / "out", "response.points=20") == 1
+    summary = json.loads((tmp_path / "out" / "response.json").read_text())
+    assert summary["curves"][0]["ends"] == ["number of points"]
+    assert "response.points" in summary["unfinished"]
+    with open(tmp_path / "out" / "response.csv") as file:
+        assert len(list(csv.DictReader(file))) >= 20
+
+
+def test_range_from_above_gives_the_same_curve(found: Response) -> None:
+    down = response(oscillator(f"response.first={HIGH}", f"response.last={LOW}"), ignore)
+    (curve,), (other,) = found.curves, down.curves
+    assert other.points[0].parameter == pytest.approx(HIGH, rel=1e-12)
+    assert other.pieces[0].reason == "end of the range" and len(other.pieces) == 1
+    folds, others = ([p.parameter for p in c.special] for c in (curve, other))
+    np.testing.assert_allclose(others[::-1], folds, rtol=1e-6)
+    tops = [max(float(p.amplitude.max()) for p in c.points) for c in (curve, other)]
+    assert tops[0] == pytest.approx(tops[1], rel=1e-6)
 
 
 def test_start_without_a_motion_exits_1(

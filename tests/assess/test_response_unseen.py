@@ -10,8 +10,13 @@ from support import beam_scene, excited_stiffness
 from test_response import ignore
 from test_response_runs import assert_same, interrupted
 
+from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.assess.curves.trust import checks, contradictions
 from fenicsrom.online.curves.bifurcations import outside
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import read_scene
@@ -51,6 +56,27 @@ def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
         reached.add(any(outside(point) for point in part.curves[0].points))
         assert_same(response(stored, ignore, resume=folder), whole)
     assert reached == {False, True}
+
+
+def test_instability_that_long_steps_have_moved_is_contradicted_by_half_the_step() -> None:
+    """The tongue of the first mode is narrower than its shift by the midpoint rule."""
+    steps, e = 40, 1e-4
+    stored = excited().with_overrides([f"time.steps_per_period={steps}"])
+    family, settings = family_of(stored), stored.scene.time
+    centre = (1.0 + 2.0 * e - (2.0 * np.pi / steps) ** 2 / 12.0) / (2.0 * np.pi)
+    problem = family(centre)
+    shooting = Shooting(problem.model, problem.contacts, settings, problem.period)
+    path = Continuation(shooting, family, 0.1, 0.2, 1.0)
+    points = [
+        path.at_parameter(np.zeros(shooting.map.size), centre * (1.0 + share * e))
+        for share in (-0.4, -0.2, 0.0, 0.2, 0.4)
+    ]
+    assert not any(point.stable for point in points)
+    found = checks([Piece(points)], family, settings)
+    assert all(check.finer_verdict == "stable" for check in found)
+    assert all(check.contradicted_by_step for check in found)
+    (said,) = contradictions(found, stored.scene, "frequency")
+    assert f"{len(found)} of {len(found)}" in said and "steps_per_period" in said
 
 
 @pytest.mark.slow

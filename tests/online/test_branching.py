@@ -14,7 +14,6 @@ from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.branching import (
     _eigenvector,
     branch,
-    follow_growing,
     lies_on,
     motions_through_load,
     passes_through,
@@ -84,7 +83,7 @@ def holmes() -> tuple[Family, Continuation, Curve]:
     model, period = oscillator(0.3, HOLMES, 1.0, 1.2)
     family = force_family(model, no_contacts(), period)
     path, start = path_at(np.zeros(2), family, 0.05, (0.05, 0.32))
-    return family, path, follow_growing(path, start, 1.0, Curve(), points=300, largest_step=0.03)
+    return family, path, path.run(start, 1.0, points=300, largest_step=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +97,7 @@ def doubled() -> tuple[Family, CurvePoint, Curve]:
     return (
         family,
         point,
-        follow_growing(found[0], found[1], None, Curve(), points=60, largest_step=0.03),
+        found[0].run(found[1], None, points=60, largest_step=0.03),
     )
 
 
@@ -181,7 +180,7 @@ def test_saddle_is_reached_through_the_fold() -> None:
         family = frequency_family(model, no_contacts(), period)
         low, high, value = 0.1, 0.4, 1.5 / (2.0 * np.pi)
         path, start = path_at(np.array([0.4, 0.0]), family, low, (low, high), steps=steps)
-        curve = follow_growing(path, start, 1.0, Curve(), points=400, largest_step=0.05)
+        curve = path.run(start, 1.0, points=400)
         at = [
             (a, b)
             for a, b in zip(curve.points, curve.points[1:], strict=False)
@@ -203,7 +202,7 @@ def test_isolated_curve_closes() -> None:
     model, period = oscillator(0.05, (1.0, 0.0, 1.0), 1.0, 1.5)
     by_force = force_family(model, no_contacts(), period)
     path, start = path_at(np.array([1.30722027, 0.87306771]), by_force, 0.3, (0.01, 0.4))
-    down = follow_growing(path, start, -1.0, Curve(), points=300, largest_step=0.03)
+    down = path.run(start, -1.0, points=300, largest_step=0.03)
     fold = next(point for point in down.special if point.kind == "fold").parameter
 
     def window(p: float) -> Any:
@@ -213,7 +212,7 @@ def test_isolated_curve_closes() -> None:
 
     near = min(down.points, key=lambda point: abs(point.parameter - fold - 0.02))
     path, start = path_at(near.z, window, 0.5, (0.0, 1.0))
-    curve = follow_growing(path, start, 1.0, Curve(), points=300, largest_step=0.03)
+    curve = path.run(start, 1.0, points=300, largest_step=0.03)
     assert curve.reason == "closed"
     ends = sorted(point.parameter for point in curve.special if point.kind == "fold")
     np.testing.assert_allclose(ends, 0.5 + np.sqrt(0.02) * np.array([-1.0, 1.0]), atol=1e-4)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from support import NO_LOADS, assert_tangent, first, linear_model, loaded_duffing, one_contact
 
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts
+from fenicsrom.online.curves.arc import TOLERANCE, Values
 from fenicsrom.online.curves.crest import half_range
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.curve_correction import CURVE_TOLERANCE
 from fenicsrom.online.curves.forced_peak import forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
 from fenicsrom.online.model.loads import harmonic
@@ -189,7 +189,7 @@ SEVEN = {-4.6: (78.12712, 0.046005), -4.0: (69.73403, 0.048438), -3.1: (68.04127
 
 def harmonic_norm(path: ModeContinuation, point: CurvePoint, steps: int) -> float:
     """Amplitude of the first harmonic of the coordinates in the mass norm."""
-    motion = recorded_motion(path.problem_of(point), settings(steps), point.z)
+    motion = recorded_motion(path.problem_at(point.s, point.parameter), settings(steps), point.z)
     assert motion.coordinates is not None
     first_one = 2.0 * np.fft.fft(motion.coordinates[1:], axis=0)[1] / (motion.time.size - 1)
     return float(np.sqrt((first_one.conj() @ path.problem.model.mass @ first_one).real))
@@ -233,18 +233,21 @@ def test_friction_damped_mode_matches_harmonic_balance(
 
 def test_equation_of_the_mode_has_a_consistent_derivative() -> None:
     path = path_of(*jenkins_beam(), (1e-5, 1e-3), 40)
-    start = np.append(path.linear_start(), np.log(6e-5) / path.range)
+    start, n = np.append(path.linear_start(), np.log(6e-5)), path.linear_start().size
     start[-3:-1] = 0.02, 0.04  # slips, with another period and damping than the linear mode
-    residual, matrix, by_p, _ = path._evaluate(start, path.problem, derive=True)
-    jacobian = np.hstack([matrix - np.eye(residual.size), by_p[:, None] * path.range])
+
+    def values(z: Array, derive: bool = False) -> Values:
+        found = path.values(z[:n], float(z[n]), derive=derive)
+        assert found is not None
+        return found
+
+    jacobian = values(start, True).jacobian
     rng = np.random.default_rng(0)
     for _ in range(3):
         along = rng.standard_normal(start.size)
         along[4:8] *= 0.1
         assert_tangent(
-            lambda x, along=along: path._evaluate(start + x[0] * along, path.problem, derive=False)[
-                0
-            ],
+            lambda x, along=along: values(start + x[0] * along).residual,
             lambda x, along=along: (jacobian @ along)[:, None],
             np.zeros(1),
             step=1e-6,
@@ -258,7 +261,7 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
     factors = [0.01, 0.02, 0.04]
     period = 2.0 * np.pi
 
-    def amplitude(problem: object, point: CurvePoint) -> float:
+    def amplitude(point: CurvePoint) -> float:
         return float(point.amplitude.max())
 
     found = list(
@@ -305,5 +308,5 @@ def test_linear_system_keeps_frequency_and_shape_at_every_amplitude() -> None:
     small, large = points_at(path, np.array([0.011, 99.0]))
     assert path.frequency(small) == pytest.approx(path.frequency(large), rel=1e-12)
     ratio = 0.05 / (2.0 * np.pi * path.frequency(large))
-    assert path.damping_ratio(large) == pytest.approx(ratio, abs=CURVE_TOLERANCE)
+    assert path.damping_ratio(large) == pytest.approx(ratio, abs=TOLERANCE)
     np.testing.assert_allclose(large.s, small.s, atol=1e-9)

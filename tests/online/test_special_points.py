@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.curves import continuation
 from fenicsrom.online.curves.bifurcations import LOCATED, outside, special_points
 from fenicsrom.online.curves.brackets import bracketed
-from fenicsrom.online.curves.branching import follow_growing
 from fenicsrom.online.curves.contact_events import (
     NEGLIGIBLE,
     OPENS,
@@ -24,7 +22,6 @@ from fenicsrom.online.curves.contact_events import (
 )
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, Curve, CurvePoint
-from fenicsrom.online.curves.curve_correction import ROUNDING
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.periodic.families import Family, force_family
 from fenicsrom.online.periodic.shooting import Shooting, solve
@@ -64,7 +61,7 @@ def curve_over_force(
     path = Continuation(shooting, family, low, high, float(np.linalg.norm(s)))
     start = path.at_parameter(s, low)
     assert start is not None
-    return path, family, follow_growing(path, start, 1.0, Curve(), points=300, largest_step=0.05)
+    return path, family, path.run(start, 1.0, points=300)
 
 
 def occurs(path: Continuation, near: CurvePoint, value: float, bits: int) -> bool:
@@ -147,6 +144,9 @@ class Line:
 
     def place(self, point: CurvePoint) -> Array:
         return np.array([0.0, point.parameter])
+
+    def direction(self, point: CurvePoint) -> Array:
+        return point.tangent
 
     def at(self, parameter: float) -> CurvePoint:
         found = np.asarray(self.multipliers(parameter), dtype=np.complex128)
@@ -243,30 +243,12 @@ def test_jump_from_a_tiny_value_is_bracketed(small: float, place: float, turn: f
     assert len(evaluated) <= 42  # bisection needs 20
 
 
-def test_special_points_before_the_bound_are_sought_with_shorter_steps(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    refused = []
-
-    def located(path: Any, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
-        if b.parameter == path.high and np.linalg.norm(path.place(b) - path.place(a)) > 0.005:
-            refused.append(a.parameter)
-            return None
-        return special_points(path, a, b)
-
-    monkeypatch.setattr(continuation, "special_points", located)
-    _, _, curve = curve_over_force(0.02, 0.5)
-    assert refused
-    assert curve.reason == "end of the range"
-    assert curve.points[-1].parameter == 0.5
-
-
 def test_guess_that_is_a_motion_is_accepted_after_one_march() -> None:
     path, _, curve = curve_over_force(0.02, 0.5)
-    point = curve.points[-2]
+    point = path.at_parameter(curve.points[-2].s, curve.points[-2].parameter)
+    assert point is not None
     found = path.at_parameter(point.s, point.parameter)
     assert found is not None
-    assert point.residual < ROUNDING
     assert found.marches == (1, 1)
     np.testing.assert_array_equal(found.s, point.s)
     moved = path.at_parameter(1.0001 * point.s, point.parameter)

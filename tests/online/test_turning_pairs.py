@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import continuation
 from fenicsrom.online.curves.bifurcations import outside
 from fenicsrom.online.curves.continuation import follow
-from fenicsrom.online.curves.curve import Curve, CurvePoint, replaced
+from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.periodic.families import frequency_family
@@ -83,6 +85,9 @@ class Trials:
     def place(self, point: CurvePoint) -> NDArray[np.float64]:
         return np.append(point.s, point.parameter)
 
+    def direction(self, point: CurvePoint) -> NDArray[np.float64]:
+        return point.tangent / np.linalg.norm(point.tangent)
+
     def correct(
         self, y: NDArray[np.float64], along: NDArray[np.float64], *, exact: bool = False
     ) -> None:
@@ -96,20 +101,12 @@ def test_pair_that_turns_too_little_to_miss_a_stretch_is_not_sought(
     """The pair turns by 0.05 from one point to the other; a stretch between needs -2 log(size)."""
     points = response(0.0).points[:2]
     a, b = (
-        replaced(point, turning=size * np.exp([1j * angle]), turn_rates=np.ones(1), period=period)
+        replace(point, turning=size * np.exp([1j * angle]), turn_rates=np.ones(1), period=period)
         for point, angle, period in zip(points, (0.02, -0.03), np.exp([0.05, 0.0]), strict=True)
     )
     path = Trials()
     assert unseen_points(path, a, b) == []
     assert (path.calls > 0) == sought
-
-
-def test_nothing_is_sought_after_a_point_of_an_older_version() -> None:
-    a, b = response(0.0).points[:2]
-    path = Trials()
-    with np.errstate(all="raise"):
-        assert unseen_points(path, replaced(a, period=np.nan), b) == []
-    assert path.calls == 0
 
 
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from test_figures import illegible
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response_results import FullPoint, Response, ResponseCurve
 from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import CurvePoint, replaced
+from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
 from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back, state_map
 from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
@@ -115,7 +116,7 @@ def test_columns_of_response_csv_are_explained() -> None:
 def test_contact_points_of_events_count_from_one_as_in_the_pictures() -> None:
     found = response_of(0.1)
     (piece,) = found.curves[0].pieces
-    piece.special = [replaced(piece.points[3], kind="first slip", contact=0)]
+    piece.special = [replace(piece.points[3], kind="first slip", contact=0)]
     assert [row[0] for row in event_table(found)[1:]] == ["first slip, contact point 1"]
     assert {row["contact_point"] for row in rows(found)} == {None, 1}
 

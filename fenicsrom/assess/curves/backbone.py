@@ -7,6 +7,7 @@ The curve starts at the linear mode and is followed by its amplitude
 
 from __future__ import annotations
 
+import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,13 +20,10 @@ from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.curves.crest import half_range
-from fenicsrom.online.curves.curve import LOST, CurvePoint
+from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
 from fenicsrom.online.model.support_motion import displacement_sines
-from fenicsrom.online.periodic.families import Problem
-from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration, working_time
@@ -34,9 +32,18 @@ from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
-LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
+ADVICE = {
+    LOST: "the nonlinear mode was lost at a linear amplitude of {}: no next point was found; more "
+    "time.steps_per_period may help",
+    OUT_OF_POINTS: "the nonlinear mode ends at a linear amplitude of {}: it has as many points as "
+    "backbone.points allows; raise this number, or lower backbone.last",
+    BACK: "the nonlinear mode comes back to its first amplitude, {}, and has no motions of larger "
+    "ones; lower backbone.last",
+    "closed": "the nonlinear mode comes back to its own start at {}; lower backbone.last",
+}
+"""Why a mode is incomplete, and what to do, by the reason for which it ends."""
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
 
 
@@ -182,12 +189,17 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         )
     try:
         path = _path(stored, contacts, found, unit, scene.time)
-        _follow(path, found, unit, say)
-        _step_errors(stored, contacts, found, unit, say)
-        _peaks(stored, contacts, found, say)
+        try:
+            _follow(path, found, unit, say)
+        except ConvergenceError as error:
+            found.warnings.append(str(error))
+            found.unfinished = error
+        if found.points:  # the peaks of a mode that was lost are computed too
+            _step_errors(stored, contacts, found, unit, say)
+            _peaks(stored, contacts, found, say)
     except ConvergenceError as error:
         found.warnings.append(str(error))
-        found.unfinished = error
+        found.unfinished = found.unfinished or error
     except KeyboardInterrupt:
         found.interrupted = True
     found.seconds = working_time() - begin
@@ -202,6 +214,17 @@ def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, i
     """
     scene, number = stored.scene, backbone_table(stored.scene).mode
     modes = linear_modes(stored.model, contacts)
+    kept = [label for label in stored.labels if re.fullmatch(r"\d+V", label)]
+    if kept and f"{number}V" not in kept:
+        raise _refusal(
+            scene,
+            "backbone.mode",
+            f"= {number}: must be one of the normal modes of the basis, {', '.join(kept)}; to "
+            f"keep mode {number}, raise basis.modes or lower basis.threshold",
+            ErrorKind.RANGE,
+        )
+    if f"{number}V" in kept:
+        number = kept.index(f"{number}V") + 1
     if number > len(modes):
         raise _refusal(
             scene,
@@ -245,7 +268,7 @@ def _follow(
 
     def keep(point: CurvePoint) -> None:
         nonlocal last
-        found.points.append(_mode_point(path, point, unit, found.scene.time))
+        found.points.append(_mode_point(path, point, unit))
         if clock.perf_counter() - last > REPORT_INTERVAL:
             last, here = clock.perf_counter(), found.points[-1]
             part = float(np.clip(np.log(here.linear_amplitude / first) / width, 0.01, 1.0))
@@ -261,7 +284,6 @@ def _follow(
     curve = path.run(
         found.points[0].motion,
         1.0,
-        largest_step=LARGEST_STEP,
         points=found.table.points,
         locate=False,
         progress=keep,
@@ -270,11 +292,9 @@ def _follow(
         keep(curve.points[-1])
     found.reason = curve.reason
     say(f"{counted(len(found.points), 'point')}, {curve.reason}")
-    if curve.reason == LOST:
+    if curve.reason != END:
         end = found.points[-1].linear_amplitude
-        raise ConvergenceError(
-            f"backbone: the nonlinear mode was lost at an amplitude of {end:g} m"
-        )
+        raise ConvergenceError(f"backbone: {ADVICE[curve.reason].format(f'{end:g} m')}")
 
 
 def _first_point(path: ModeContinuation) -> CurvePoint:
@@ -291,7 +311,7 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
         if tried == 0:
             return begin
         path.low, path.high, high = begin.parameter, low, path.high
-        curve = path.run(begin, 1.0, largest_step=LARGEST_STEP, locate=False)
+        curve = path.run(begin, 1.0, locate=False)
         path.low, path.high = low, high
         if abs(curve.points[-1].parameter - low) <= 1e-9:
             return curve.points[-1]
@@ -299,27 +319,10 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
     raise ConvergenceError("backbone: no nonlinear mode was found at the smallest amplitude")
 
 
-def probe_amplitude(problem: Problem, settings: Any, point: CurvePoint) -> Array:
-    """Half of peak-to-peak (d,) of the probe in the motion of a point, m.
-
-    Raises:
-        ConvergenceError: a step did not converge.
-    """
-    motion = recorded_motion(problem, settings, point.z)
-    assert motion.coordinates is not None
-    return half_range(motion.time[1:], motion.coordinates[1:] @ problem.model.probe.T)
-
-
-def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float, settings: Any) -> ModePoint:
+def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float) -> ModePoint:
     modal = float(np.exp(point.parameter))
-    return ModePoint(
-        unit * modal,
-        modal,
-        path.frequency(point),
-        path.damping_ratio(point),
-        probe_amplitude(path.problem_of(point), settings, point),
-        point,
-    )
+    frequency, ratio = path.frequency(point), path.damping_ratio(point)
+    return ModePoint(unit * modal, modal, frequency, ratio, point.probe_amplitude, point)
 
 
 def _step_errors(
@@ -360,8 +363,8 @@ def _peaks(
         return
     assert scene.period is not None
 
-    def amplitude(problem: Problem, point: CurvePoint) -> float:
-        return float(probe_amplitude(problem, scene.time, point)[direction])
+    def amplitude(point: CurvePoint) -> float:
+        return float(point.probe_amplitude[direction])
 
     say("peaks of the forced response")
     for peak in forced_peaks(

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenicsrom.online.curves.branching import branch, lies_on, motions_through_load, passes_through
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.online.curves.curve import BACK, END, Curve, CurvePoint
 
 SAME_START = 1e-6  # distance of the first points of one branch, followed twice, in parts of them
 MOST_PERIODS = 64  # of the loads in one of a motion on a branch
@@ -187,5 +187,5 @@ def _follow_both(parts: list[Piece], path_of: PathOf, follow: Follow, point: Cur
     back = parts.pop()
     part.points[:0] = back.points[:0:-1]
     part.special[:0] = back.special[::-1]
-    if part.reason == "end of the range":
-        part.reason = back.reason
+    if part.reason in (END, BACK):
+        part.reason = END if back.reason in (END, BACK) else back.reason

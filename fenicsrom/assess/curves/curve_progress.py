@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from fenicsrom.assess.curves.response_files import CurveFile, Stand
 from fenicsrom.assess.curves.response_results import response_table
-from fenicsrom.online.curves.continuation import FIRST_STEP, Continuation
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.progress import duration
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
+NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
 
 
@@ -60,7 +60,7 @@ class CurveWalk:
     def fraction(self) -> float:
         """The part of the range of the parameter that the curve covers, from both ends."""
         table = response_table(self.scene)
-        low, high = table.first, table.last
+        low, high = table.low, table.high
         covered = 0.0
         for piece in self.curve.pieces:
             values = [point.parameter for point in piece.points]
@@ -68,29 +68,11 @@ class CurveWalk:
                 covered += max(values) - low if piece.direction > 0.0 else high - min(values)
         return min(max(covered / (high - low), 0.0), 1.0)
 
-    def passed(
-        self, path: Continuation, begin: CurvePoint, since: int, direction: float | None
-    ) -> None:
-        """Note that the last piece has a new point.
-
-        Args:
-            path: the continuation.
-            begin: see `Stand`.
-            since: see `Stand`.
-            direction: see `Stand`.
-        """
+    def passed(self, path: Continuation) -> None:
+        """Note that the last piece has a new point of a continuation."""
         piece = self.curve.pieces[-1]
-        fresh = since == len(piece.points) - 1
-        self.stand = Stand(
-            len(piece.points),
-            len(piece.special),
-            begin,
-            since,
-            direction,
-            path.size,
-            FIRST_STEP if fresh else path.step,
-            path.shooting.guess,
-        )
+        counts = len(piece.points), len(piece.special)
+        self.stand = Stand(*counts, path.size, path.least, path.step, path.shooting.guess)
         now = clock.perf_counter()
         if now - self._kept > KEEP_INTERVAL:
             self.save()
@@ -103,6 +85,9 @@ class CurveWalk:
                 f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
                 f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
+        most = response_table(self.scene).points
+        if len(piece.points) == int(NEARLY_ALL * most):
+            line = f"{counted(len(piece.points), 'point')} of at most response.points = {most}"
         self(line)
 
     def save(self, done: bool = False) -> None:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
@@ -22,12 +24,14 @@ from fenicsrom.assess.curves.response_results import (
     curve_title,
     response_table,
 )
-from fenicsrom.assess.curves.trust import Check, RicherModel, contradiction, inaccuracies
+from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import LOST, CurvePoint
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
+from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
+from fenicsrom.online.curves.nonlinear_mode import linear_modes
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
@@ -124,7 +128,7 @@ def response(
                 outcome = _Outcome(ResponseCurve(values[number]), outcome)
             found.curves.append(outcome.curve)
             progress.finished(number)
-            error = outcome.error or _lost(scene, outcome.curve)
+            error = outcome.error or _incomplete(scene, outcome.curve)
             if error is not None:
                 found.warnings.append(f"{curve_title(scene, values[number])}{error}")
                 found.unfinished = found.unfinished or error
@@ -136,6 +140,7 @@ def response(
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
+    found.warnings += _light_modes(stored)
     _warn_of_errors(found)
     found.seconds = working_time() - begin
     return found
@@ -155,27 +160,63 @@ def _leave_out_unresolved(found: Response) -> None:
             )
 
 
+def _light_modes(stored: StoredModel) -> list[str]:
+    """A sentence on hardly damped higher modes that a harmonic of the loads excites."""
+    scene = stored.scene
+    table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
+    low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
+    contacts = settled_contacts(contacts_of(scene, stored.model.points))
+    try:
+        modes = linear_modes(stored.model, contacts)
+    except ConvergenceError:
+        return []
+    found = []
+    for mode in modes[1:]:
+        own = mode.omega / (2.0 * np.pi)
+        orders = np.arange(2, HARMONIC + 1)
+        within = (own >= orders * low * (1.0 - AROUND)) & (own <= orders * high * (1.0 + AROUND))
+        if within.any() and mode.damping_ratio < LIGHT:
+            found.append(
+                f"mode {mode.number} at {own:.5g} Hz has a damping ratio of "
+                f"{mode.damping_ratio:.1g} (harmonic {orders[within][0]})"
+            )
+    stuck = ", with contact points that stick" if scene.contacts else ""
+    advice = "expect narrow resonances, or give each mode its ratio in [damping]."
+    reason = f"Harmonics of the loads excite lightly damped modes{stuck}"
+    return [f"{reason}: {'; '.join(found)}; {advice}"] if found else []
+
+
 def _warn_of_errors(found: Response) -> None:
-    """Warn of large errors, and where a richer basis judges the stability otherwise."""
+    """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
     for curve in found.curves:
         said = inaccuracies(curve.checks, found.scene, found.table.parameter)
-        if sentence := contradiction(curve.checks, found.scene, found.table.parameter):
-            said.append(sentence)
-        found.warnings += [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        said += contradictions(curve.checks, found.scene, found.table.parameter)
+        said = [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        found.warnings += said
+        if said and found.unfinished is None:
+            found.unfinished = AccuracyError(f"response: {said[0]}")
 
 
-def _lost(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
-    """The error of a curve that ends within the range because no next point was found."""
-    ends = [
-        piece.points[-1].parameter
-        for piece in curve.pieces
-        if piece.points and piece.reason == LOST
-    ]
-    if not ends:
-        return None
-    parameter = response_table(scene).parameter
-    places = in_words(scene, parameter, *ends)
-    return ConvergenceError(f"the curve was lost at {places}: no next point was found")
+LIGHT = 1e-3  # damping ratio below which a higher mode is named
+HARMONIC = 20  # highest harmonic of the loads whose resonance with a higher mode is named
+AROUND = 0.01  # part of a frequency within which a harmonic excites a mode
+ADVICE = {
+    LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
+    OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "
+    "or choose a shorter range",
+}
+"""Why a curve is incomplete, and what to do, by the reason for which it ends."""
+
+
+def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
+    """The error of a curve that ends within the range."""
+    for reason, advice in ADVICE.items():
+        ended = [piece for piece in curve.pieces if piece.points and piece.reason == reason]
+        if ended:
+            ends = [piece.points[-1].parameter for piece in ended]
+            places = in_words(scene, response_table(scene).parameter, *ends)
+            return ConvergenceError(f"the curve ends at {places}: {advice}")
+    return None
 
 
 @dataclass

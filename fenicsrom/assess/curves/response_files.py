@@ -24,10 +24,9 @@ from fenicsrom.online.store.scene_changes import changed_run_key, first_differen
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.curves.branches import Piece
     from fenicsrom.assess.curves.response_results import ResponseCurve
 
-FORMAT = "fenicsrom response state 1"
+FORMAT = "fenicsrom response state 2"
 WHAT = "the state of a response curve"
 
 
@@ -37,27 +36,19 @@ class Stand:
 
     Attributes:
         points: number of points of the piece.
-        special: number of bifurcations of the piece.
-        begin: the point at which its steps were last measured anew, with the tangent there.
-        since: index of this point in the piece.
-        direction: direction of the change of the parameter from there; None follows the tangent.
-        size: size of the scaled variables there.
+        special: number of its bifurcations.
+        size: as `fenicsrom.online.curves.arc.ArcLength.size`.
+        least: likewise.
         step: next step along the curve.
         guess: see `fenicsrom.online.periodic.shooting.Shooting`.
     """
 
     points: int
     special: int
-    begin: CurvePoint
-    since: int
-    direction: float | None
     size: float
+    least: float
     step: float
     guess: tuple[Array | None, float]
-
-    def trail(self, piece: Piece) -> list[CurvePoint]:
-        """The points of a piece from `begin` on."""
-        return [self.begin, *piece.points[self.since + 1 :]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +191,6 @@ def _check_points(kept: KeptCurve) -> None:
         ValueError: the sizes differ.
     """
     points: list[CurvePoint] = [*kept.curve.points, *kept.curve.special]
-    points += [kept.stand.begin] if kept.stand is not None else []
     for point in points:
         size = points[0].z.size
         shapes = point.z.shape, point.s.shape, point.tangent.shape

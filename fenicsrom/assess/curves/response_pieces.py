@@ -1,9 +1,10 @@
 """The pieces of one response curve, in the order in which they are followed.
 
 A curve starts at the first value of the range, where a few periods are marched and Newton's method
-finds the periodic motion (`online.periodic.shooting`). It is followed through its folds to the
-last value (`online.curves.continuation`). A curve that ends before is followed from the last
-value too, so that both sides of a gap are known. Branches and isolated curves come last.
+finds the periodic motion (`fenicsrom.online.periodic.shooting`). It is followed through its folds
+to the last value (`fenicsrom.online.curves.continuation`). A curve that ends before is followed
+from the last value too, so that both sides of a gap are known. Branches and isolated curves come
+last.
 """
 
 from __future__ import annotations
@@ -16,17 +17,16 @@ from fenicsrom.assess.curves.response_problem import family_of, shooting_of, sta
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.curves.branching import follow_growing
+from fenicsrom.online.curves.arc import FIRST_SIZE, oriented
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint, norm
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
+from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
-
-LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 
 
 def follow_curve(
@@ -41,7 +41,8 @@ def follow_curve(
     family = family_of(stored)
     error: ConvergenceError | AccuracyError | None = None
     try:
-        for value, direction in ((table.first, 1.0), (table.last, -1.0)):
+        ahead = float(np.sign(table.last - table.first))
+        for value, direction in ((table.first, ahead), (table.last, -ahead)):
             earlier = [
                 piece
                 for piece in curve.pieces
@@ -58,8 +59,8 @@ def follow_curve(
             piece = earlier[0] if earlier else curve.pieces[-1]
             if start is not None or piece.reason == "interrupted":
                 _follow_piece(stored, family, start, value, piece, walk)
-            reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.last
-            if reached or piece.reason == "number of points":
+            reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.high
+            if reached or piece.reason == OUT_OF_POINTS:
                 break
         if not curve.points and error is not None:
             raise error
@@ -97,47 +98,62 @@ def _follow_piece(
     Raises:
         ConvergenceError: the first point was not found.
     """
-    table, shooting = response_table(stored.scene), shooting_of(stored, family)
-    path = Continuation(shooting, family, table.first, table.last, 1.0)
+    table, path = response_table(stored.scene), _path(stored, family)
     if start is not None:
-        _begin_piece(path, start, value, piece, walk)
-
-    def keep(point: CurvePoint) -> None:
-        assert walk.stand is not None
-        walk.passed(path, walk.stand.begin, walk.stand.since, walk.stand.direction)
-
+        piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
+        walk.passed(path)
     stand = walk.stand
     assert stand is not None
-    path.size, shooting.guess = stand.size, stand.guess
-    *earlier, last = stand.trail(piece)
-    follow_growing(
-        path,
-        last,
-        stand.direction,
-        piece,
-        points=table.points,
+    path.size, path.least, path.shooting.guess = stand.size, stand.least, stand.guess
+    path.run(
+        piece.points[-1],
+        None,
+        curve=piece,
         step=stand.step,
-        earlier=earlier,
-        measured=lambda begin: walk.passed(path, begin, len(piece.points) - 1, None),
-        largest_step=LARGEST_STEP,
-        progress=keep,
+        points=table.points,
+        progress=lambda point: walk.passed(path),
     )
+    _refine_largest(path, piece)
     walk.stand = None
     walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
 
 
-def _begin_piece(
-    path: Continuation, start: PeriodicMotion, value: float, piece: Piece, walk: CurveWalk
-) -> None:
-    """Find the first point of a piece; arguments and errors as `_follow_piece`."""
+def _refine_largest(path: Continuation, piece: Piece) -> None:
+    """Add the motion of the largest amplitude of a piece, which may lie between two points."""
+    points = piece.points
+
+    def size(point: CurvePoint) -> float:
+        return float(point.amplitude.max())
+
+    k = int(np.argmax([size(point) for point in points]))
+    if 0 < k < len(points) - 1:
+        path.size = norm(points[k].s)
+        top = path.highest(points[k - 1 : k + 2], size)
+        if top is not points[k]:
+            way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
+            points.insert(k + int(way > 0.0), top)
+
+
+def _path(
+    stored: StoredModel, family: Family, motion: CurvePoint | None = None, periods: int = 1
+) -> Continuation:
+    """The continuation over the range of the scene, measured by the size of a motion."""
+    table, size = response_table(stored.scene), 1.0 if motion is None else norm(motion.s)
+    return Continuation(shooting_of(stored, family, periods), family, table.low, table.high, size)
+
+
+def _first_point(
+    path: Continuation, start: PeriodicMotion, value: float, direction: float, scene: Scene
+) -> CurvePoint:
+    """The first point of a piece; arguments and errors as `_follow_piece`."""
     s = path.shooting.scaled(start.z)
-    path.size = float(np.linalg.norm(s))
+    path.size = path.least = FIRST_SIZE * norm(s) or 1.0
     begin = path.at_parameter(s, value)
     if begin is None:
-        here = in_words(walk.scene, response_table(walk.scene).parameter, value)
+        here = in_words(scene, response_table(scene).parameter, value)
         raise ConvergenceError(f"the motion at {here} was lost")
-    piece.points.append(begin)
-    walk.passed(path, begin, 0, piece.direction)
+    turn = float(np.sign(begin.tangent[-1])) or 1.0
+    return oriented(begin, turn * direction * begin.sense)
 
 
 def _follow_more(
@@ -151,36 +167,25 @@ def _follow_more(
     table = response_table(stored.scene)
 
     def path_of(motion: CurvePoint, periods: int) -> Continuation:
-        size = float(np.linalg.norm(motion.s))
-        shooting = shooting_of(stored, family, periods)
-        return Continuation(shooting, family, table.first, table.last, size)
+        return _path(stored, family, motion, periods)
 
     def follow(
         path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
     ) -> None:
-        piece = Piece(reason="interrupted", origin=origin, periods=periods)
+        piece = Piece([begin], reason="interrupted", origin=origin, periods=periods)
         curve.pieces.append(piece)
-        follow_growing(
-            path,
+        path.run(
             begin,
             direction,
-            piece,
+            curve=piece,
             points=table.points,
-            largest_step=LARGEST_STEP,
             progress=lambda point: progress(""),
         )
         progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
 
     def start(value: float) -> CurvePoint:
         motion = start_motion(stored, family, value, progress)
-        s = shooting_of(stored, family).scaled(motion.z)
-        size = float(np.linalg.norm(s))
-        path = Continuation(shooting_of(stored, family), family, table.first, table.last, size)
-        point = path.at_parameter(s, value)
-        if point is None:
-            here = in_words(stored.scene, table.parameter, value)
-            raise ConvergenceError(f"the motion at {here} was lost")
-        return point
+        return _first_point(_path(stored, family), motion, value, 1.0, stored.scene)
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
     follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())

@@ -140,7 +140,7 @@ def family_of(stored: StoredModel) -> Family:
 
 def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
     """The equation of motions of some periods; all pieces share the scales of the variables."""
-    problem = family(response_table(stored.scene).last)
+    problem = family(response_table(stored.scene).high)
     return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
 
 

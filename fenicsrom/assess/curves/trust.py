@@ -5,17 +5,18 @@ an ordinary point the other motion has the same parameter, and its amplitude is 
 moves instead: the other motion is sought normal to the tangent of the curve, and the parameters are
 compared.
 
-A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability.
-The verdict of the richer basis is therefore compared too, also at points that are spread over the
-stable parts, and between them where its multipliers come near the unit circle
-(`assess.curves.stability_search`). It is not compared next to a change of stability, which may
-move.
+A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability,
+and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
+compared, also at points that are spread over the stable and the unstable parts, and between them
+where the multipliers of the richer basis come near the unit circle
+(`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
+unit circle are left out. The verdict is not compared next to a change of stability, which may move.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,11 +24,11 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.stability_search import divide_gaps, lengths_along
+from fenicsrom.assess.curves.stability_search import NEAR, divide_gaps, lengths_along
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import CurvePoint, replaced
+from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
@@ -45,6 +46,7 @@ LARGEST = "largest amplitude"
 BETWEEN = "between"
 NEAR_CHANGE = "near instability"
 SPREAD = 24  # points of a curve, evenly over its stable parts, besides those that are named
+UNSTABLE = 12  # likewise over its unstable parts
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
@@ -67,6 +69,8 @@ class Check:
             found.
         judged: whether the two verdicts must agree: no change of stability is next to the point.
         richer_multiplier: size of the largest multiplier of the richer basis, NaN if not known.
+        finer_verdict: the stability with half the time step, as `richer_verdict`.
+        finer_multiplier: size of its largest multiplier, likewise.
     """
 
     point: CurvePoint
@@ -78,6 +82,8 @@ class Check:
     richer_verdict: str | None = None
     judged: bool = True
     richer_multiplier: float = np.nan
+    finer_verdict: str | None = None
+    finer_multiplier: float = np.nan
 
     @property
     def unknown(self) -> bool:
@@ -87,9 +93,15 @@ class Check:
     @property
     def contradicted(self) -> bool:
         """Whether the richer basis finds the motion stable where the model does not, or inverse."""
-        if self.richer_verdict is None or not self.judged:
-            return False
-        return self.point.stable != (self.richer_verdict == "stable")
+        return self._other_than(self.richer_verdict)
+
+    @property
+    def contradicted_by_step(self) -> bool:
+        """As `contradicted`, of half the time step."""
+        return self._other_than(self.finer_verdict)
+
+    def _other_than(self, verdict: str | None) -> bool:
+        return self.judged and verdict is not None and self.point.stable != (verdict == "stable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,18 +145,22 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     return list(unique.values())
 
 
-def spread(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
-    """Up to `SPREAD` stable points, evenly by their distances along the stable parts."""
+def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
+    """Up to `SPREAD` stable points, evenly by their distances along the stable parts.
+
+    Without `stable` these are up to `UNSTABLE` unstable points.
+    """
+    count = SPREAD if stable else UNSTABLE
     chosen, lengths = [], []
     for piece, along in zip(pieces, lengths_along(pieces), strict=True):
         for (before, point), length in zip(pairwise(piece.points), np.diff(along), strict=True):
-            if before.stable and point.stable:
+            if before.stable == point.stable == stable:
                 chosen.append(point)
                 lengths.append(float(length))
     if not chosen:
         return []
     reached = np.cumsum(lengths)
-    wanted = reached[-1] * (np.arange(SPREAD) + 0.5) / SPREAD
+    wanted = reached[-1] * (np.arange(count) + 0.5) / count
     at = np.minimum(np.searchsorted(reached, wanted), len(chosen) - 1)
     return [(BETWEEN, chosen[k]) for k in np.unique(at)]
 
@@ -187,9 +203,11 @@ def checks(
         return found[-1].richer_multiplier
 
     listed = selected(pieces)
-    if richer is not None:
-        known = {id(point) for _, point in listed}
-        listed += [(name, point) for name, point in spread(pieces) if id(point) not in known]
+    known = {id(point) for _, point in listed}
+    for name, point in [*spread(pieces), *spread(pieces, stable=False)]:
+        near = not point.stable or _size(point) > 1.0 - NEAR
+        if id(point) not in known and (near or richer is not None):
+            listed.append((name, point))
     sizes = {id(point): compare(where, point) for where, point in listed}
     if richer is not None:
         divide_gaps(
@@ -213,14 +231,28 @@ def _check(
     quantity = "parameter" if where == "fold" else "amplitude"
     other = _finer(point, family, settings, fold=where == "fold")
     error = None if other is None else _distance(point, other, quantity)
-    if richer is None or where == "fold":
-        return Check(point, where, quantity, error)
+    check = Check(point, where, quantity, error, judged=judged)
+    if where == "fold":
+        return check
+    if other is not None:
+        check = replace(check, finer_verdict=other.verdict, finer_multiplier=_size(other))
+    if richer is None:
+        return check
     motion = richer_motion(point, richer, settings)
     if motion is None:
-        return Check(point, where, quantity, error, None, True, None, judged)
-    basis = change(point.amplitude, motion.amplitude)
-    size = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
-    return Check(point, where, quantity, error, basis, True, motion.verdict, judged, size)
+        return replace(check, compared=True)
+    return replace(
+        check,
+        compared=True,
+        basis_error=change(point.amplitude, motion.amplitude),
+        richer_verdict=motion.verdict,
+        richer_multiplier=_size(motion),
+    )
+
+
+def _size(motion: CurvePoint | PeriodicMotion) -> float:
+    """Size of the largest multiplier that decides on the stability."""
+    return abs(largest_multiplier(motion.multipliers, motion.free_sliders))
 
 
 def _between(a: CurvePoint, b: CurvePoint, family: Family, settings: Any) -> CurvePoint | None:
@@ -261,7 +293,7 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     s = shooting.scaled(point.z)
     if not fold:
         return path.at_parameter(s, point.parameter)
-    here = replaced(point, s=s)
+    here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
         return None
@@ -303,32 +335,49 @@ def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicM
         return None
 
 
-def contradiction(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> str | None:
-    """A sentence on the points whose stability a richer basis judges otherwise, or None.
+def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
+    """Sentences on the points whose stability half the step or a richer basis judges otherwise.
 
     Args:
         curve_checks: checks of a curve.
         scene: the scene, for units.
         parameter: name of the parameter of the curve.
     """
-    found = [check for check in curve_checks if check.contradicted]
-    if not found:
-        return None
-    groups: dict[tuple[str, str], list[Check]] = {}
-    for check in found:
-        verdicts = (check.richer_verdict or "", check.point.verdict)
-        groups.setdefault(verdicts, []).append(check)
-    listed = "; ".join(
-        f"{_in_words(richer)} instead of {_in_words(own)} at {_place(group, scene, parameter)} "
-        f"(multipliers up to {_outside(group):.2g} outside of the unit circle)"
-        for (richer, own), group in groups.items()
-    )
-    known = sum(check.richer_verdict is not None for check in curve_checks)
-    return (
-        f"a richer basis finds another stability of {len(found)} of "
-        f"{counted(known, 'compared motion')}: {listed}; "
-        'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
-    )
+    by_step = [
+        (check, check.finer_verdict, check.finer_multiplier, check.contradicted_by_step)
+        for check in curve_checks
+    ]
+    by_basis = [
+        (check, check.richer_verdict, check.richer_multiplier, check.contradicted)
+        for check in curve_checks
+    ]
+    said = []
+    for who, compared, advice in (
+        ("half the time step", by_step, "increase time.steps_per_period."),
+        (
+            "a richer basis",
+            by_basis,
+            'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.',
+        ),
+    ):
+        groups: dict[tuple[str, str], list[tuple[Check, float]]] = {}
+        for check, verdict, size, contradicted in compared:
+            if contradicted:
+                groups.setdefault((verdict or "", check.point.verdict), []).append((check, size))
+        if not groups:
+            continue
+        listed = "; ".join(
+            f"{_in_words(other)} instead of {_in_words(own)} at {_place(group, scene, parameter)} "
+            f"(multipliers up to {_outside(other, group):.2g} outside of the unit circle)"
+            for (other, own), group in groups.items()
+        )
+        found = sum(len(group) for group in groups.values())
+        known = sum(verdict is not None for _, verdict, _, _ in compared)
+        said.append(
+            f"{who} finds another stability of {found} of {counted(known, 'compared motion')}: "
+            f"{listed}; {advice}"
+        )
+    return said
 
 
 def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
@@ -364,24 +413,18 @@ def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) ->
     return said
 
 
-def _place(group: Sequence[Check], scene: Scene, parameter: str) -> str:
+def _place(group: Sequence[tuple[Check, float]], scene: Scene, parameter: str) -> str:
     """Where some checks of a curve are: a value of the parameter, or a range."""
-    values = [check.point.parameter for check in group]
+    values = [check.point.parameter for check, _ in group]
     if len(values) == 1:
         return in_words(scene, parameter, values[0])
     last = in_words(scene, parameter, max(values))
     return f"{len(values)} points from {parameter} = {min(values):.6g} to {last}"
 
 
-def _outside(group: Sequence[Check]) -> float:
-    """How far outside of the unit circle a multiplier is, of the basis that finds instability."""
-    sizes = [
-        abs(largest_multiplier(check.point.multipliers, check.point.free_sliders))
-        if check.richer_verdict == "stable"
-        else check.richer_multiplier
-        for check in group
-    ]
-    return max(sizes) - 1.0
+def _outside(other: str, group: Sequence[tuple[Check, float]]) -> float:
+    """How far outside of the unit circle a multiplier is, where the instability is found."""
+    return max(_size(check.point) if other == "stable" else size for check, size in group) - 1.0
 
 
 def _in_words(verdict: str) -> str:

@@ -115,7 +115,7 @@ def _from_heavy_damping(model: ReducedModel, scene: Scene) -> tuple[str, CurvePo
     damping, period = scene.material.mass_damping, scene.period
     assert period is not None
     heavy = max(2.0 * HEAVY * 2.0 * np.pi / period, FACTOR * damping)
-    table = Response(parameter=PARAMETER, first=damping, last=heavy, points=POINTS)
+    table = Response(parameter=PARAMETER, first=heavy, last=damping, points=POINTS)
     stored = StoredModel(
         model, replace(scene, response=table), scene.basis.method, (), 0, np.zeros(0), {}
     )

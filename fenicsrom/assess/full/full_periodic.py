@@ -29,7 +29,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.fem.full.full_period import FullPeriodEnd, FullPeriodMap
 from fenicsrom.fem.solid.solid import Solid
-from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, least_squares_step
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.state import Record
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.words import counted
@@ -50,6 +50,7 @@ A vibration that keeps its size and turns by the angle phi in a period is reduce
 """
 
 NORMAL_MODES = 60  # of the solid, for the first enlargement of the directions
+RANK = 1e-8  # singular values below this part of the largest count as zero
 UNKNOWNS_PER_MODE = 4  # the eigensolver is not accurate enough for the highest modes of a mesh
 
 
@@ -270,7 +271,18 @@ class _Jacobian:
         """The step dz (N,) and its part outside of the span of D."""
         problem = self._problem
         equation = np.eye(self._matrix.shape[0]) - self._matrix
-        y, _ = least_squares_step(equation, problem.coordinates(residual))
+        y = _least_squares(equation, problem.coordinates(residual))
         rest = residual + self._columns @ y
         rest -= problem.expanded(problem.coordinates(rest))
         return problem.expanded(y) + rest, rest
+
+
+def _least_squares(matrix: Array, right: Array) -> Array:
+    """The shortest solution of a square system, in which sliders that stick are free.
+
+    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
+    decide which singular values count as zero.
+    """
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    found: Array = np.linalg.lstsq(matrix / size[:, None], right / size, rcond=RANK)[0]
+    return found

@@ -7,7 +7,8 @@ Between two points of a curve there is a special point where
   the circle tells the kind. A multiplier that crosses at +1 away from a fold marks a branch point.
   If it crosses in a jump, which the derivative of a motion with contact may do where a contact
   state first occurs, the bifurcation is non-smooth;
-- a contact state first or last occurs at a contact point (`online.curves.contact_events`).
+- a contact state first or last occurs at a contact point
+  (`fenicsrom.online.curves.contact_events`).
 
 Each is a change of sign of a function of the motion, bracketed on the curve itself by the secant
 method, safeguarded by bisection. The function may jump.
@@ -16,26 +17,29 @@ method, safeguarded by bisection. The function may jump.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.curves.arc import SMOOTH, STRAIGHT, oriented
 from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.contact_events import OPENS, SLIPS, STICKS
-from fenicsrom.online.curves.curve import CurvePoint, hermite, norm, replaced
+from fenicsrom.online.curves.curve import CurvePoint, hermite, norm
 from fenicsrom.online.periodic.shooting import STABLE_WITHIN
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
+STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
 REAL = 1e-6  # angle of a multiplier below which it counts as real
 
 Test = Callable[[CurvePoint], float]
 
 
 class Path(Protocol):
-    """A curve with special points: a `online.curves.continuation.Continuation`."""
+    """A curve with special points: a `fenicsrom.online.curves.continuation.Continuation`."""
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`."""
@@ -43,8 +47,11 @@ class Path(Protocol):
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
 
+    def direction(self, point: CurvePoint) -> Array:
+        """The unit tangent (N + 1,) at a point."""
 
-def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
+
+def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
     """The special points between two points of a curve, in their order.
 
     Args:
@@ -53,19 +60,14 @@ def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]
         b: the next point; the tangents of both point along the path.
 
     Returns:
-        The special points; None if any of them could not be located.
+        The special points; one that could not be located is an end of its bracket.
     """
     found: list[CurvePoint] = []
     for kind, contact, test in _changes(a, b):
         bracket = change_of_sign(path, test, a, b)
-        if bracket is None:
-            return None
-        found.append(replaced(bracket.nearest, kind=kind, contact=contact))
-    crossings = _crossings(path, a, b)
-    if crossings is None:
-        return None
+        found.append(replace(bracket.nearest, kind=kind, contact=contact))
     folds = [path.place(point) for point in found if point.kind == "fold"]
-    for point in crossings:
+    for point in _crossings(path, a, b):
         apart = [norm(path.place(point) - fold) for fold in folds]
         if min(apart, default=np.inf) > LOCATED**0.5:
             found.append(point)
@@ -112,7 +114,7 @@ def outside(point: CurvePoint) -> int:
     return int(np.sum(np.abs(point.judged) > 1.0 + STABLE_WITHIN))
 
 
-def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
+def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
     """Where multipliers cross the unit circle between two points, in their order.
 
     The size of the multiplier of rank k (the k-th largest) is a continuous function of the
@@ -128,15 +130,13 @@ def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | N
         return float(sizes[rank - 1] - 1.0 - STABLE_WITHIN) if sizes.size >= rank else -1.0
 
     bracket = change_of_sign(path, test, a, b)
-    if bracket is None:
-        return None
     kind = _kind(bracket, rank, abs(test(b) - test(a)))
-    here = [replaced(bracket.nearest, kind=kind)]
+    here = [replace(bracket.nearest, kind=kind)]
     if norm(path.place(b) - path.place(a)) <= 2.0 * BRACKET:
         return here
     first = _crossings(path, a, bracket.before)
     last = _crossings(path, bracket.after, b)
-    return None if first is None or last is None else first + here + last
+    return first + here + last
 
 
 def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
@@ -150,12 +150,8 @@ def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
     return "period doubling" if multiplier.real < 0.0 else "branch point"
 
 
-def change_of_sign(
-    path: Path, test: Test, a: CurvePoint, b: CurvePoint
-) -> Bracket[CurvePoint] | None:
+def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket[CurvePoint]:
     """Bracket the change of sign of a function between two points of a curve.
-
-    Each point is sought on the hyperplane normal to the chord from a to b.
 
     Args:
         path: finds points of the curve.
@@ -164,47 +160,67 @@ def change_of_sign(
         b: the next point; the tangents of both point along the path.
 
     Returns:
-        The bracket, not wider than `BRACKET`; None if a point was not found.
+        The bracket, not wider than `BRACKET` unless a point in it was not found.
     """
-    origin = path.place(a)
-    chord = path.place(b) - origin
-    length = norm(chord)
-    chord /= length
-
-    def between(points: list[CurvePoint], ends: list[float], arc: float) -> CurvePoint | None:
-        return _between(path, points, ends, arc, origin, chord)
-
-    return bracketed(between, test, a, b, length, BRACKET)
+    planes = _Planes(path, a, b)
+    found = bracketed(planes.point, test, a, b, planes.length, BRACKET, lost=planes.length)
+    assert found is not None  # no bracket is too wide
+    return found
 
 
 def point_between(path: Path, a: CurvePoint, b: CurvePoint, share: float) -> CurvePoint | None:
-    """The point of a curve at a share of the chord from a to b; None if it is not found."""
-    origin = path.place(a)
-    chord = path.place(b) - origin
-    length = norm(chord)
-    chord /= length
-    return _between(path, [a, b], [0.0, length], share * length, origin, chord)
+    """The point of a curve at a share of the way from a to b; None if it is not found."""
+    planes = _Planes(path, a, b)
+    return planes.point([a, b], [0.0, planes.length], share * planes.length, exact=False)
 
 
-def _between(
-    path: Path,
-    points: list[CurvePoint],
-    ends: list[float],
-    arc: float,
-    origin: Array,
-    chord: Array,
-) -> CurvePoint | None:
-    """The point of the curve at a distance along the chord, between two points; None if lost."""
-    first, last = (path.place(point) for point in points)
-    share = (arc - ends[0]) / (ends[1] - ends[0])
-    length = norm(last - first)
-    guess = hermite(first, last, points[0].tangent, points[1].tangent, length, share)
-    guess = guess + (arc - chord @ (guess - origin)) * chord
-    point = path.correct(guess, chord, exact=True)
-    if point is None:
-        guess = first + share * (last - first)
-        point = path.correct(guess, chord, exact=True)
-    if point is None:
+class _Planes:
+    """Parallel planes between two points, in which points of the curve are sought.
+
+    Their normal is the sum of the tangents at both points: a curve with one corner between them
+    passes each plane once, even if it turns back there.
+
+    Attributes:
+        length: distance of the planes through both points.
+    """
+
+    def __init__(self, path: Path, a: CurvePoint, b: CurvePoint):
+        """Choose the normal."""
+        self._path, self._origin = path, path.place(a)
+        chord, normal = path.place(b) - self._origin, path.direction(a) + path.direction(b)
+        if normal @ chord <= 0.5 * norm(normal) * norm(chord):
+            normal = chord
+        self._normal: Array = np.asarray(normal / norm(normal))
+        self.length = float(self._normal @ chord)
+
+    def point(
+        self, points: list[CurvePoint], ends: list[float], arc: float, *, exact: bool = True
+    ) -> CurvePoint | None:
+        """The point of the curve at a distance from a, between two points; None if lost."""
+        for guess in self._guesses(points, ends, arc):
+            found = self._path.correct(guess, self._normal, exact=exact)
+            if found is not None:
+                return self._along(found, points)
         return None
-    turn = float(np.sign(point.tangent @ points[0].tangent)) or 1.0
-    return replaced(point, tangent=turn * point.tangent)
+
+    def _guesses(self, points: list[CurvePoint], ends: list[float], arc: float) -> Iterator[Array]:
+        """Guesses (N + 1,) of a point: the cubic through two points, then their tangents."""
+        places = [self._path.place(point) for point in points]
+        ahead = [self._path.direction(point) for point in points]
+        if ahead[0] @ ahead[1] > SMOOTH:
+            length, share = norm(places[1] - places[0]), (arc - ends[0]) / (ends[1] - ends[0])
+            guess = hermite(places[0], places[1], ahead[0], ahead[1], length, share)
+            yield guess + (arc - self._normal @ (guess - self._origin)) * self._normal
+        nearer = int(arc > 0.5 * (ends[0] + ends[1]))
+        for k in (nearer, 1 - nearer):
+            slope = float(self._normal @ ahead[k])
+            if abs(slope) > STEEP:
+                yield places[k] + (arc - ends[k]) / slope * ahead[k]
+
+    def _along(self, found: CurvePoint, points: list[CurvePoint]) -> CurvePoint:
+        """The point with its tangent along the path."""
+        ahead, there = (self._path.direction(point) for point in points)
+        sense = points[0].sense
+        if ahead @ there > STRAIGHT or sense != points[1].sense:  # perhaps a branch point between
+            sense = found.sense * (float(np.sign(self._path.direction(found) @ ahead)) or 1.0)
+        return oriented(found, sense)

@@ -56,17 +56,16 @@ def bracketed(
         b: the next point.
         length: its distance from a.
         narrow: width of the final bracket.
-        lost: width of a bracket that is returned as it is if no point is found in it.
+        lost: width of a bracket that is returned as it is if it did not become narrow.
 
     Returns:
-        The bracket; None if no point was found in a wider bracket.
+        The bracket; None if it is wider than both widths.
     """
     points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
     ends, slow, width, moved = [0.0, length], 0, length, -1
     for _ in range(EVALUATIONS):
-        found = Bracket(points[0], points[1], (values[0], values[1]))
         if ends[1] - ends[0] <= narrow:
-            return found
+            break
         low, high = (value * weight for value, weight in zip(values, weights, strict=True))
         bisects = slow >= 3 or low == high
         if bisects:
@@ -77,7 +76,7 @@ def bracketed(
             arc = min(max(arc, ends[0] + near), ends[1] - near)
         point = between(points, ends, arc)
         if point is None:
-            return found if ends[1] - ends[0] <= lost else None
+            break
         value = test(point)
         side = 1 if value * np.sign(values[1]) > 0.0 else 0
         points[side], values[side], ends[side] = point, value, arc
@@ -88,4 +87,6 @@ def bracketed(
         slow += 1
         if ends[1] - ends[0] <= 0.5 * width:
             slow, width = 2 if bisects else 0, ends[1] - ends[0]
-    return None
+    if ends[1] - ends[0] > max(narrow, lost):
+        return None
+    return Bracket(points[0], points[1], (values[0], values[1]))

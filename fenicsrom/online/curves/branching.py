@@ -12,80 +12,23 @@ problem.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.curves.continuation import FIRST_STEP, Continuation
-from fenicsrom.online.curves.curve import Curve, CurvePoint, replaced
+from fenicsrom.online.curves.arc import oriented
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.periodic.families import Problem, excitation_family
 from fenicsrom.online.periodic.shooting import Shooting
 
-GROWTH = 2.0  # of the motion after which its steps are measured by its new size
 SWITCH = (0.02, 0.05, 0.1)  # distances from the curve at which a branch is sought
 APART = 0.1  # of this distance: a motion that is nearer to the curve does not lie on a branch
 SAME = 1e-5  # relative distance below which two motions are the same
 LEAST_LOAD, LARGEST_LOAD = 0.01, 4.0  # factors on the loads through which other motions are sought
 LOAD_POINTS = 1000  # largest number of points over the load
-
-
-def follow_growing(
-    path: Continuation,
-    start: CurvePoint,
-    direction: float | None,
-    curve: Curve,
-    *,
-    step: float = FIRST_STEP,
-    earlier: Sequence[CurvePoint] = (),
-    measured: Callable[[CurvePoint], None] | None = None,
-    **options: Any,
-) -> Curve:
-    """Follow a curve whose motions grow: steps are measured by the size of the motion.
-
-    Where the motion has grown by `GROWTH`, the continuation begins again with its present size.
-
-    Args:
-        path: the continuation.
-        start: the first point, or the last one of an interrupted run.
-        direction: as in `Continuation.run`.
-        curve: receives the points; an empty curve receives `start` first.
-        step: first step along the curve.
-        earlier: as in `Continuation.run`, since the steps were last measured anew.
-        measured: called with each point at which the steps are measured anew, and its new tangent.
-        options: of `Continuation.run`.
-    """
-    if not curve.points:
-        curve.points.append(start)
-    while True:
-        if float(np.linalg.norm(start.s)) > GROWTH * path.size:
-            start, direction, step, earlier = rescaled(path, start), None, FIRST_STEP, ()
-            if measured is not None:
-                measured(start)
-        size = GROWTH * path.size
-        path.run(
-            start,
-            direction,
-            step=step,
-            earlier=earlier,
-            curve=curve,
-            largest_size=size,
-            **options,
-        )
-        if curve.reason != "grown":
-            return curve
-        start = curve.points[-1]
-
-
-def rescaled(path: Continuation, last: CurvePoint) -> CurvePoint:
-    """Set the size of a continuation to that of a point; the point with its new tangent."""
-    tangent = last.tangent.copy()
-    size = float(np.linalg.norm(last.s))
-    tangent[:-1] *= path.size / size
-    path.size = size
-    return replaced(last, tangent=tangent / np.linalg.norm(tangent))
 
 
 def branch(
@@ -107,17 +50,17 @@ def branch(
     direction = _eigenvector(path, point)
     if direction is None:
         return None
-    other = Continuation(shooting, path.family, path.low, path.high, path.size, path.tolerance)
+    other = Continuation(shooting, path.family, path.low, path.high, path.size)
     along = np.append(sense * direction, 0.0)
     for distance in SWITCH:
-        start = other.correct(path.place(point) + distance * along, along, exact=True)
+        start = other.correct(other.place(point) + distance * along, along, exact=True)
         if start is None or not path.low <= start.parameter <= path.high:
             continue
         same = path.at_parameter(point.s, start.parameter)
         apart = np.inf if same is None else float(np.linalg.norm(same.s - start.s)) / path.size
         if apart > APART * distance:
             turn = float(np.sign(start.tangent @ along)) or 1.0
-            return other, replaced(start, tangent=turn * start.tangent)
+            return other, oriented(start, turn * start.sense)
     return None
 
 
@@ -161,15 +104,7 @@ def motions_through_load(
         start = path.at_parameter(s, 1.0)
         if start is None:
             return found
-        curve = follow_growing(
-            path,
-            start,
-            direction,
-            Curve(),
-            points=LOAD_POINTS,
-            locate=False,
-            progress=progress,
-        )
+        curve = path.run(start, direction, points=LOAD_POINTS, locate=False, progress=progress)
         for a, b in pairwise(curve.points[1:]):
             if (a.parameter - 1.0) * (b.parameter - 1.0) >= 0.0:
                 continue

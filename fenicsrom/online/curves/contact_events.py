@@ -38,14 +38,18 @@ class Extremes(NamedTuple):
     slip: Array
 
 
-def occurrences(record: Record, contacts: Contacts) -> tuple[NDArray[np.int64], Extremes]:
+def occurrences(
+    record: Record, contacts: Contacts, drift: Array | float = 0.0
+) -> tuple[NDArray[np.int64], Extremes]:
     """Which contact states occur in the rows of a period, and how far the others are.
 
-    Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick.
+    Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick,
+    and so does slip in one sense only, by which a slider is dragged to its place.
 
     Args:
         record: the rows.
         contacts: parameters of the contact points.
+        drift: (P,) distance from the slider at the start of the period to that at its end, m.
 
     Returns:
         Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the states that occur, and the `Extremes`.
@@ -55,6 +59,7 @@ def occurrences(record: Record, contacts: Contacts) -> tuple[NDArray[np.int64], 
     largest = np.max(limit, axis=0)
     stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
     slid = np.max(record.friction_dissipation, axis=0) / np.maximum(largest, SMALLEST)
+    slid = np.maximum(slid - drift, 0.0)
     rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
     sticks = rubs & (slid <= NEGLIGIBLE * largest / stiffness) & ((bits & SLIPS) > 0)
     bits = np.where(sticks, (bits & ~SLIPS) | STICKS, bits)

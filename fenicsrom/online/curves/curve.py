@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,13 @@ CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("
 """Kinds of special points where a contact state first or last occurs along a curve."""
 LOST = "no convergence"
 """Reason for which a curve ends where no next point was found."""
+OUT_OF_POINTS = "number of points"
+"""Reason for which a curve ends that has as many points as it may have."""
 END = "end of the range"
 """Reason for which a curve ends at a bound of its parameter."""
-COMPLETE = (END, "closed", "end of the branch")
+BACK = "back at the start of the range"
+"""Reason for which a curve ends that comes back to the value of the parameter where it began."""
+COMPLETE = (END, BACK, "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 
 
@@ -34,9 +37,10 @@ class CurvePoint:
         parameter: p.
         z: (N,) variables at the start of the period.
         s: (N,) scaled variables.
-        tangent: (N + 1,) unit tangent of the curve in (s / size, p / range).
+        tangent: (N + 1,) direction of the curve in (s, p).
         amplitude: (P, d) half of peak-to-peak of the contact displacement, or (1, d) of the probe
             without contact, m.
+        probe_amplitude: (d,) half of peak-to-peak of the displacement of the probe, m.
         peak_force: (P,) largest normal force, N.
         friction_dissipation: energy dissipated by friction in the period, J.
         multipliers: (N,) Floquet multipliers, the largest first.
@@ -59,7 +63,8 @@ class CurvePoint:
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
             `fenicsrom.online.curves.turning_pairs`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
-        period: period of the motion, s; NaN in a point that an older version of the program kept.
+        period: of the motion, s.
+        sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
     """
 
     parameter: float
@@ -86,6 +91,8 @@ class CurvePoint:
     turning: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
     turn_rates: Array = field(default_factory=lambda: np.zeros(0))
     period: float = np.nan
+    sense: float = 1.0
+    probe_amplitude: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> bool:
@@ -105,20 +112,14 @@ class Curve:
     Attributes:
         points: in the order in which they were found.
         special: located bifurcations and contact events.
-        reason: why the continuation ended: "end of the range", "number of points", "closed" (the
+        reason: why the continuation ended: `END`, `BACK`, `OUT_OF_POINTS`, `LOST`, "closed" (the
             curve returned to its first point), "end of the branch" (a motion of several periods
-            became one of fewer), "no convergence", "grown" (the motion reached a given size) or
-            "interrupted".
+            became one of fewer) or "interrupted".
     """
 
     points: list[CurvePoint] = field(default_factory=list)
     special: list[CurvePoint] = field(default_factory=list)
     reason: str = ""
-
-
-def replaced(point: CurvePoint, **changes: Any) -> CurvePoint:
-    """The point with some attributes replaced."""
-    return CurvePoint(**(point.__dict__ | changes))
 
 
 def norm(vector: Array) -> float:

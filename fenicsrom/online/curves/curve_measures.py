@@ -61,8 +61,8 @@ def states_over_period(record: Record, bits: NDArray[np.int64]) -> NDArray[np.in
 
     Args:
         record: the rows.
-        bits: (P,) which states occur, of `online.curves.contact_events.occurrences`; the slip of
-            a point that counts as sticking is stick here too.
+        bits: (P,) which states occur, of `fenicsrom.online.curves.contact_events.occurrences`; the
+            slip of a point that counts as sticking is stick here too.
     """
     instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
     found = record.state[record.time.searchsorted(instants)]

@@ -15,29 +15,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.free_sliders import solve_with_free_sliders
-from fenicsrom.online.curves.sticking_continuation import StickingContinuation
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import END, LOST, Curve, CurvePoint
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.periodic.families import Family, Problem, force_family, frequency_family
-from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.online.periodic.families import Family, force_family, frequency_family
+from fenicsrom.online.periodic.shooting import Shooting, hold_sliders
 
-LOCATED = 1e-3
-"""How closely a peak is located, as a part of the arc that holds it.
-
-The arc is a few steps of `LARGEST_STEP`, a turn of the motion against the force by less than
-half a radian. The amplitude changes with the square of what is left, by less than 1e-6 of it.
-"""
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
 WINDOW = 2.0  # largest ratio of the frequencies at which a search ends and starts
-LARGEST_STEP = 0.2  # along a curve
-FINE = 0.25  # part of the motion that measures the steps of the force: slip begins at a kink
-STRIDE = 2.0  # growth of the force after which steps are measured by the new size of the motion
 POINTS = 400  # of a continuation
 FALLEN = 0.98  # part of the largest amplitude at which its neighbourhood ends
 
@@ -74,7 +63,7 @@ def forced_peaks(
     rest: tuple[Array, Array],
     frequency: float,
     factors: Sequence[float],
-    amplitude: Callable[[Problem, CurvePoint], float],
+    amplitude: Callable[[CurvePoint], float],
     displaced: NDArray[np.bool_] | None = None,
 ) -> Iterator[ForcedPeak]:
     """Find the peaks at ascending factors on the loads, each from the one before.
@@ -87,7 +76,7 @@ def forced_peaks(
         rest: coordinates (n,) and sliders (P, d) of the equilibrium.
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
-        amplitude: amplitude of a motion with these data, m.
+        amplitude: of a motion, m.
         displaced: (s,) as in `fenicsrom.online.periodic.families.frequency_family`.
 
     Raises:
@@ -107,13 +96,9 @@ def forced_peaks(
         by_force = force_family(here.model, contacts, here.period)
         s = _at_larger_force(shooting, by_force, s, before, factor)
         size, family = float(np.linalg.norm(s)), at_force(factor)
-
-        def height(point: CurvePoint, family: Family = family) -> float:
-            return amplitude(family(point.parameter), point)
-
-        path = StickingContinuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
+        path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
-        top, ends = (None, ()) if first is None else _climb(path, first, height)
+        top, ends = (None, ()) if first is None else _climb(path, first, amplitude)
         if top is None:
             early = [end for end in dict.fromkeys(ends) if end != "fallen"]
             reasons = " and ".join(early) or "no convergence"
@@ -123,7 +108,7 @@ def forced_peaks(
                 f"ended early ({reasons})"
             )
         s, frequency, before = top.s, top.parameter, factor
-        yield ForcedPeak(factor, frequency, height(top), top, (ends[0], ends[1]))
+        yield ForcedPeak(factor, frequency, amplitude(top), top, (ends[0], ends[1]))
 
 
 def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
@@ -140,7 +125,8 @@ def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
         residual, matrix, _, _ = found
         with contextlib.suppress(np.linalg.LinAlgError):
             jacobian = matrix - np.eye(s.size)
-            return s + solve_with_free_sliders(jacobian, -residual, shooting.sliders)[0]
+            hold_sliders(jacobian, shooting.sliders)
+            return s + np.linalg.solve(jacobian, -residual)
     raise ConvergenceError("the forced motion under small loads was not found")
 
 
@@ -152,26 +138,21 @@ def _at_larger_force(
     Raises:
         ConvergenceError: the factor was not reached.
     """
-    while before < factor:
-        goal = min(factor, STRIDE * before)
-        size = FINE * float(np.linalg.norm(s))
-        path = StickingContinuation(shooting, family, before, goal, size)
-        first = path.at_parameter(s, before)
-        points, reason = [] if first is None else [first], "no convergence"
-        if first is not None:
-            curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
-            points, reason = curve.points, curve.reason
-        if not points or abs(points[-1].parameter - goal) > 1e-9 * goal:
-            raise ConvergenceError(
-                f"the forced motion was lost between {before:g} and {goal:g} times the loads: "
-                f"{reason}"
-            )
-        s, before = points[-1].s, goal
-    return s
+    path = Continuation(shooting, family, before, factor, float(np.linalg.norm(s)))
+    first = path.at_parameter(s, before)
+    curve = Curve(reason=LOST)
+    if first is not None:
+        curve = path.run(first, 1.0, points=POINTS, locate=False)
+    if curve.reason != END:
+        raise ConvergenceError(
+            f"the forced motion was lost between {before:g} and {factor:g} times the loads: "
+            f"{curve.reason}"
+        )
+    return np.asarray(curve.points[-1].s)
 
 
 def _climb(
-    path: StickingContinuation, start: CurvePoint, height: Callable[[CurvePoint], float]
+    path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> tuple[CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.
 
@@ -189,14 +170,7 @@ def _climb(
                 raise _Fallen
 
         try:
-            curve = path.run(
-                start,
-                direction,
-                largest_step=LARGEST_STEP,
-                points=POINTS,
-                locate=False,
-                progress=keep,
-            )
+            curve = path.run(start, direction, points=POINTS, locate=False, progress=keep)
             ends.append(curve.reason)
         except _Fallen:
             ends.append("fallen")
@@ -206,32 +180,4 @@ def _climb(
     best = int(np.argmax(heights))
     if not 0 < best < len(points) - 1:
         return None, tuple(ends)
-    return _top(path, points[best - 1 : best + 2], height), tuple(ends)
-
-
-def _top(
-    path: StickingContinuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
-) -> CurvePoint:
-    """The largest amplitude on the arc through three points, of which the second is the highest."""
-    places = np.array([path.place(point) for point in points])
-    arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-    chord = (places[2] - places[0]) / np.linalg.norm(places[2] - places[0])
-    best = points[1], height(points[1])
-
-    def depth(arc: float) -> float:
-        nonlocal best
-        weights = [
-            np.prod([(arc - b) / (a - b) for b in np.delete(arcs, i)]) for i, a in enumerate(arcs)
-        ]
-        found = path.correct(np.tensordot(weights, places, axes=1), chord)
-        if found is None:
-            return np.inf
-        value = height(found)
-        if value > best[1]:
-            best = found, value
-        return -value
-
-    minimize_scalar(
-        depth, bounds=(0.0, arcs[2]), method="bounded", options={"xatol": LOCATED * arcs[2]}
-    )
-    return best[0]
+    return path.highest(points[best - 1 : best + 2], height), tuple(ends)

@@ -6,8 +6,8 @@ of motion without its dynamic loads; static loads, preload and rotation stay:
     M q'' + (C - 2 zeta omega M) q' + f(q) + B F(B^T q) = static loads.
 
 The frequency omega and the damping ratio zeta are unknown. With the scaled variables s of
-`online.periodic.shooting`, s_0 their equilibrium and p = ln a, the unknowns are the shape sigma of
-s = s_0 + a sigma, the logarithm tau of the period and zeta:
+`fenicsrom.online.periodic.shooting`, s_0 their equilibrium and p = ln a, the unknowns are the shape
+sigma of s = s_0 + a sigma, the logarithm tau of the period and zeta:
 
     (P(s; tau, zeta) - s) / a = 0,    row_v sigma = 0,    row_q sigma = 1.
 
@@ -28,9 +28,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.curves.arc import Values
+from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.curve_correction import CURVE_TOLERANCE
-from fenicsrom.online.curves.sticking_continuation import StickingContinuation
 from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import ReducedModel
@@ -138,7 +138,7 @@ def _contact_stiffness(model: ReducedModel, contacts: Contacts, x: Array) -> Arr
     return found
 
 
-class ModeContinuation(StickingContinuation):
+class ModeContinuation(Continuation):
     """The motions of one nonlinear mode; the parameter is p = ln a, a in sqrt(kg) m.
 
     The unknowns s (N + 2,) are sigma, tau and zeta.
@@ -152,7 +152,6 @@ class ModeContinuation(StickingContinuation):
         mode: LinearMode,
         first: float,
         last: float,
-        tolerance: float = CURVE_TOLERANCE,
     ):
         """Make the problem.
 
@@ -163,15 +162,12 @@ class ModeContinuation(StickingContinuation):
             mode: the linear mode in which the nonlinear one begins.
             first: smallest amplitude of the modal coordinate, sqrt(kg) m.
             last: largest.
-            tolerance: tolerance of the residual relative to the shape.
         """
         period = 2.0 * np.pi / mode.omega
         still = without_dynamic_loads(model)
         problem = Problem(still, contacts, period, no_drift(contacts, still.load_histories))
         shooting = Shooting(still, contacts, settings, period)
-        super().__init__(
-            shooting, lambda _: problem, np.log(first), np.log(last), 1.0, tolerance=tolerance
-        )
+        super().__init__(shooting, lambda _: problem, np.log(first), np.log(last), 1.0)
         self.mode, self.problem = mode, problem
         zero, pmap = np.zeros(model.size), shooting.map
         self._rest = shooting.scaled(pmap.pack(mode.equilibrium, zero, zero, mode.sliders))
@@ -200,52 +196,48 @@ class ModeContinuation(StickingContinuation):
         """Variables z (N,) of unknowns s (N + 2,)."""
         return self.shooting.unscaled(self._rest + np.exp(parameter) * s[:-2])
 
-    def problem_of(self, point: CurvePoint) -> Problem:
-        """The data of the motion of a point: period and artificial damping."""
-        omega = 2.0 * np.pi * self.frequency(point)
+    def problem_at(self, s: Array, parameter: float) -> Problem:
+        """The data of a motion: its period, and the damping C - 2 zeta omega M."""
+        model, omega = self.problem.model, self._omega(s)
+        damping = float(model.damping - 2.0 * s[-1] * omega)
         return self.problem._replace(
-            model=self._damped(omega, self.damping_ratio(point)), period=2.0 * np.pi / omega
+            model=model._replace(damping=damping), period=2.0 * np.pi / omega
         )
 
-    def _damped(self, omega: float, zeta: float) -> ReducedModel:
-        """The model with the damping C - 2 zeta omega M."""
-        model = self.problem.model
-        return model._replace(damping=float(model.damping - 2.0 * zeta * omega))
+    def _omega(self, s: Array) -> float:
+        """Frequency, rad/s."""
+        return float(self.mode.omega * np.exp(-s[-2]))
 
     def frequency(self, point: CurvePoint) -> float:
         """Frequency of a point, Hz."""
-        return float(self.mode.omega * np.exp(-point.s[-2]) / (2.0 * np.pi))
+        return self._omega(point.s) / (2.0 * np.pi)
 
     def damping_ratio(self, point: CurvePoint) -> float:
         """Damping ratio of a point."""
         return float(point.s[-1])
 
-    def _evaluate(self, y: Array, problem: Problem, *, derive: bool) -> Any:
-        """Residual (N + 2,), its derivative plus one, derivative by p, and end of the period."""
-        a = float(np.exp(y[-1] * self.range))
-        sigma, tau, zeta = y[:-3] * self.size, y[-3] * self.size, y[-2] * self.size
-        omega = self.mode.omega * np.exp(-tau)
-        model = self._damped(omega, zeta)
-        s, period = self._rest + a * sigma, problem.period * float(np.exp(tau))
-        by_period = problem.drift._replace(period=1.0, damping=2.0 * zeta * omega)
-        found = self.shooting.march(s, model, problem.contacts, period, by_period, derive=derive)
+    def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
+        """The equations (N + 2,) and their derivative; None if a step failed."""
+        a, sigma, zeta, omega = float(np.exp(parameter)), s[:-2], s[-1], self._omega(s)
+        start, drift = self._rest + a * sigma, self.problem.drift
+        model, contacts, period, _ = self.problem_at(s, parameter)
+        along_tau = drift._replace(period=1.0, damping=2.0 * zeta * omega)
+        found = self.shooting.march(start, model, contacts, period, along_tau, derive=derive)
         if found is None:
             return None
         residual, matrix, by_tau, end = found
-        conditions = self._rows @ sigma - np.array([0.0, 1.0])
-        whole = np.append(residual / a, conditions)
+        whole = np.append(residual / a, self._rows @ sigma - np.array([0.0, 1.0]))
         if not derive:
-            return whole, matrix, by_tau, end
-        by_damping = problem.drift._replace(damping=-2.0 * omega)
-        again = self.shooting.march(s, model, problem.contacts, period, by_damping)
+            return Values(whole, matrix, end)
+        along_zeta = drift._replace(damping=-2.0 * omega)
+        again = self.shooting.march(start, model, contacts, period, along_zeta)
         if again is None:
             return None
-        n = s.size
-        jacobian = np.eye(n + 2)
-        jacobian[:n, :n] = matrix
+        n = sigma.size
+        jacobian = np.zeros((n + 2, n + 3))
+        jacobian[:n, :n] = matrix - np.eye(n)
         jacobian[:n, n] = by_tau / a
         jacobian[:n, n + 1] = again[2] / a
+        jacobian[:n, n + 2] = jacobian[:n, :n] @ sigma - residual / a
         jacobian[n:, :n] = self._rows
-        by_p = np.zeros(n + 2)
-        by_p[:n] = matrix @ sigma - sigma - residual / a
-        return whole, jacobian, by_p, end
+        return Values(whole, jacobian, end)

@@ -94,8 +94,8 @@ def unseen_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
 
 def _crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
     """Where lightly damped pairs meet on the real axis between two points."""
-    if a.turning.size == 0 or b.turning.size == 0 or np.isnan(a.period):
-        return  # a point that an older version of the program has kept has no period
+    if a.turning.size == 0 or b.turning.size == 0:
+        return
     rates = 0.5 * (a.turn_rates[:, None] + b.turn_rates[None, :])
     expected = rates * np.log(b.period / a.period)
     turns, apart = _turns(a.turning[:, None] * np.exp(1j * expected), b.turning[None, :])

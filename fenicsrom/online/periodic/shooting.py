@@ -1,13 +1,13 @@
 """Periodic motions by shooting: Newton's method on the period map of the time stepping.
 
-A periodic motion is a root of r(z) = P(z) - z, with P the map of `online.periodic.period_map`. The
-eigenvalues of dP/dz are its Floquet multipliers: the motion is stable if all lie inside the unit
-circle, and loses stability by a fold where a real multiplier passes +1, by period doubling where
-one passes -1, and by a torus bifurcation where a complex pair leaves the circle.
+A periodic motion is a root of r(z) = P(z) - z, with P the map of
+`fenicsrom.online.periodic.period_map`. The eigenvalues of dP/dz are its Floquet multipliers: the
+motion is stable if all lie inside the unit circle, and loses stability by a fold where a real
+multiplier passes +1, by period doubling where one passes -1, and by a torus bifurcation where a
+complex pair leaves the circle.
 
 A point that sticks all the time keeps its slider, whatever it is: a multiplier is exactly 1 and
-the motion belongs to a family. Newton's equation is then solved by least squares, which finds the
-member of the family that is nearest to the start.
+the motion belongs to a family. In Newton's equation such a slider rests where it is.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ from fenicsrom.words import counted
 log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
-ITERATIONS = 30
-SMALLEST_DAMPING = 1.0 / 16.0
-DECREASE = 1e-4  # smallest decrease of the residual, as a part of the damping (Armijo's rule)
-RANK = 1e-8  # singular values below this part of the largest count as zero
+ITERATIONS = 60
+PATIENCE = 12
+LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
+SINGULAR = 1e-8  # residual in parts of the Newton step, below which the equation is singular
+STAYS = 1e-12  # largest derivative of the change of a slider that sticks: rounding
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
 
@@ -230,16 +231,19 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
     return np.array(start, dtype=np.float64)
 
 
-def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
-    """The shortest solution of a square system, and how many of its directions are free.
+def hold_sliders(jacobian: Array, sliders: NDArray[np.int64]) -> int:
+    """Let sliders rest that stick during the whole period, whatever their place; their number.
 
-    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
-    decide which singular values count as zero.
+    The equation 0 = 0 of such a slider becomes: minus its change is its residual.
+
+    Args:
+        jacobian: (n, n) or (n, n + 1); the rows of these sliders are replaced.
+        sliders: the equations and unknowns that are sliders.
     """
-    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
-    u, sigma, vt = np.linalg.svd(matrix / size[:, None])
-    keep = sigma > RANK * sigma[0]
-    return vt[keep].T @ ((u[:, keep].T @ (right / size)) / sigma[keep]), int(np.sum(~keep))
+    sizes = np.max(np.abs(jacobian[sliders]), axis=1, initial=0.0)
+    free = sliders[sizes <= STAYS]
+    jacobian[free, free] = -1.0
+    return free.size
 
 
 def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
@@ -315,11 +319,15 @@ def solve(
     s: Array,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
-    smallest_damping: float = SMALLEST_DAMPING,
     found: tuple[Array, Array, Array, PeriodEnd] | None = None,
     step_tolerance: float = 0.0,
 ) -> PeriodicMotion:
-    """Find a periodic motion by damped Newton iterations.
+    """Find a periodic motion by Newton's method with bounded steps.
+
+    Where many contact points change their state in a step, the first steps must make the residual
+    larger. So it may grow, but a step is at most `LONGEST` times the variables; without contact,
+    only one that makes the residual larger. The iteration ends if the steps did not become shorter
+    for `PATIENCE` iterations.
 
     The last march of `shooting` is that of the motion.
 
@@ -328,7 +336,6 @@ def solve(
         s: (N,) scaled variables of the start.
         tolerance: tolerance of the residual relative to the variables.
         iterations: largest number of iterations.
-        smallest_damping: smallest part of a Newton step that is tried.
         found: `shooting.march(s)`, if the caller has it.
         step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
             ends where the next step would be at most so large.
@@ -338,30 +345,36 @@ def solve(
     """
     found = shooting.march(s) if found is None else found
     residuals: list[float] = []
+    lengths: list[float] = []
     for _ in range(iterations):
         if found is None:
             break
         residual, matrix, _, end = found
-        size = float(np.linalg.norm(residual))
-        residuals.append(size / max(float(np.linalg.norm(s)), 1e-300))
+        size = max(float(np.linalg.norm(s)), 1e-300)
+        residuals.append(float(np.linalg.norm(residual)) / size)
         log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
+        jacobian = matrix - np.eye(s.size)
+        free = hold_sliders(jacobian, shooting.sliders)
         if residuals[-1] <= tolerance:
-            return _motion(shooting, s, matrix, end, residuals)
-        step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
-        if step_tolerance and np.linalg.norm(step) <= step_tolerance * np.linalg.norm(s):
-            return _motion(shooting, s, matrix, end, residuals)
-        damping = 1.0
-        trial = found = shooting.march(s + step)
-        while trial is None or np.linalg.norm(trial[0]) > (1.0 - DECREASE * damping) * size:
-            damping *= 0.5
-            if damping < smallest_damping:
-                break
-            trial = shooting.march(s + damping * step, derive=False)
-        if damping < smallest_damping:
+            return _motion(shooting, s, matrix, free, end, residuals)
+        try:
+            step = np.linalg.solve(jacobian, -residual)
+        except np.linalg.LinAlgError:
             break
-        s = s + damping * step
-        if damping < 1.0:
-            found = shooting.march(s)
+        length = float(np.linalg.norm(step)) / size
+        if length * SINGULAR > residuals[-1]:
+            break
+        if length <= step_tolerance:
+            return _motion(shooting, s, matrix, free, end, residuals)
+        lengths.append(length)
+        if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
+            break
+        bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
+        ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)
+        if bound < 1.0 and (ahead is None or np.linalg.norm(ahead[0]) > residuals[-1] * size):
+            step *= bound
+            ahead = shooting.march(s + step)
+        s, found = s + step, ahead
     raise ConvergenceError(
         f"no periodic motion of {counted(shooting.m, 'period')} was found near the start: relative "
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "
@@ -372,13 +385,8 @@ def solve(
 
 
 def _motion(
-    shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
+    shooting: Shooting, s: Array, matrix: Array, free: int, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
-    _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
-    # only the sliders of points that stick all the time can be free; other small singular values
-    # belong to motions that are nearly unstable
-    stuck = stuck_points(end.record)
-    free = min(free, len(stuck) * (shooting.map.dimension - 1))
     multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
     return PeriodicMotion(
         shooting.unscaled(s),
@@ -387,7 +395,7 @@ def _motion(
         multipliers,
         verdict,
         free,
-        stuck,
+        stuck_points(end.record),
         end.record,
         end,
     )

@@ -1,8 +1,8 @@
 """The end of a run: Newton's method finds the periodic motion to which a march tends.
 
 A run marches a few periods, and then tries Newton's method on the period map from the state that
-the march has reached (`online.periodic.shooting`). The motion that it finds replaces the marched
-one if three conditions hold:
+the march has reached (`fenicsrom.online.periodic.shooting`). The motion that it finds replaces the
+marched one if three conditions hold:
 
 1. its relative residual is at most `fenicsrom.online.periodic.shooting.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
@@ -57,11 +57,7 @@ FIRST_ATTEMPT = 5  # marched periods before the first attempt; each further atte
 LARGEST_MULTIPLE = 8  # periods of the loads in one of a subharmonic motion that is looked for
 RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state repeats after m
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
-ATTEMPT_ITERATIONS = 12  # of Newton's method; it needs 4 to 8 where it converges
-ATTEMPT_DAMPING = (
-    0.25  # smallest part of a Newton step; where less is needed, marching on is cheaper
-)
-LOOK_AHEAD = 40  # least number of periods in which (1) must be shown
+LOOK_AHEAD = 160  # least number of periods in which (1) must be shown
 LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
@@ -191,13 +187,7 @@ class _Problem:
         if s is path.states[-1]:
             path.states.append(s + ahead[0])
         try:
-            motion = solve(
-                shooting,
-                s,
-                iterations=ATTEMPT_ITERATIONS,
-                smallest_damping=ATTEMPT_DAMPING,
-                found=ahead,
-            )
+            motion = solve(shooting, s, found=ahead)
         except ConvergenceError as error:
             residuals = error.partial
             count = iterations + len(residuals)

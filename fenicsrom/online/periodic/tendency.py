@@ -5,8 +5,8 @@ monodromy matrix. The march tends to the motion if it stays near the linear moti
 
     |P^k(z) - z* - A^k d| <= NEAR |A^k d|,   k = 1, 2, .., K                                    (1)
 
-in the scaled norm of `online.periodic.shooting.Shooting`, or if |d| is below `CLOSE` of the
-motion. The first states of a march may be too far from z*, so (1) is tried from each of them.
+in the scaled norm of `fenicsrom.online.periodic.shooting.Shooting`, or if |d| is below `CLOSE` of
+the motion. The first states of a march may be too far from z*, so (1) is tried from each of them.
 
 K periods show whether the slow motions are linear: each part of d with a multiplier mu must have
 turned `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One

@@ -91,7 +91,8 @@ def integrate(
     """Integrate a model to its steady state, or to the given time.
 
     With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
-    code (`online.periodic.steady`). It tries at once where the run begins with a given `start`.
+    code (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given
+    `start`.
 
     Args:
         model: a `ReducedModel` or any `Model`.

@@ -134,6 +134,7 @@ def figure(found: Response) -> Figure:
         (f"phase to the\n{driven}, degrees", lambda points: phases(points, place, direction)),
     ]
     if found.contacts:
+        panels.insert(1, (f"probe amplitude,\nmm{relative}", each(_largest_of_probe)))
         panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
     panels.append(
         (
@@ -155,10 +156,11 @@ def figure(found: Response) -> Figure:
             color=colour_of(found, curve),
             zorder=5,
         )
-    for axis in (axes[0], *axes[2:]):
+    phase = axes[[label.startswith("phase") for label, _ in panels].index(True)]
+    for axis in (axis for axis in axes if axis is not phase):
         top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
         axis.set_ylim(-0.03 * top, 1.05 * top)
-    axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
+    phase.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
     handles = legend_handles(found)
@@ -166,6 +168,11 @@ def figure(found: Response) -> Figure:
         columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
         drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
     return drawn
+
+
+def _largest_of_probe(point: CurvePoint) -> float:
+    """The largest amplitude of the probe in any direction, mm."""
+    return 1e3 * float(point.probe_amplitude.max(initial=0.0))
 
 
 def draw_curves(

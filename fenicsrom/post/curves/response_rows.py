@@ -54,6 +54,10 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
     return {
         column_name(found.scene, found.table.parameter): point.parameter,
         **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
+        **{
+            f"probe_amplitude_{axis}_m": float(a)
+            for axis, a in zip("xyz", point.probe_amplitude, strict=False)
+        },
         "phase_deg": float(np.degrees(np.angle(main[0]))),
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
         **(contact if found.contacts else {}),
@@ -114,6 +118,7 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
                 "basis_error": check.basis_error,
                 "stability": check.point.verdict,
                 "compared_with_a_richer_basis": check.compared,
+                "stability_with_half_the_step": check.finer_verdict,
                 "stability_with_a_richer_basis": check.richer_verdict,
             }
             for check in curve.checks

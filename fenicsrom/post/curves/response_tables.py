@@ -189,7 +189,7 @@ def trust_table(found: Response) -> list[list[Any]]:
 
     head = ["point", parameter_label(found), "of the"]
     head += ["change by half the time step, %", "change by a richer basis, %"]
-    head += ["stability", "with the richer basis"]
+    head += ["stability", "with half the step", "with the richer basis"]
     lines = [
         [
             *([] if families is None else [curve.value]),
@@ -198,7 +198,8 @@ def trust_table(found: Response) -> list[list[Any]]:
             check.quantity,
             percent(check.step_error),
             by_basis(check),
-            check.point.verdict if check.compared else None,
+            check.point.verdict if check.quantity == "amplitude" else None,
+            check.finer_verdict,
             (check.richer_verdict or "unknown") if check.compared else None,
         ]
         for curve in found.curves

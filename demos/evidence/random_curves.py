@@ -1,0 +1,213 @@
+"""Response curves of random scenes: how many are complete, and whether their points are right.
+
+    python3 demos/evidence/random_curves.py [--count 40] [--seed 1] [--output FILE]
+
+Each scene is a beam, planar or spatial, linear or not, with one to ten contact points at random
+places, in random directions, with random preloads or gaps, stiffnesses and friction, and one or two
+loads. The parameter of its curve is the frequency over the lowest resonance, the size of the first
+load, a preload or a friction coefficient. Every tenth point is confirmed: a march of up to 500
+periods that starts 0.1 % beside a stable motion must come nearer, and half the time step must
+change the amplitude of an unstable one by less than `CHANGE`. A curve is one line of the table.
+Forty curves take about 15 minutes on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time as clock
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import COMPLETE, CurvePoint, norm
+from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.scene import parse_scene
+from fenicsrom.study import build_model
+
+PARAMETERS = ("frequency", "loads.0.force", "contacts.0.preload", "contacts.0.friction")
+MESHES = Path(__file__).parents[2] / "meshes"
+POINTS = 1000  # largest number of points of a curve
+PERIODS = 500  # largest number of periods of a march that confirms a point
+BESIDE, NEAR = 1e-3, 1e-5  # distances from a motion, relative to it, at the start and at the end
+CHANGE = 0.1  # of an amplitude by half the time step, as a run accepts it
+
+
+def random_scene(seed: int) -> dict[str, Any]:
+    """The table of a scene."""
+    rng = np.random.default_rng(seed)
+    d = int(rng.choice([2, 3]))
+    length, height = 0.5, 0.01
+    free = 0.1615 * np.sqrt(2.1e11 / 7850.0) * height / length**2  # Hz, of the cantilever
+    parameter = PARAMETERS[int(rng.integers(4))]
+    table: dict[str, Any] = {
+        "title": f"random curve {seed}",
+        "geometrically_nonlinear": bool(rng.random() < 0.5),
+        "geometry": {
+            "mesh": f"beam{d}d.geo",
+            "dimension": d,
+            "cells": "structured",
+            "parameters": {"length": length, "height": height, "elements_along": 10},
+        },
+        "material": {
+            "young": 2.1e11,
+            "poisson": 0.3,
+            "density": 7850.0,
+            "mass_damping": float(10.0 ** rng.uniform(0.0, 1.3)),
+        },
+        "supports": [{"group": "root"}],
+        "basis": {"modes": 3},
+        "time": {"steps_per_period": 200},
+        "contacts": [_contact(rng, d, length, height) for _ in range(int(rng.integers(1, 11)))],
+    }
+    if d == 2:
+        table["geometry"]["thickness"] = 0.02
+    else:
+        table["geometry"]["parameters"]["width"] = 0.02
+    table["contacts"][0] |= {"preload": 20.0, "friction": 0.3}
+    table["contacts"][0].pop("gap", None)
+    frequency = free * float(rng.uniform(0.8, 2.5))
+    size = float(10.0 ** rng.uniform(-0.5, 1.2))
+    across = [0.0, 1.0, 0.3][:d]
+    table["loads"] = [
+        {
+            "nearest": [length, *[0.0] * (d - 1)],
+            "direction": across,
+            "force": size,
+            "frequency": frequency,
+        }
+    ]
+    if rng.random() < 0.4:
+        second = {"nearest": [0.6 * length, *[0.0] * (d - 1)], "direction": [1.0, 0.5, 0.0][:d]}
+        table["loads"].append(second | {"force": 0.5 * size, "frequency": frequency, "phase": 1.0})
+    ranges = {
+        "frequency": (0.7 * free, 2.6 * free),
+        "loads.0.force": (0.1 * size, 5.0 * size),
+        "contacts.0.preload": (1.0, 60.0),
+        "contacts.0.friction": (0.02, 1.0),
+    }
+    first, last = ranges[parameter][:: int(rng.choice([1, -1]))]
+    table["response"] = {"parameter": parameter, "first": first, "last": last}
+    return table
+
+
+def _contact(rng: np.random.Generator, d: int, length: float, height: float) -> dict[str, Any]:
+    """A contact point at the upper or the lower side, or at a side of a spatial beam."""
+    axis, side = int(rng.integers(1, d)), float(rng.choice([-1.0, 1.0]))
+    place, normal = [float(rng.uniform(0.1, 1.0)) * length, 0.0, 0.0][:d], [0.0] * d
+    place[axis] = side * (0.5 * height if axis == 1 else 0.01)
+    normal[axis] = side
+    stiffness = float(10.0 ** rng.uniform(4.0, 6.0))
+    found: dict[str, Any] = {
+        "nearest": place,
+        "normal": normal,
+        "normal_stiffness": stiffness,
+        "tangential_stiffness": stiffness * float(rng.uniform(0.2, 1.0)),
+        "friction": float(rng.uniform(0.0, 0.8)),
+    }
+    if rng.random() < 0.4:
+        return found | {"gap": float(10.0 ** rng.uniform(-5.0, -3.5))}
+    return found | {"preload": float(10.0 ** rng.uniform(0.0, 2.0))}
+
+
+def confirmed(path: Continuation, point: CurvePoint, settings: Any) -> bool:
+    """Whether a march tends to a stable motion, or half the step confirms an unstable one."""
+    problem, shooting, size = path.family(point.parameter), path.shooting, norm(point.s)
+    if not point.stable:
+        steps = 2 * settings.steps_per_period
+        fine = Shooting(
+            problem.model,
+            problem.contacts,
+            settings.changed(steps_per_period=steps),
+            problem.period,
+        )
+        near = Continuation(fine, path.family, 0.0, point.parameter, size)
+        other = near.at_parameter(fine.scaled(point.z), point.parameter)
+        top = float(point.amplitude.max())
+        return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
+    s = (1.0 + BESIDE) * point.s
+    begin = norm(shooting.march(s, *problem, derive=False)[0]) + BESIDE * size
+    for _ in range(PERIODS):
+        found = shooting.march(s, *problem, derive=False)
+        if found is None:
+            return False
+        s = s + found[0]
+        amplitude = np.abs(found[-1].record.displacement).max()
+        apart = _apart(s, point, shooting)
+        if apart <= NEAR * size:
+            return True
+    return apart <= begin and bool(amplitude > 0.0)
+
+
+def _apart(s: Any, point: CurvePoint, shooting: Shooting) -> float:
+    """Distance from a motion, without the sliders, which need not be unique."""
+    moves = slice(0, shooting.map.blocks * shooting.map.n)
+    return norm(s[moves] - point.s[moves])
+
+
+def examine(seed: int) -> dict[str, Any]:
+    """Compute a curve and confirm its points."""
+    scene = parse_scene(random_scene(seed), f"random curve {seed}", MESHES)
+    assert scene.response is not None
+    table, stored = scene.response, build_model(scene)
+    begin = clock.process_time()
+    found: dict[str, Any] = {
+        "seed": seed,
+        "dimension": scene.geometry.dimension,
+        "contacts": len(scene.contacts),
+        "nonlinear": scene.geometrically_nonlinear,
+        "coordinates": stored.size,
+        "parameter": table.parameter,
+    }
+    family = family_of(stored)
+    try:
+        motion = start_motion(stored, family, table.first, lambda line: None)
+    except (ConvergenceError, AccuracyError) as error:
+        return found | {"end": f"no start: {error}", "complete": False}
+    shooting = shooting_of(stored, family)
+    s = shooting.scaled(motion.z)
+    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    first = path.at_parameter(s, table.first)
+    if first is None:
+        return found | {"end": "the first motion was lost", "complete": False}
+    curve = path.run(first, np.sign(table.last - table.first), points=POINTS)
+    seconds = clock.process_time() - begin
+    tenth = curve.points[::10]
+    right = sum(confirmed(path, point, scene.time) for point in tenth)
+    return found | {
+        "end": curve.reason,
+        "complete": curve.reason in COMPLETE,
+        "points": len(curve.points),
+        "unstable": sum(not point.stable for point in curve.points),
+        "marches": [sum(point.marches[k] for point in curve.points) for k in (0, 1)],
+        "seconds": round(seconds, 2),
+        "confirmed": f"{right} of {len(tenth)}",
+        "events": dict(Counter(point.kind for point in curve.special)),
+    }
+
+
+def main() -> None:
+    """Examine the curves, one line of JSON each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--output", type=Path)
+    options = parser.parse_args()
+    lines, complete = [], 0
+    for seed in range(options.seed, options.seed + options.count):
+        found = examine(seed)
+        complete += found["complete"]
+        lines.append(json.dumps(found))
+        print(lines[-1], flush=True)
+        if options.output:
+            options.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(f"{complete} of {len(lines)} curves are complete")
+
+
+if __name__ == "__main__":
+    main()

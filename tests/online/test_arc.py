@@ -1,0 +1,199 @@
+"""Curves with corners, folds and branch points, in closed form and without mechanics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values
+from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, Curve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A point of a curve."""
+
+    s: Array
+    parameter: float
+    tangent: Array
+    evaluations: tuple[int, int]
+    sense: float = 1.0
+
+
+class Toy(ArcLength):
+    """The curve of an equation z = (s, p) -> r, J."""
+
+    def __init__(self, equation: Callable[[Array], tuple[Any, Any]], low: float, high: float):
+        super().__init__(low, high, 1.0)
+        self.equation = equation
+
+    def values(self, s: Array, parameter: float, *, derive: bool) -> Values:
+        r, jacobian = self.equation(np.append(s, parameter))
+        return Values(np.atleast_1d(r), np.atleast_2d(np.asarray(jacobian, float)), None)
+
+    def point(self, place: Place, evaluations: tuple[int, int]) -> Spot:
+        weights = np.append(np.full(place.y.size - 1, self.size), self.range)
+        s, p = place.y[:-1] * self.size, float(place.y[-1] * self.range)
+        return Spot(s, p, place.tangent * weights, evaluations)
+
+
+def followed(
+    equation: Callable[[Array], tuple[Any, Any]],
+    start: Any,
+    bounds: tuple[float, float],
+    direction: float = 1.0,
+    **options: Any,
+) -> Curve:
+    """The curve of an equation through a point (s, p) of it."""
+    toy = Toy(equation, *bounds)
+    z = np.asarray(start, float)
+    first = toy.at_parameter(z[:-1], float(z[-1]))
+    assert first is not None
+    return toy.run(first, direction, points=options.pop("points", 400), **options)
+
+
+def corner(a: float, b: float) -> Callable[[Array], tuple[Any, Any]]:
+    """The curve p = 1 + a x for x < 0 and p = 1 - b x for x > 0."""
+
+    def equation(z: Array) -> tuple[Any, Any]:
+        slope = a if z[0] < 0.0 else -b
+        return z[1] - 1.0 - slope * z[0], [-slope, 1.0]
+
+    return equation
+
+
+CORNERS = [(1, 1), (5, 0.2), (5, 3), (30, 30), (0.1, 0.1), (0.1, 10), (1, -0.3)]
+
+
+@pytest.mark.parametrize(("a", "b"), CORNERS)
+def test_curve_passes_a_corner(a: float, b: float) -> None:
+    """In three of these corners the two tangents are normal to each other."""
+    high = 3.0 if b > 0 else 2.0
+    found = followed(corner(a, b), [-0.5, 1.0 - 0.5 * a], (-20.0, high))
+    x = np.array([point.s[0] for point in found.points])
+    assert found.reason == END
+    assert found.points[-1].parameter == pytest.approx(-20.0 if b > 0 else 2.0)
+    assert np.all(np.diff(x) > 0.0) and x[-1] > 0.5
+    assert len(found.points) < 150 * (1.0 + 20.0 * max(1.0 / abs(b), 1.0) / 23.0)
+    expected = 1.0 + np.where(x < 0.0, a * x, -b * x)
+    np.testing.assert_allclose([point.parameter for point in found.points], expected, atol=1e-6)
+
+
+def test_curve_with_corners_in_five_unknowns_goes_through_all() -> None:
+    rng = np.random.default_rng(1)
+    turn = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    places, slopes = np.array([0.2, 0.35, 0.5, 0.65, 0.8]), np.array([3.0, 10.0, 1.0, 30.0, 5.0])
+
+    def equation(z: Array) -> tuple[Any, Any]:
+        away = z[5] - places
+        jacobian = np.column_stack([turn, -slopes * np.sign(away)])
+        return turn @ z[:5] - slopes * np.abs(away), jacobian
+
+    found = followed(equation, np.append(turn.T @ (slopes * places), 0.0), (0.0, 1.0))
+    assert found.reason == END
+    assert found.points[-1].parameter == pytest.approx(1.0, abs=1e-12)
+    assert np.all(np.diff([point.parameter for point in found.points]) > 0.0)
+
+
+def test_smooth_folds_are_passed() -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[1] - z[0] ** 3 + z[0], [1.0 - 3.0 * z[0] ** 2, 1.0]
+
+    found = followed(equation, [-1.5, -1.875], (-3.0, 2.0))
+    x = np.array([point.s[0] for point in found.points])
+    assert found.reason == END and np.all(np.diff(x) > 0.0)
+    assert found.points[-1].parameter == pytest.approx(2.0)
+    assert len({point.sense for point in found.points}) == 1  # no fold changes the sense
+    steps = np.hypot(np.diff(x), np.diff([point.parameter for point in found.points]) / 5.0)
+    assert steps.max() <= 1.1 * LARGEST_STEP * FIRST_SIZE * np.abs(x).max()
+
+
+def test_branch_point_is_passed_straight_and_changes_the_sense() -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[0] ** 3 - z[1] * z[0], [3.0 * z[0] ** 2 - z[1], -z[0]]
+
+    found = followed(equation, [0.0, -1.013], (-2.0, 1.0))
+    assert found.reason == END and found.points[-1].parameter == pytest.approx(1.0)
+    assert max(abs(point.s[0]) for point in found.points) < 1e-6
+    senses = np.array([point.sense for point in found.points])
+    (change,) = np.flatnonzero(np.diff(senses))
+    assert found.points[change].parameter < 0.0 < found.points[change + 1].parameter
+
+
+def test_closed_curve_ends_where_it_began() -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[0] ** 2 + z[1] ** 2 - 1.0, [2.0 * z[0], 2.0 * z[1]]
+
+    found = followed(equation, [1.0, 0.0], (-2.0, 2.0))
+    assert found.reason == "closed" and found.points[-1] is found.points[0]
+
+
+def test_curve_that_comes_back_says_so() -> None:
+    found = followed(corner(1.0, 2.0), [-0.5, 0.5], (0.5, 3.0))
+    assert found.reason == BACK
+    assert found.points[-1].s[0] == pytest.approx(0.25)
+
+
+def test_curve_over_a_falling_parameter_is_the_same() -> None:
+    up = followed(corner(1.0, -0.3), [-0.5, 0.5], (0.5, 1.5))
+    down = followed(corner(1.0, -0.3), [*up.points[-1].s.tolist(), 1.5], (0.5, 1.5), -1.0)
+    assert down.reason == END
+    assert down.points[-1].s[0] == pytest.approx(-0.5)
+
+
+def test_curve_that_stops_is_lost_and_keeps_its_points() -> None:
+    """Beyond x = 0 the equation has no value."""
+
+    class Ending(Toy):
+        def values(self, s: Array, parameter: float, *, derive: bool) -> Any:
+            return None if s[0] > 0.0 else super().values(s, parameter, derive=derive)
+
+    path = Ending(corner(1.0, -1.0), 0.0, 2.0)
+    found = path.run(path.at_parameter(np.array([-0.5]), 0.5), 1.0)
+    assert found.reason == LOST
+    assert -1e-6 < found.points[-1].s[0] <= 0.0
+
+
+def test_limit_of_points_ends_a_curve_and_it_goes_on_bit_for_bit() -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[1] - z[0] ** 3 + z[0], [1.0 - 3.0 * z[0] ** 2, 1.0]
+
+    whole = followed(equation, [-1.5, -1.875], (-3.0, 2.0))
+    path = Toy(equation, -3.0, 2.0)
+    part = path.run(path.at_parameter(np.array([-1.5]), -1.875), 1.0, points=20)
+    assert part.reason == OUT_OF_POINTS and len(part.points) == 20
+    again = Toy(equation, -3.0, 2.0)
+    again.size, again.least = path.size, path.least
+    again.run(part.points[-1], None, curve=part, step=path.step)
+    assert [point.s[0] for point in part.points] == [point.s[0] for point in whole.points]
+
+
+@pytest.mark.parametrize("place", [-0.2, 0.0, 0.4])
+def test_slider_that_sticks_rests_until_slip_moves_it(place: float) -> None:
+    """A point that moves from -A to A drags a slider, which follows at a distance of 0.5."""
+
+    class Dragged(Toy):
+        sliders = np.array([1])
+
+        def values(self, s: Array, parameter: float, *, derive: bool) -> Values:
+            up, down = s[0] - 0.5, 0.5 - s[0]
+            r = min(max(s[1], up), down) - s[1]
+            row = [-1.0, -1.0, 0.0] if max(s[1], up) > down else [1.0, -1.0, 0.0]
+            row = row if r else [0.0, 0.0, 0.0]
+            return Values(np.array([s[0] - parameter, r]), np.array([[1, 0, -1.0], row]), None)
+
+    path = Dragged(lambda z: (0.0, 0.0), 0.0, 1.0)
+    found = path.run(path.at_parameter(np.array([0.0, place]), 0.0), 1.0)
+    assert found.reason == END and len(found.points) < 60
+    for point in found.points:
+        amplitude, slider = point.s
+        assert abs(min(max(slider, amplitude - 0.5), 0.5 - amplitude) - slider) < 1e-6
+        if amplitude < 0.5 - abs(place):
+            assert slider == pytest.approx(place, abs=1e-12)
