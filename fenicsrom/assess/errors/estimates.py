@@ -90,8 +90,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force is not resolved. The error of this force counts as unknown if a contact has a blending
     weight of a half or more (`fenicsrom.online.contact.law`). A motion with such a contact may
     repeat for this step only, and any motion may fail to repeat for this step only. There is then
-    no estimate unless the motion with half the step does the same. The estimate of a motion that
-    does not settle is that from half or from twice the step, whichever is larger.
+    no estimate unless the motion with half the step, or with a quarter where the motion does not
+    settle, does the same. The estimate of a motion that does not settle is that from a quarter or
+    from twice the step, whichever is larger.
 
     Args:
         model: the model that was integrated.
@@ -115,7 +116,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     compared = _compared(motion, other)
     if is_unsteady(motion) or (motion.steady and np.isinf(force)):
         try:
-            fine = check_motion(model, refined(scene), motion)
+            fine = check_motion(model, refined(scene, 4 if is_unsteady(motion) else 2), motion)
         except (ConvergenceError, AccuracyError):
             return unknown
         if motion.steady != _fine_settles(fine, motion):
@@ -129,9 +130,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
 
 
 def _fine_settles(fine: Motion, motion: Motion) -> bool:
-    """Whether the motion with half the step settles in half of the periods of an unsteady one.
+    """Whether the motion with shorter steps settles in half of the periods of an unsteady one.
 
-    An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
+    An unsteady motion may nearly have settled, and shorter steps may settle a few periods earlier.
     """
     return has_settled(fine) and (motion.steady or 2 * fine.periods <= motion.periods)
 
