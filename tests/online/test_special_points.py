@@ -162,7 +162,7 @@ class Line:
             multipliers=found[np.argsort(-np.abs(found))],
             verdict="",
             free_sliders=0,
-            states=np.zeros(0, dtype=np.int64),
+            states=np.zeros(1, dtype=np.int64),
             residual=0.0,
             marches=(1, 1),
             extremes=None,  # type: ignore[arg-type]
