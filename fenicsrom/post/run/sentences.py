@@ -248,10 +248,13 @@ def size_sentence(found: Sized) -> str:
         if taken
         else ""
     )
-    reached = "is not reached" if found.warning else "is reached"
+    basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
+    why = f"basis.accuracy = {basis.accuracy:g} {reached}"
+    if basis.size is not None:
+        why = "basis.size asks for them"
     return (
         f"Size of the basis: {stored.size} of the {counted(known, 'coordinate')} of the model; "
-        f"basis.accuracy = {stored.scene.basis.accuracy:g} {reached}.{joined}"
+        f"{why}.{joined}"
     )
 
 
