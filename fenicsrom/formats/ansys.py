@@ -39,7 +39,7 @@ PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
 
 SILENT = re.compile(
     r"/|!|\*|NUMOFF|ET(BLOCK)?,|N,R5|SHPP|EXTOPT|FINISH|KEYOPT?,|ERESX|TYPE|MAT,|REAL|ESYS|SECNUM|"
-    r"TSHAP|DOF,|TOFFST|EBLOCK|NBLOCK|CMBLOCK|CM,|-1|ANTYPE|OUTRES|TIME|KUSE|LSWRITE|ALLSEL|\(|"
+    r"TSHAP|MPTEMP|DOF,|TOFFST|EBLOCK|NBLOCK|CMBLOCK|CM,|-1|ANTYPE|OUTRES|TIME|KUSE|LSWRITE|ALLSEL|\(|"
     r"AUTOTS|NSUBST|CMGRP|MOD(OPT|CONTROL)|QRDOPT|EQSLV|NCNV|NEQIT|CRPLIM|MXPAND|LUMPM|SOLVE|ESEL|EN,",
     flags=re.I,
 )
@@ -252,9 +252,10 @@ MASS = "type 21 element"
 
 def _material(archive: Archive, words: list[str]) -> None:
     """Read MP, name, number, value, or MPDATA, R5.0, 1, name, number, first, values."""
-    name, number, value = words[3:5] + words[6:7] if words[0].upper() == "MPDATA" else words[1:4]
+    is_table = words[0].upper() == "MPDATA"  # values at temperatures
+    name, number, value, *more = words[3:5] + words[6:] if is_table else words[1:4]
     key = {"EX": "E", "NUXY": "nu", "PRXY": "nu", "DENS": "rho"}.get(name.upper())
-    if key is None:
+    if key is None or {float(word) for word in more if word} - {float(value)}:
         archive.other[f"MP,{name.upper()}"] += 1
     else:
         archive.constants.setdefault(int(number), {})[key] = float(value)

@@ -85,6 +85,7 @@ def _tetrahedra(kind: int, cells: Ints) -> tuple[Ints, Ints]:
             faces, which = cells[chosen][:, facet], np.arange(len(chosen))
             if len(facet) == 4:
                 faces, which = _triangles(faces)
+            faces = faces[:, ::-1]  # the facets of the shapes have inner normals
             found.append(np.column_stack([cells[chosen[which], k], faces]))
             of.append(chosen[which])
     return np.concatenate(found), np.concatenate(of)

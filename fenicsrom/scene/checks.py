@@ -54,6 +54,10 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        if contact in scene.contacts[:index]:
+            same = scene.contacts.index(contact)
+            allowed = f"must differ from contacts[{same}]"
+            yield Problem(f"contacts[{index}]", "the same contact", allowed)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
         if load.moves_supports:

@@ -76,11 +76,12 @@ def test_components_are_groups_and_the_rest_is_named(tmp_path: Path) -> None:
         "CMBLOCK,ROOT,NODE,       3\n(8i10)\n         1        -4         8\n"
         "CMBLOCK,BODY,ELEM,       1  ! users\n(8i10)\n         1\n"
         "CP,1,UX,1,2\nACEL,  0.00000000    ,  0.00000000    \nMPDATA,R5.0, 1,EX, 1, 1, 2.1E11\n"
+        "MPDATA,R5.0, 1,DENS, 1, 1, 7850.0, 7800.0\n"
     )
     mesh = model(tmp_path, archive([(3, CUBE[:8]), (4, [1, 2, 3, 4]), (5, [1, 2])], more))
     assert list(mesh.node_groups["ROOT"]) == [0, 1, 2, 3, 7]
     assert mesh.blocks[0].groups.keys() == {"BODY"}
-    assert mesh.not_read == ("1 type 14 element", "1 CP")
+    assert mesh.not_read == ("1 type 14 element", "1 CP", "1 MP,DENS")
 
 
 @pytest.mark.parametrize(

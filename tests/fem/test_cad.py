@@ -20,6 +20,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.post.studies.starter import outer_normal
 from fenicsrom.scene import Geometry, parse_scene
 from fenicsrom.scene.meshing import Meshing, Refinement
 
@@ -152,3 +153,18 @@ def test_structured_body_without_six_sides_is_refused(tmp_path: Path) -> None:
 def test_inspection_says_whether_curved_cells_work(tmp_path: Path) -> None:
     found = inspect(step_file(tmp_path / "tube.step", tube(2.0)), size=0.01)
     assert found.curved.startswith("works") and 0.0 < found.quality < 1.0
+
+
+def test_bore_has_no_outer_normal_but_its_end_face_has(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "tube.step", tube(8.0))
+    found = inspect(path)
+    groups = [group for group in found.groups if group.kind == "facets"]
+    flat = {g.name for g in groups if np.ptp([g.low[2], g.high[2]]) < 1e-9}
+    assert len(groups) == 4 and len(flat) == 2
+    for group in groups:
+        normal = outer_normal(found, group)
+        if group.name not in flat:
+            assert normal is None
+            continue
+        side = 1.0 if group.low[2] > 0.05 else -1.0
+        assert normal == pytest.approx([0.0, 0.0, side], abs=1e-9)

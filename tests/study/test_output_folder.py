@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import refusal
 
@@ -64,6 +65,11 @@ def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
     assert table == copy and scene_heading(again) == scene_heading(wanted)
     cells = [cell for row in origin_table(tmp_path) for cell in row]
     assert record["command"] in cells and "x=1" in cells
+    np.savez(
+        tmp_path / "reduced_model.npz", candidates_cubic=np.zeros(250_000), cubic=np.zeros(125_000)
+    )
+    (size,) = [row[1] for row in origin_table(tmp_path) if row[0] == "reduced_model.npz"]
+    assert size == "3 MB: 2 MB the larger model that judges it, 1 MB itself"
 
 
 def test_same_scene_replaces_its_results(tmp_path: Path) -> None:

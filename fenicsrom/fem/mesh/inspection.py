@@ -170,11 +170,18 @@ def _curved(gmsh: Any, found: Inspection) -> tuple[str, float]:
         except SceneError as error:
             return f"does not work: {error}", 0.0
         gmsh.model.setCurrent("file")
+    worst = min(
+        gmsh.model.mesh.getElementQualities(tags, "minSJ").min()
+        for tags in gmsh.model.mesh.getElements(d)[1]
+    )
     factor = geometry.scale**d
     volume = factor * sum(_measure(gmsh, d, tag) for _, tag in gmsh.model.getEntities(d))
     change = volume / found.volume - 1.0
     what = "volume" if d == 3 else "area"
-    return f"works, and changes the {what} by {100 * change:+.1e} %{note}", change
+    return (
+        f"works, with scaled Jacobians of at least {worst:.2g}, and changes the {what} by "
+        f"{round(100 * change, 2) + 0.0:+.2g} %{note}"
+    ), change
 
 
 def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geometry:

@@ -15,6 +15,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -220,9 +221,25 @@ def origin_table(folder: Path) -> list[list[Any]]:
         *([["units", record["units"].removeprefix("units: ")]] if record.get("units") else []),
         *[["override", override] for override in record["overrides"]],
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
+        *([[MODEL, _size_words(folder / MODEL)]] if (folder / MODEL).is_file() else []),
         ["to repeat", f"{record['repeat']} (in this folder)"],
     ]
     return [["item", "value"], *rows]
+
+
+def _size_words(model: Path) -> str:
+    """The size of a stored model, and what takes most of it."""
+    parts = dict.fromkeys(
+        ("the larger model that judges it", "stresses and reactions", "itself"), 0
+    )
+    larger, stresses, itself = parts
+    with zipfile.ZipFile(model) as content:
+        for entry in content.infolist():
+            name = entry.filename
+            kind = stresses if name.startswith(("stress_", "reaction_")) else itself
+            parts[larger if name.startswith("candidates_") else kind] += entry.compress_size
+    listed = ", ".join(f"{size / 1e6:.2g} MB {name}" for name, size in parts.items() if size)
+    return f"{sum(parts.values()) / 1e6:.2g} MB: {listed}"
 
 
 _INPUTS = (("mesh", "mesh"), ("stored model", "model"), ("resumed from", "resumed_from"))

@@ -103,7 +103,7 @@ def _box(low: Array, high: Array) -> str:
 
 
 def _point(place: Array) -> str:
-    return f"({', '.join(f'{value:.4g}' for value in place)})"
+    return f"({', '.join(f'{round(value, 9) + 0.0:.4g}' for value in place)})"
 
 
 def group_picture(found: Inspection) -> Picture:

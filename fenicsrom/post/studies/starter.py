@@ -24,8 +24,13 @@ CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|groun
 ON_PLANE = 1e-6
 """Facets at smaller distances from a plane, relative to the extent, lie on it."""
 
-TEMPLATES = ("response", "rub", "damper", "statics")
-"""The tasks of a starter scene."""
+FRICTION = 0.3
+
+SLIDING = 0.1
+"""Cosine of the angle between motion and normal below which a point slides along a surface."""
+
+FLAT = 0.5
+"""A face with a smaller ratio of its mean normal to a unit vector goes round, as a bore does."""
 
 SYSTEMS = (
     Units(),
@@ -91,7 +96,7 @@ def starter_scene(
         units: the units of the scene, and why; by default guessed.
         root: the group to clamp; by default what the file says, or a likely part.
         tip: the group where the load acts; by default the point that the first mode moves most.
-        template: one of `TEMPLATES`.
+        template: "response", "rub", "damper" or "statics".
         mode: the first mode; None for a scene without loads.
     """
     system, why = units or units_of(found, None)
@@ -236,7 +241,7 @@ def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:
         for end in (low[axis], high[axis]):
             if _facets_at(found, int(axis), float(end)):
                 point = [0.0] * d
-                point[axis] = float(f"{end:.12g}")
+                point[axis] = float(f"{end:.12g}") if abs(end) > ON_PLANE * found.extent else 0.0
                 return point, [float(k == axis) for k in range(d)]
     return None
 
@@ -295,7 +300,7 @@ def _task_lines(
     place = f"nearest = {point} # the point that mode 1 moves most"
     if tip is not None:
         place = f"group = {_quoted(tip)}"
-    along = [float(f"{value:.3g}") for value in mode.direction]
+    along = _rounded(mode.direction)
     frequency = float(f"{mode.frequency:.5g}")
 
     def given(unit: str, value: float) -> str:
@@ -338,43 +343,46 @@ def _contact_lines(
 ) -> list[str]:
     """The table of a contact: against a stop across the motion, or a damper along it."""
     motion = np.array(mode.direction)
-    outward = motion
-    why = "into the plane; along the motion of mode 1"
-    if tip is not None:
-        outward = outer_normal(found, _require_group(found, tip, "--tip"))
-        why = "into the plane; the outer normal of the group"
-    stiffness = 10.0 * mode.stiffness
-    normal, limit = outward, f"gap = {_in(units, 'm', float(f'{0.5 * mode.amplitude:.2g}')):.6g}"
-    limit += f" # {units.length}"
+    normal, why = motion, "into the plane; along the motion of mode 1"
+    group = None if tip is None else _require_group(found, tip, "--tip")
+    outward = None if group is None else outer_normal(found, group)
+    if outward is not None:
+        normal, why = outward, "into the plane; the outer normal of the group"
     if template == "damper":
-        across = outward - (outward @ motion) * motion
-        if np.linalg.norm(across) < 0.1:
+        across = normal - (normal @ motion) * motion
+        if np.linalg.norm(across) < SLIDING:
             across = np.eye(len(motion))[np.abs(motion).argmin()]
             across = across - (across @ motion) * motion
         normal = across / np.linalg.norm(across)
         why = "into the plane; the body slides along it"
-        stiffness = mode.stiffness
-        preload = 0.3 * stiffness * mode.amplitude / 0.3
+    towards = abs(float(normal @ motion))
+    if towards < SLIDING:
+        stiffness, preload = mode.stiffness, 0.5 * mode.force / FRICTION  # it slips at resonance
         limit = f"preload = {_in(units, 'N', float(f'{preload:.2g}')):.6g} # {units.name_of('N')}"
-    rounded = [float(f"{value:.3g}") + 0.0 for value in normal]
+    else:
+        stiffness, gap = 10.0 * mode.stiffness, 0.5 * mode.amplitude * towards
+        limit = f"gap = {_in(units, 'm', float(f'{gap:.2g}')):.6g} # {units.length}"
     size = f"{_in(units, 'N/m', float(f'{stiffness:.2g}')):.6g} # {units.name_of('N/m')}"
     return [
         f"[[contacts]] # {'a stop' if template == 'rub' else 'a friction damper'}",
         place,
-        f"normal = {rounded} # {why}",
+        f"normal = {_rounded(normal)} # {why}",
         limit,
         f"normal_stiffness = {size}",
         f"tangential_stiffness = {size}",
-        "friction = 0.3",
+        f"friction = {FRICTION}",
         "",
     ]
 
 
-def outer_normal(found: Inspection, group: Group) -> Array:
+def outer_normal(found: Inspection, group: Group) -> Array | None:
     """The mean outer normal (d,) of a group of facets; the thin axis for a group of nodes.
 
     The facets of the boundary go round the body in one sense, and the sum of x · n dA over all of
     them is positive if this sense gives outer normals.
+
+    Returns:
+        None if the normals of the facets go round, as in a bore.
     """
     assert found.points is not None and found.boundary is not None and group.members is not None
     d, x = found.geometry.dimension, found.points
@@ -387,9 +395,11 @@ def outer_normal(found: Inspection, group: Group) -> Array:
     volume = np.einsum("ki,ki->", x[found.boundary].mean(axis=1), areas)
     chosen = {tuple(row) for row in np.sort(group.members, axis=1).tolist()}
     rows = np.sort(found.boundary, axis=1).tolist()
-    normal = areas[[tuple(row) in chosen for row in rows]].sum(axis=0) * np.sign(volume)
+    areas = areas[[tuple(row) in chosen for row in rows]]
+    normal = areas.sum(axis=0) * np.sign(volume)
     size = float(np.linalg.norm(normal))
-    return np.asarray(normal / size) if size > 0.0 else np.eye(d)[0]
+    flat = size > FLAT * np.linalg.norm(areas, axis=1).sum()
+    return np.asarray(normal / size) if flat else None
 
 
 def _areas(x: Array, facets: Array) -> Array:
@@ -404,6 +414,11 @@ def _areas(x: Array, facets: Array) -> Array:
 def _in(units: Units, unit: str, value: float) -> float:
     """A number in SI units in the units of the scene."""
     return shifted(value, -units.power(unit))
+
+
+def _rounded(direction: Sequence[float] | Array) -> list[float]:
+    """A unit vector with three digits after the point."""
+    return [round(float(value), 3) + 0.0 for value in direction]
 
 
 def _quoted(text: str) -> str:
