@@ -88,7 +88,7 @@ class Study:
         stresses: the largest stresses, and the reactions.
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
-        pictures: headings and files of the written pictures.
+        pictures: the written pictures, as `fenicsrom.post.base.picture.Drawn`.
         view: the projection of the body in all pictures; None before the first one is made.
     """
 
@@ -114,7 +114,7 @@ class Study:
     stresses: Stresses | None = None
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
-    pictures: list[tuple[str, Path]] = field(default_factory=list)
+    pictures: list[Any] = field(default_factory=list)
     view: Any = None
 
     @property

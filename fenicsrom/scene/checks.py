@@ -54,6 +54,10 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        if contact in scene.contacts[:index]:
+            same = scene.contacts.index(contact)
+            allowed = f"must differ from contacts[{same}]"
+            yield Problem(f"contacts[{index}]", "the same contact", allowed)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
         if load.moves_supports:
@@ -270,6 +274,9 @@ def _basis_problems(scene: Scene) -> Problems:
             yield Problem("basis.modes", basis.modes, allowed)
         if basis.masters is not None:
             yield Problem("basis.masters", basis.masters, "not allowed in a scene without contact")
+    if basis.size is not None and not basis.adapts:
+        allowed = 'only allowed with derivatives = "principal" and elastic_force = "polynomial"'
+        yield Problem("basis.size", basis.size, allowed)
     if not isinstance(basis.derivatives, tuple):
         return
     if any(contact.place.at == "nodes" for contact in scene.contacts):

@@ -185,6 +185,9 @@ class Basis:
             pairs of modes), otherwise 10.
         accuracy: largest accepted estimate of the error of the displacements due to the basis;
             with derivatives = "principal" the basis takes coordinates until it is reached.
+        size: number of coordinates of the model, contact displacements included, instead of
+            `accuracy`: the first ones, then those with the largest energies. By default the
+            accuracy decides. Only with derivatives = "principal" and elastic_force = "polynomial".
         threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
             mmi-nls), and smallest amplitude of a mode.
         differentiation: how the derivative of the tangent is computed.
@@ -197,13 +200,14 @@ class Basis:
     masters: Annotated[str | int | None, rules.masters] = None
     derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "principal"
     accuracy: Annotated[float, number(above=0.0, most=1.0)] = 1e-3
+    size: Annotated[int | None, integer(1, 1000)] = None
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, choice("exact", "central-difference")] = "exact"
     elastic_force: Annotated[str, choice("polynomial", "projection")] = "polynomial"
 
     @property
     def adapts(self) -> bool:
-        """Whether the basis takes coordinates until `accuracy` is reached."""
+        """Whether the basis takes coordinates by `accuracy` or `size`."""
         return self.derivatives == "principal" and self.elastic_force == "polynomial"
 
 
@@ -297,6 +301,8 @@ class Compare:
         methods: values of `basis.method`.
         derivatives: values of `basis.derivatives`.
         modes: values of `basis.modes`.
+        sizes: values of `basis.size` with derivatives = "principal", besides the size by
+            `basis.accuracy`.
         elastic_force: values of `basis.elastic_force`.
         schemes: values of `time.scheme`; by default that of [time].
     """
@@ -314,6 +320,7 @@ class Compare:
         "all",
     )
     modes: Annotated[tuple[int, ...], list_of(integer(0, 1000))] = (1, 2, 3, 5)
+    sizes: Annotated[tuple[int, ...] | None, list_of(integer(1, 1000))] = None
     elastic_force: Annotated[tuple[str, ...], list_of(choice("polynomial", "projection"))] = (
         "polynomial",
     )

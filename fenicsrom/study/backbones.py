@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.study.source import Source, scene_of, source_of
+from fenicsrom.study.source import scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
@@ -53,27 +52,10 @@ def backbone(
     source = source_of(given, comm, watch, folder, stop, fresh)
     if scene_of(given).basis.adapts and scene_of(given).period is not None:
         with watch("size"):
-            source = _fitted(source, watch, folder, stop)
+            source = source.fitted(watch, folder, stop)
     with watch("nonlinear mode"):
         found = modes.backbone(source.stored, lambda line: watch.say(f"  {line}"))
     found.warnings[:0] = source.warnings
     if folder is not None and found.points and source.first:
         found.files = report(found).write(folder)
     return found
-
-
-def _fitted(
-    source: Source, watch: Stopwatch, folder: Path | None, stop: Callable[[], bool]
-) -> Source:
-    """The model with the coordinates that the forced motion of the scene needs."""
-    from fenicsrom.assess.errors.sizing import fitted
-    from fenicsrom.online.run.simulate import simulate
-
-    stored = source.stored
-    try:
-        motion = simulate(stored.model, stored.scene, keep_coordinates=True, stop=stop)
-    except (AccuracyError, ConvergenceError) as error:
-        source.warnings.append(f"the first coordinates are kept: no forced motion: {error}")
-        return source
-    found = fitted(stored, motion, watch.say, stop, source.warnings)
-    return source if found is None else source.with_model(found.stored, folder)

@@ -98,7 +98,11 @@ def _curves(
     state = None if folder is None or not source.first else folder / STATE
     if resume is not None and (resume / COORDINATES).exists():
         labels = json.loads((resume / COORDINATES).read_text(encoding="utf-8"))
-        source = source.with_model(source.stored.resized(labels), folder)
+        if {*labels} <= {*source.stored.labels, *source.stored.further}:
+            source = source.with_model(source.stored.resized(labels), folder)
+    elif source.stored.scene.basis.size is not None:
+        with watch("size"):
+            source = source.fitted(watch, folder, stop)
     while True:
         stored = source.stored
         if state is not None:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.records import Study
+
+LONG = 5.0
+"""The steps of a reduced motion that takes longer are timed against the full model, s."""
+
+TIMED_STEPS = 10
+"""Time steps of the full model that are timed: a period of the loads in long steps."""
 
 
 def integrate(run: Run, name: str) -> None:
@@ -174,3 +180,29 @@ def check(study: Study) -> None:
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)
+    study.warnings.extend(slower_than_solid(study))
+
+
+def slower_than_solid(study: Study) -> list[str]:
+    """Warn of a reduced model whose time steps take longer than those of the full model.
+
+    Only where the motion took long, and the full model did not run. Collective.
+    """
+    from fenicsrom.fem.full.full import full_model
+    from fenicsrom.online.contact.points import contacts_of
+    from fenicsrom.online.run.simulate import simulate
+    from fenicsrom.post.run.sentences import step_sentence
+    from fenicsrom.scene.step_size import with_time
+
+    scene, solid, motion = study.scene, study.solid, study.motions["reduced"]
+    if solid.comm.bcast(motion.seconds) < LONG or "full" in study.motions or scene.period is None:
+        return []
+    period = with_time(scene, periods=1, steady="march")
+    try:
+        coarse = with_time(period, steps_per_period=TIMED_STEPS)
+        full = simulate(full_model(solid, contacts_of(scene, solid.points)), coarse)
+        reduced = simulate(study.model, period)
+    except (AccuracyError, ConvergenceError, SceneError):  # the long steps cannot be taken
+        return []
+    said = step_sentence(reduced.seconds / reduced.steps, full.seconds / full.steps)
+    return [] if said is None else [said]

@@ -72,7 +72,7 @@ def model_table(scene: Scene) -> dict[str, Any]:
 
     basis = scene.basis
     table: dict[str, Any] = {
-        "basis": {**plain(basis), "accuracy": None},
+        "basis": {**plain(basis), "accuracy": None, "size": None},
         "damping": plain(scene.damping),
         "stresses": scene.output.stresses,
     }

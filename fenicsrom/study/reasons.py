@@ -108,6 +108,8 @@ def derivatives_reason(scene: Scene) -> str:
 def size_reason(scene: Scene) -> str:
     """Say why the basis takes coordinates, or not."""
     basis = scene.basis
+    if basis.size is not None:
+        return f"basis.size is {basis.size}"
     if basis.adapts:
         return f"basis.accuracy is {basis.accuracy:g}"
     if basis.derivatives == "principal":

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.step.state import Checkpoint
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.stress.stress_peaks import Stresses
+    from fenicsrom.post.base.picture import Drawn
     from fenicsrom.records import Rerun
     from fenicsrom.scene import Scene
 
@@ -207,7 +208,7 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     stop_where_asked(stop)
     with watch("numbers"):
         files = write_rerun_numbers(found, folder)
-    written: list[tuple[str, Path]] = []
+    written: list[Drawn] = []
     try:
         stop_where_asked(stop)
         if stored.scene.output.pictures:
@@ -217,11 +218,11 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     except KeyboardInterrupt:
         write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
         raise
-    found.files += [report, *files, *(path for _, path in written)]
+    found.files += [report, *files, *(one.path for one in written)]
 
 
-def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
-    """Draw the motion and the stresses; give the titles and the files."""
+def _draw(found: Rerun, folder: Path) -> list[Drawn]:
+    """Draw the motion and the stresses."""
     from fenicsrom.post.base.directions import direction_names
     from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.run.pictures import (

@@ -119,4 +119,4 @@ def report(run: Run) -> None:
     if run.comm.rank == 0:
         write_summary(folder / SUMMARY, summary(study))
         report = write_study_report(study, folder, pages)
-        study.files = [report, *study.files, *(path for _, path in study.pictures)]
+        study.files = [report, *study.files, *(one.path for one in study.pictures)]

@@ -536,3 +536,27 @@ def test_comparison_without_acting_load_has_no_indicator():
     (outcome,) = compare.compare(scene, MPI.COMM_WORLD, lambda line: None).outcomes
     assert not outcome.failure and outcome.motion is not None
     assert outcome.indicator is None and outcome.residual is None
+
+
+def test_sizes_of_the_new_selection_are_an_axis_of_the_comparison(cache):
+    pytest.importorskip("dolfinx")
+    from mpi4py import MPI
+
+    scene = beam_scene(
+        overrides=(
+            *QUICK,
+            "compare.modes=[2]",
+            'compare.derivatives=["principal","mmi-nls"]',
+            'compare.methods=["rubin"]',
+            "compare.sizes=[7, 9]",
+            "compare.full=false",
+            "basis.accuracy=1e-4",
+        )
+    )
+    found = compare.compare(scene, MPI.COMM_SELF, lambda line: None)
+    free, seven, nine, paired = found.outcomes
+    assert [len(seven.labels), len(nine.labels)] == [7, 9] and not free.failure
+    assert [o.combination.size for o in found.outcomes] == [None, 7, 9, None]
+    assert "size" in seven.offline and "size" not in paired.offline
+    assert nine.motion is not None and seven.motion is not None and nine.indicator is not None
+    assert nine.indicator < 1.5 * seven.indicator

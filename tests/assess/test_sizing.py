@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, linear_model, refusal
 
 from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
+from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
@@ -98,3 +99,22 @@ def test_selections_of_the_paper_keep_their_size() -> None:
 def test_models_grow_by_three_and_then_twice_as_many() -> None:
     assert [len(part) for part in growing("abcdefghijklmn")] == [3, 6, 12, 14]
     assert [len(part) for part in growing("ab")] == [2] and list(growing("")) == []
+
+
+def test_model_of_a_given_size_has_the_coordinates_with_the_largest_energies() -> None:
+    whole = stored_with().resized(10)
+    larger = fit(stored_with("basis.size=3"))
+    assert larger.stored.labels == ("1V", "3V", "2V") and list(larger.energies) == ["3V", "2V"]
+    smaller = fit(stored_with("basis.size=3").resized(6))
+    assert smaller.stored.labels == ("1V", "3V", "2V") and smaller.energies == {}
+    assert np.allclose(smaller.motion.displacement, larger.motion.displacement, rtol=1e-9)
+    assert distances(smaller.motion, run(whole)).largest <= smaller.errors.largest
+    unchanged = stored_with("basis.size=1")
+    assert fit(unchanged).stored is unchanged
+
+
+@pytest.mark.parametrize("size", [10, 11])
+def test_model_of_all_coordinates_has_no_judge_and_is_refused(size: int) -> None:
+    stored = stored_with(f"basis.size={size}")
+    with refusal(ErrorKind.RANGE, "basis.size"):
+        sized(stored, run(stored), run)

@@ -70,7 +70,7 @@ def test_forty_modes_agree_with_five() -> None:
     pytest.importorskip("dolfinx")
     amplitudes, conditions, flexibilities = {}, {}, {}
     for count in (5, 40):
-        scene = beam_scene(2, (f"basis.modes={count}",))
+        scene = beam_scene(2, (f"basis.modes={count}", 'basis.derivatives="mmi"'))
         model, reduction, _ = stability.build(scene, "reduced")
         assert reduction is not None
         basis = reduction.basis

@@ -494,8 +494,11 @@ def test_plan_of_rub_counts_contact_displacements() -> None:
         "normal_stiffness": 1e4,
         "tangential_stiffness": 1e4,
     }
-    few, many = (beam_scene(3, contacts=count * [contact]) for count in (4, 5))
-    assert (few.basis.masters, many.basis.masters) == ("all", 10)
+    contacts = [{**contact, "gap": 1e-3 * number} for number in range(9)]
+    masters = [beam_scene(3, contacts=contacts[:count]).basis.masters for count in (4, 5, 8, 9)]
+    assert masters == ["all", 15, 24, 10]
+    paired = beam_scene(3, ('basis.derivatives="mmi"',), contacts=contacts[:5])
+    assert paired.basis.masters == 10
 
 
 # ------------------------------------------------------------------ the stored model

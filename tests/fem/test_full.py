@@ -11,11 +11,14 @@ pytest.importorskip("dolfinx")
 
 from support import STOCKY, beam_scene, make_solid, scene_of
 
+from fenicsrom import study
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.full import full as module
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.post.run import sentences
+from fenicsrom.study import motions
 
 
 def moving(linear: bool, pressed: bool) -> Any:
@@ -126,3 +129,24 @@ def test_full_model_moves_the_same_by_mumps_and_by_petsc(
         assert solid.points.contact.size == int(touching)
         found.append(motion.displacement)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9 * np.abs(found[1]).max())
+
+
+def test_slow_reduced_model_is_timed_against_the_full_model(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = beam_scene(
+        2,
+        (*STOCKY, "geometrically_nonlinear=true", "output.pictures=false"),
+        loads=[{"group": "tip", "direction": [0, 1], "force": 4.0, "frequency": 40.0}],
+        time={"periods": 2, "steps_per_period": 40},
+    )
+    timed: list[tuple[float, float]] = []
+
+    def say(reduced: float, full: float) -> str:
+        timed.append((reduced, full))
+        return "slow"
+
+    monkeypatch.setattr(sentences, "step_sentence", say)
+    assert "slow" not in study.run(scene).warnings and timed == []
+    monkeypatch.setattr(motions, "LONG", 0.0)
+    assert "slow" in study.run(scene).warnings and np.all(np.array(timed) > 0.0)

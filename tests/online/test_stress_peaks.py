@@ -99,7 +99,7 @@ def test_displacements_of_nodes_follow_the_coordinates(stored: StoredModel) -> N
 
 
 def test_displacements_of_nodes_need_stresses(stored: StoredModel) -> None:
-    bare = replace(stored, recovery=None, file="beam.npz")
+    bare = replace(stored, tables=None, file="beam.npz")
     for compute in (lambda: bare.nodes, bare.mode_shapes, lambda: bare.displacement(np.zeros(2))):
         with refusal(ErrorKind.MISSING, "output.stresses", "beam.npz"):
             compute()
@@ -144,7 +144,7 @@ def test_run_warns_of_a_state_that_is_turned_inside_out(
         gradients = 0.0 * stored.recovery.stress.gradients
         gradients[0, 3] = np.diag([gradient, 0.0])
         table = replace(stored.recovery.stress, law=StressLaw.of(scene), gradients=gradients)
-        model = replace(stored, scene=scene, recovery=replace(stored.recovery, stress=table))
+        model = replace(stored, scene=scene, tables=replace(stored.recovery, stress=table))
         found = study.rerun(model, tmp_path)
         assert found.stresses is not None
         (smallest,) = {each.volume_ratio for each in found.stresses.deformations}
@@ -181,7 +181,7 @@ def test_tables_of_archive_are_read_back(stored: StoredModel, tmp_path: Path) ->
 
 def test_archive_without_stresses_has_no_tables(stored: StoredModel, tmp_path: Path) -> None:
     path = tmp_path / "model.npz"
-    save_model(path, replace(stored, recovery=None))
+    save_model(path, replace(stored, tables=None))
     with read_archive(path, "a model", FORMAT) as (_, arrays):
         assert not set(ENTRIES) & set(arrays)
     assert load_model(path).recovery is None

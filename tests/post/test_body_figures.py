@@ -482,7 +482,7 @@ def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(
     notes = []
     written = picture.draw_pictures(listed, tmp_path, notes)
     assert notes == ["setup.png and shapes.png were not drawn: VTK finds no EGL"]
-    assert [path.name for _, path in written] == ["motion.png"]
+    assert [drawn.path.name for drawn in written] == ["motion.png"]
 
 
 def test_renderer_is_missing_where_vtk_falls_back_to_a_library_that_is_not_there(monkeypatch):

@@ -18,7 +18,12 @@ from fenicsrom.post.run.motion_table import (
     response_rows,
     response_table,
 )
-from fenicsrom.post.run.sentences import basis_sentences, estimate_rows, motion_warnings
+from fenicsrom.post.run.sentences import (
+    basis_sentences,
+    estimate_rows,
+    motion_warnings,
+    step_sentence,
+)
 from fenicsrom.records import Study
 from fenicsrom.reduction.selection import Selection
 
@@ -112,3 +117,9 @@ def test_motion_that_ends_before_its_surface_has_arrived_is_warned_of(
     scene = beam_scene(2, ("contacts.0.approach=[[0.0, 0.0], [2.0, 1e-3]]",))
     found = motion_warnings("reduced", motion, scene)
     assert [line.startswith("contacts.0.approach: ") for line in found] == [True] * told
+
+
+def test_reduced_model_that_is_slower_than_the_solid_is_named() -> None:
+    assert step_sentence(0.001, 0.002) is None
+    said = step_sentence(0.08, 0.005)
+    assert said is not None and "0.08 s" in said and "0.005 s" in said and "slower" in said

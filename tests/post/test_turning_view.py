@@ -17,6 +17,8 @@ pytest.importorskip("k3d")
 
 from fenicsrom.cli import main
 from fenicsrom.post.base.html_page import Page, write_report
+from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.style import new_figure
 from fenicsrom.post.body.body_view import view_of
 from fenicsrom.post.body.turning_view import (
     MOST_TRIANGLES,
@@ -73,7 +75,13 @@ def report(tmp_path: Path) -> Path:
     setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
     shown = [setup, swinging("1V", bent(surface, 1.0), LENGTH)]
     page = turning_page(surface, shown, [], view_of(surface))
-    return write_report(tmp_path / "report.html", "a beam", [("The body", [Page(page)])])
+    figure = new_figure(5.0, 3.0)
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#d55e00", linewidth=8.0, label="thick")
+    axes.legend()
+    (drawn,) = draw_pictures([Picture("Curve", "motion.png", lambda: figure)], tmp_path, [])
+    sections = [("The body", [Page(page)]), ("Curve", [drawn])]
+    return write_report(tmp_path / "report.html", "a beam", sections)
 
 
 @pytest.fixture
@@ -111,7 +119,7 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import Select, WebDriverWait
 
-    assert report.stat().st_size < 3e6
+    assert report.stat().st_size < 4e6
     browser.get(report.as_uri())
     browser.switch_to.frame(browser.find_element(By.ID, "body"))
     wait = WebDriverWait(browser, 60)
@@ -131,6 +139,15 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     drag.move_by_offset(120, 80).release().perform()
     wait.until(lambda found: changed(shape, picture(found)) > 1000)
     assert blank.shape == setup.shape
+    browser.switch_to.default_content()
+    chart = browser.find_element(By.ID, "chart-motion.png")
+    wait.until(lambda found: not chart.find_elements(By.TAG_NAME, "img"))  # the chart replaces it
+    browser.execute_script("arguments[0].scrollIntoView()", chart)
+    first = "return Bokeh.documents[0].roots()[0].children[0][0].x_range.start"
+    start = browser.execute_script(first)
+    box = ActionChains(browser).move_to_element(chart).click_and_hold()
+    box.move_by_offset(150, 60).release().perform()
+    wait.until(lambda found: found.execute_script(first) > start + 0.01)
     severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
     assert not severe
     loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")

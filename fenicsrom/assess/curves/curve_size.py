@@ -56,7 +56,8 @@ def larger_model(found: Response, stored: StoredModel, spare: int) -> StoredMode
         spare: number of coordinates that must stay out, to judge the others.
     """
     worst = worst_checks(found, stored)
-    if not worst or not stored.scene.basis.adapts:
+    basis = stored.scene.basis
+    if not worst or not basis.adapts or basis.size is not None:
         return None
     points = []
     energies: dict[str, float] = {}

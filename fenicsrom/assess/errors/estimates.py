@@ -230,14 +230,16 @@ def _last_period(motion: Motion) -> Array:
     return interpolated(motion, motion.displacement, times)
 
 
-def nested_motion(model: ReducedModel, scene: Scene, motion: Motion) -> Motion | None:
+def nested_motion(
+    model: ReducedModel, scene: Scene, motion: Motion, chosen: Sequence[int] | None = None
+) -> Motion | None:
     """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
 
     Args:
-        model: the model, under the loads and the damping of the scene; the first coordinates of
-            both models are the same.
+        model: the model, under the loads and the damping of the scene.
         scene: the scene of the motion.
         motion: the motion.
+        chosen: the coordinates of the motion with which those of the model begin; by default all.
 
     Returns:
         The motion; None if the model fails, or does not settle although the motion did.
@@ -247,8 +249,9 @@ def nested_motion(model: ReducedModel, scene: Scene, motion: Motion) -> Motion |
             other = simulate(model, scene, keep_coordinates=True)
         else:
             *state, sliders = end_of(motion)
-            more = np.zeros(max(model.size - state[0].size, 0))
-            q, v = (np.concatenate([values[: model.size], more]) for values in state)
+            chosen = range(state[0].size) if chosen is None else chosen
+            more = np.zeros(model.size - len(chosen))
+            q, v = (np.concatenate([values[list(chosen)], more]) for values in state)
             other = check_motion(model, scene, motion, (q, v, sliders))
     except (ConvergenceError, AccuracyError):
         return None

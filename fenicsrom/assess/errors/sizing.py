@@ -9,7 +9,8 @@ judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`). Where t
 say what the motion lacks. Those with the largest energies join the model: at least `AT_LEAST`,
 because a mode without its derivatives can make the answer worse, and then twice as many, until the
 estimate is small enough. A model that took nearly all coordinates cannot be judged by the rest:
-`RESERVE` of those that the first model left out stay out.
+`RESERVE` of those that the first model left out stay out. With `basis.size` a model has so many
+coordinates instead.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
@@ -49,7 +50,7 @@ TIMED_PERIODS = 2
 
 @dataclass(frozen=True, eq=False)
 class NestedSize:
-    """A model of the first coordinates of a larger one.
+    """A model of some of the coordinates of a larger one.
 
     Attributes:
         size: number of coordinates.
@@ -84,7 +85,7 @@ class Sized:
 
     @cached_property
     def sizes(self) -> list[NestedSize]:
-        """The error over the run time: models of the first coordinates of the stored ones.
+        """The error over the run time: models with more or fewer coordinates, by their energies.
 
         Each has its motion near that of the run. Without a period each runs like the run.
         """
@@ -92,13 +93,16 @@ class Sized:
         if other is None or motion.end is None or stored.model.linear:
             return []
         known, scene = (*stored.labels, *stored.further), stored.scene
-        least = 1 + next((k for k, label in enumerate(known) if label[-1] != "S"), 0)
+        least = least_size(stored)
         most = (stored.size + len(known)) // 2
         sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
-            part = stored.resized(n)
-            near = motion if n == stored.size else nested_motion(part.model, scene, motion)
+            part = with_size(stored, other, n)
+            common = [stored.labels.index(label) for label in part.labels[: stored.size]]
+            near: Motion | None = motion
+            if n != stored.size:
+                near = nested_motion(part.model, scene, motion, common)
             error = np.inf if near is None else basis_errors(near, other).largest
             if near is not None and np.isfinite(error):
                 rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
@@ -122,9 +126,12 @@ def sized(
 
     Raises:
         ConvergenceError, AccuracyError: a larger model failed where the first one did not.
+        SceneError: the model has no such `basis.size`.
     """
     if stored.candidates is None or not stored.scene.basis.adapts:
         return None
+    if stored.scene.basis.size is not None:
+        return _of_size(stored, motion, run, stored.scene.basis.size)
     scene, energies = stored.scene, dict[str, float]()
     limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
     spare = RESERVE * len(stored.further)
@@ -144,6 +151,54 @@ def sized(
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         stored, motion = larger, run(larger)
         assert stored.candidates is not None
+
+
+def least_size(stored: StoredModel) -> int:
+    """The fewest coordinates of a model: those of the contact and one more."""
+    labels = enumerate((*stored.labels, *stored.further))
+    return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
+
+
+def _of_size(
+    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion], size: int
+) -> Sized:
+    """The model with so many coordinates; other arguments and errors as `sized`."""
+    least, known = least_size(stored), stored.size + len(stored.further)
+    if not least <= size < known:
+        raise SceneError(
+            f"{stored.scene.source}: basis.size = {size}: must be from {least} to {known - 1}; the "
+            f"model holds {known} coordinates, and those that it leaves out judge it",
+            kind=ErrorKind.RANGE,
+            key="basis.size",
+            source=stored.scene.source,
+        )
+    assert stored.candidates is not None
+    other = nested_motion(stored.candidates, stored.scene, motion)
+    chosen = with_size(stored, other, size)
+    energies = {} if other is None else candidate_energies(stored, other)
+    if chosen is not stored:
+        motion = run(chosen)
+        assert chosen.candidates is not None
+        other = nested_motion(chosen.candidates, chosen.scene, motion)
+    joined = {label: energies[label] for label in chosen.labels if label in energies}
+    return Sized(chosen, motion, other, basis_errors(motion, other), joined)
+
+
+def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredModel:
+    """A model with more or fewer coordinates, those with the largest energies (1).
+
+    Args:
+        stored: the model, whose coordinates of the contact stay.
+        other: the motion of all coordinates; without it the order of the file counts.
+        size: number of coordinates, from `least_size` to that of all coordinates.
+    """
+    kept = stored.size if size >= stored.size else least_size(stored) - 1
+    if other is None or size == stored.size:
+        return stored.resized(size)
+    energies = coordinate_energies(stored, other)
+    among = stored.further if size >= stored.size else stored.labels[kept:]
+    joining = sorted(among, key=lambda label: -energies[label])[: size - kept]
+    return stored.resized((*stored.labels[:kept], *joining))
 
 
 def fitted(
@@ -191,8 +246,8 @@ def _unreached(stored: StoredModel, errors: MotionErrors, limit: float) -> str:
     )
 
 
-def candidate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
-    """The square roots of (1) by the labels of the further coordinates, the largest first.
+def coordinate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
+    """The square roots of (1) by the labels of all coordinates.
 
     Args:
         stored: the model.
@@ -201,8 +256,14 @@ def candidate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
     assert stored.candidates is not None and other.coordinates is not None
     q, n, stiffness = other.coordinates, stored.size, stored.candidates.elastic.stiffness
     whole = np.mean(np.einsum("ti,ij,tj->t", q[:, :n], stiffness[:n, :n], q[:, :n]))
-    squares = np.mean(q[:, n:] ** 2, axis=0) * np.abs(np.diag(stiffness)[n:]) / abs(whole)
-    return {stored.further[k]: float(np.sqrt(squares[k])) for k in np.argsort(-squares)}
+    squares = np.mean(q**2, axis=0) * np.abs(np.diag(stiffness)) / abs(whole)
+    return dict(zip((*stored.labels, *stored.further), np.sqrt(squares).tolist(), strict=True))
+
+
+def candidate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
+    """Those of `coordinate_energies` that the model leaves out, the largest first."""
+    found = coordinate_energies(stored, other)
+    return {label: found[label] for label in sorted(stored.further, key=lambda k: -found[k])}
 
 
 def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:

@@ -23,12 +23,18 @@ import numpy as np
 from fenicsrom.assess.errors.agreement import break_even, motion_errors, rank_correlation
 from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equilibrium_warnings
 from fenicsrom.assess.errors.residual import indicators
+from fenicsrom.assess.errors.sizing import sized
 from fenicsrom.assess.full.full_cache import full_motion
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.candidates import extended_basis
 from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, solve_modes
+from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
@@ -54,6 +60,7 @@ class Combination:
     derivatives: str | tuple[str, ...]
     elastic_force: str
     scheme: str
+    size: int | None = None
 
     @property
     def chosen(self) -> str:
@@ -63,7 +70,8 @@ class Combination:
     @property
     def name(self) -> str:
         """All choices in one line."""
-        return f"{self.method}, {self.modes}V, {self.chosen}, {self.elastic_force}, {self.scheme}"
+        found = f"{self.method}, {self.modes}V, {self.chosen}, {self.elastic_force}, {self.scheme}"
+        return found if self.size is None else f"{found}, size {self.size}"
 
 
 @dataclass(eq=False)
@@ -169,7 +177,12 @@ def combinations(scene: Scene) -> list[Combination]:
     if not scene.geometrically_nonlinear:
         derivatives, forces = ("none",), ("polynomial",)
     choices = itertools.product(table.methods, table.modes, derivatives, forces, schemes)
-    return [Combination(*choice) for choice in choices]
+    found = []
+    for choice in choices:
+        adapts = (choice[2], choice[3]) == ("principal", "polynomial")
+        sizes = (None, *(table.sizes or ())) if adapts else (None,)
+        found += [Combination(*choice, size) for size in sizes]
+    return found
 
 
 def with_combination(scene: Scene, combination: Combination) -> Scene:
@@ -180,6 +193,8 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
     """
     c, table = combination, scene_table(scene)
     table["basis"] |= {"method": c.method, "modes": c.modes, "elastic_force": c.elastic_force}
+    table["basis"].pop("size", None)
+    table["basis"] |= {} if c.size is None else {"size": c.size}
     table["basis"]["derivatives"] = (
         c.derivatives if isinstance(c.derivatives, str) else list(c.derivatives)
     )
@@ -273,11 +288,14 @@ def try_out(
     scene = with_combination(scene, combination)
     try:
         reduction, outcome.offline = workshop.reduction(scene)
-        outcome.labels = reduction.basis.labels
-        model = reduction.model
+        basis, model = reduction.basis, reduction.model
         motion = simulate(model, scene, keep_coordinates=True)
+        if scene.basis.adapts:
+            with timed(outcome.offline, "size"):
+                basis, model, motion = _sized(workshop.body, scene, reduction, motion)
+        outcome.labels = basis.labels
         outcome.indicator, outcome.residual = indicators(
-            workshop.body, reduction.basis.vectors, motion, scene
+            workshop.body, basis.vectors, motion, scene
         )
         outcome.motion = replace(
             motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None
@@ -286,12 +304,46 @@ def try_out(
             outcome.online, outcome.timed_periods = time_runs(
                 model, scene, motion, workshop.body.comm
             )
-    except (ConvergenceError, AccuracyError) as error:
+    except (ConvergenceError, AccuracyError, SceneError) as error:  # no such `basis.size`
         outcome.failure = str(error)
         return outcome
     if full is not None:
         outcome.errors = motion_errors(motion, full)
     return outcome
+
+
+def _sized(
+    body: Structure, scene: Scene, found: Reduction, motion: Motion
+) -> tuple[ReducedBasis, Any, Motion]:
+    """The basis, model and motion of the size that a scene asks for.
+
+    Args:
+        body: the structure.
+        scene: the scene.
+        found: the stages of the first basis.
+        motion: its motion.
+    """
+    assert isinstance(found.model, ReducedModel)
+    extended = extended_basis(body, scene.basis, found)
+    whole = project(body, extended, body.geometrically_nonlinear)
+    stored = StoredModel(
+        found.model,
+        scene,
+        extended.method,
+        found.basis.labels,
+        body.free,
+        found.modes.frequencies_hz,
+        {},
+        candidates=whole,
+        further=extended.labels[found.basis.size :],
+    )
+    chosen = sized(
+        stored, motion, lambda larger: simulate(larger.model, scene, keep_coordinates=True)
+    )
+    if chosen is None or chosen.stored is stored:
+        return found.basis, found.model, motion
+    part = extended.part(chosen.stored.labels, chosen.stored.model.mass)
+    return part, chosen.stored.model, chosen.motion
 
 
 def time_runs(

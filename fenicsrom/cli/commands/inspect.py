@@ -29,7 +29,7 @@ def inspect(options: argparse.Namespace) -> int:
         folder = Path(options.output or f"out/{Path(options.mesh).stem}")
         require_lasting(folder)
         picture = mesh_report.group_picture(found)
-        files = [path for _, path in draw_pictures([picture], folder, warnings)]
+        files = [one.path for one in draw_pictures([picture], folder, warnings)]
     lines = mesh_report.lines(found, density)
     print_results(None, "\n".join(lines), warnings, files=files)
     if found.refusal is not None:

@@ -55,7 +55,7 @@ def plan(options: argparse.Namespace) -> int:
                 source=str(path),
             )
         picture, warnings = study.setup_picture(scene, path.name, progress)
-        files = [path for _, path in draw_pictures([picture], path.parent, warnings)]
+        files = [one.path for one in draw_pictures([picture], path.parent, warnings)]
         print_results(None, "", warnings, files=files)
     return 0
 

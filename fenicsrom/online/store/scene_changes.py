@@ -69,9 +69,10 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:
     """The wanted scene with the folder of the mesh, the damping α and open modes as made.
 
-    The accuracy of the basis may change too.
+    The accuracy and the size of the basis may change too.
     """
-    basis, geometry = replace(wanted.basis, accuracy=made.basis.accuracy), wanted.geometry
+    basis, geometry = wanted.basis, wanted.geometry
+    basis = replace(basis, accuracy=made.basis.accuracy, size=made.basis.size)
     if basis.modes == "auto":  # a stored model keeps its modes
         basis = replace(basis, modes=made.basis.modes)
     if geometry.mesh.name == made.geometry.mesh.name:

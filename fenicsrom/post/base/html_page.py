@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import html
 import io
+import re
 from collections.abc import Iterable, Sequence
+from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.post.base.captions import numbers_of
 from fenicsrom.post.base.origin import origin_table
+from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.base.tables import cell_text, filled_columns, numeric_columns
 from fenicsrom.post.base.writers import write_text
+from fenicsrom.words import counted
 
 FEW_COLUMNS = 8  # a table with more columns has smaller letters
 SHORT = 28  # characters of the longest cell that is not broken into lines
@@ -21,8 +28,16 @@ class Page(str):
     """A page of its own, which a report shows in a frame."""
 
 
+class Folded(str):
+    """A heading whose section opens by a click."""
+
+
 def write_report(
-    path: str | Path, title: str, sections: Iterable[tuple[str, Iterable[Any]]]
+    path: str | Path,
+    title: str,
+    sections: Iterable[tuple[str, Iterable[Any]]],
+    verdict: str = "",
+    warnings: Sequence[str] = (),
 ) -> Path:
     """Write a report, see `html_report`; return its path.
 
@@ -32,28 +47,95 @@ def write_report(
         OSError: the file cannot be written.
     """
     run = origin_table(Path(path).parent)
-    last = [("What was run", [run])] if run else []
-    return write_text(path, html_report(title, [*sections, *last]))
+    last = [(Folded("What was run"), [run])] if run else []
+    return write_text(path, html_report(title, [*sections, *last], verdict, warnings))
 
 
-def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> str:
+def html_report(
+    title: str,
+    sections: Iterable[tuple[str, Iterable[Any]]],
+    verdict: str = "",
+    warnings: Sequence[str] = (),
+) -> str:
     """Compose a report in one HTML page.
 
     Args:
         title: title of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
             of rows, the first row is the header), a matplotlib figure, the path of a PNG or GIF
-            picture, or a `Page`.
+            picture, a `Drawn` picture, which gets a number and a caption, or a `Page`. A section
+            with a `Folded` heading is closed at first.
+        verdict: whether the results can be trusted, at the top; see `verdict_of`.
+        warnings: warnings, below the verdict.
 
     Returns:
         The HTML text.
     """
     body = [f"<h1>{html.escape(title)}</h1>"]
+    if verdict:
+        kind = re.split(r"\W", verdict)[0].lower()
+        body.append(f'<p class="verdict {kind}">{html.escape(verdict)}</p>')
+    if warnings:
+        lines = "".join(f"<li>{html.escape(line)}</li>" for line in dict.fromkeys(warnings))
+        body.append(f"<section><h2>Warnings</h2><ul>{lines}</ul></section>")
+    number, charts = count(1), []
     for heading, items in sections:
-        body.append(f"<section><h2>{html.escape(heading)}</h2>")
-        body.extend(_item(item, heading) for item in items)
-        body.append("</section>")
-    return _PAGE.format(title=html.escape(title), body="\n".join(body))
+        folded = isinstance(heading, Folded)
+        tag, head = ("details", "summary") if folded else ("section", "h2")
+        body.append(f"<{tag}><{head}>{html.escape(heading)}</{head}>")
+        for item in items:
+            if isinstance(item, Drawn):
+                body.append(_figure(item, next(number)))
+                charts += [(item.path.name, item.chart)] if item.chart else []
+            else:
+                body.append(_item(item, heading))
+        body.append(f"</{tag}>")
+    script = _script(charts) if charts else ""
+    return _PAGE.format(title=html.escape(title), body="\n".join(body), script=script)
+
+
+def verdict_of(warnings: Sequence[str], failure: object = None) -> str:
+    """Say in one line whether the results can be trusted.
+
+    Args:
+        warnings: the warnings; those on pictures raise no doubt.
+        failure: why there is no complete result, or None.
+    """
+    if failure is not None:
+        return f"Refused, as the computation did not end: {failure}"
+    doubts = [line for line in dict.fromkeys(warnings) if not _UNDRAWN.search(line)]
+    if not doubts:
+        return "Trusted: no check found a reason for doubt."
+    more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""
+    return f"Doubtful: {doubts[0].split('; ')[0].removesuffix('.')}{more}."
+
+
+def _figure(drawn: Drawn, number: int) -> str:
+    """Compose a picture with its number and caption; a script puts the chart in its place."""
+    path, links = drawn.path, [drawn.path.name]
+    links += [name] if (name := numbers_of(path.name)) and (path.parent / name).exists() else []
+    image = _picture(path.read_bytes(), drawn.heading, path.suffix.removeprefix("."))
+    place = f'<div id="chart-{html.escape(path.name)}">{image}</div>' if drawn.chart else image
+    note = f" {html.escape(drawn.note)}" if drawn.note else ""
+    hint = " Drag to zoom, click a name to hide its curve." if drawn.chart else ""
+    named = ", ".join(f'<a href="{name}">{name}</a>' for name in map(html.escape, links))
+    text = f"<b>Figure {number}. {html.escape(drawn.heading)}.</b>{note}{hint} {named}"
+    return f"<figure>{place}<figcaption>{text}</figcaption></figure>"
+
+
+def _script(charts: Sequence[tuple[str, str]]) -> str:
+    """Compose what draws the charts: the library, packed, and the data."""
+    items = ",".join(f'["chart-{name}", {chart}]' for name, chart in charts)
+    return _CHARTS.replace("LIBRARY", _library()).replace("ITEMS", items.replace("</", "<\\/"))
+
+
+@cache
+def _library() -> str:
+    """The script of Bokeh, compressed, as text."""
+    from bokeh.resources import Resources
+
+    code = "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw)
+    return base64.b64encode(gzip.compress(code.encode(), 9, mtime=0)).decode()
 
 
 def _item(item: Any, heading: str) -> str:
@@ -107,6 +189,19 @@ def _picture(content: bytes, heading: str, kind: str) -> str:
     return f'<img alt="{html.escape(heading)}" src="data:image/{kind};base64,{data}">'
 
 
+_UNDRAWN = re.compile(r"\bw(?:as|ere) not drawn\b")
+
+_CHARTS = """<script type="module">
+const packed = Uint8Array.from(atob("LIBRARY"), (sign) => sign.charCodeAt(0));
+const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+(0, eval)(await new Response(stream).text());
+for (const [name, item] of [ITEMS]) {
+  const place = document.getElementById(name), image = place.firstChild;
+  await Bokeh.embed.embed_item(item, name);
+  image.remove();
+}
+</script>"""
+
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -129,6 +224,17 @@ p {{ max-width: 46rem; margin: .6rem 0; }}
 img {{ display: block; max-width: 100%; height: auto; margin: 1rem 0; padding: .6rem;
   box-sizing: border-box;
   background: #fff; border: 1px solid var(--line); border-radius: 6px; }}
+figure {{ margin: 1rem 0 2rem; }}
+figcaption {{ max-width: 46rem; font-size: .92rem; color: var(--soft); }}
+figure > div {{ background: #fff; }}
+figure img {{ margin: 0 0 .5rem; }}
+a {{ color: inherit; }}
+.verdict {{ font-size: 1.1rem; font-weight: 600; max-width: none; padding: .5rem .9rem;
+  border-left: .4rem solid var(--soft); }}
+.trusted {{ border-color: #009e73; }}
+.doubtful {{ border-color: #e69f00; }}
+.refused {{ border-color: #d55e00; }}
+summary {{ font-size: 1.15rem; font-weight: 600; margin: 1.4rem 0 .7rem; cursor: pointer; }}
 iframe {{ width: 100%; height: 32rem; border: 1px solid var(--line); border-radius: 6px; }}
 .wide {{ overflow-x: auto; margin: 1rem 0; }}
 .broad {{ width: max-content; min-width: 100%;
@@ -149,6 +255,6 @@ td {{ overflow-wrap: anywhere; }}
 </head>
 <body>
 {body}
-</body>
+{script}</body>
 </html>
 """

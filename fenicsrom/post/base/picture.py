@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fenicsrom.post.base.captions import caption
+from fenicsrom.post.base.chart import chart
 from fenicsrom.post.base.optional import missing_module, missing_renderer
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.progress import tracked
@@ -24,7 +26,8 @@ class Picture:
         heading: its heading in the report.
         name: name of the file.
         draw: makes the figure.
-        note: what the picture shows, below it in the report.
+        note: what the picture shows, below it in the report; by default that of its name in
+            `fenicsrom.post.base.captions`.
         in_space: whether it shows a body in space, which pyvista draws.
     """
 
@@ -33,6 +36,23 @@ class Picture:
     draw: Callable[[], Figure]
     note: str = ""
     in_space: bool = False
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture that is drawn.
+
+    Attributes:
+        heading: its heading in the report.
+        path: the file.
+        note: what the picture shows.
+        chart: its curves, to zoom (`fenicsrom.post.base.chart`); None of other pictures.
+    """
+
+    heading: str
+    path: Path
+    note: str = ""
+    chart: str | None = None
 
 
 def not_drawn(names: Sequence[str], in_space: bool = False) -> str | None:
@@ -52,9 +72,7 @@ def not_drawn(names: Sequence[str], in_space: bool = False) -> str | None:
     return f"{listed} not drawn: {reason}"
 
 
-def draw_pictures(
-    pictures: Sequence[Picture], folder: Path, notes: list[str]
-) -> list[tuple[str, Path]]:
+def draw_pictures(pictures: Sequence[Picture], folder: Path, notes: list[str]) -> list[Drawn]:
     """Draw and write pictures; a picture that cannot be drawn gives a warning.
 
     Args:
@@ -63,7 +81,7 @@ def draw_pictures(
         notes: receives the warnings.
 
     Returns:
-        The headings and files of the written pictures.
+        The pictures that were written.
 
     Raises:
         OSError: a file cannot be written.
@@ -77,7 +95,12 @@ def draw_pictures(
     written = []
     for picture in tracked(drawn):
         with softly(picture.name, notes):
-            written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
+            figure = picture.draw()
+            path = write_figure(folder / picture.name, figure)
+            note = picture.note or caption(picture.name)
+            written.append(Drawn(picture.heading, path, note))
+            if not picture.in_space:
+                written[-1] = replace(written[-1], chart=chart(figure))
     return written
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.post.base.html_page import html_report, write_report
+from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_rows, write_summary
@@ -16,6 +16,8 @@ from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+LONG = 20  # rows of a table that is folded
 
 Table = Sequence[Sequence[Any]]
 """The rows of a table; the first row is the header."""
@@ -59,6 +61,7 @@ class Report:
         notes: paragraphs below the sentences, on the page only.
         varied: keys of the scene that its heading leaves out.
         more_rows: rows of other CSV files, by the name of the file.
+        failure: why the results are not complete, or None.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Report:
     notes: Sequence[str] = ()
     varied: Collection[str] = ()
     more_rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    failure: Exception | None = None
 
     def write_numbers(self, folder: Path) -> list[Path]:
         """Write `NAME.csv`, `NAME.json` and the other CSV files.
@@ -100,10 +104,19 @@ class Report:
         pictures = draw_pictures(listed, folder, self.warnings)
         if len(self.warnings) > known:
             files = self.write_numbers(folder)
-        notes = {picture.name: picture.note for picture in listed}
-        drawn = [(heading, [path, notes[path.name]]) for heading, path in pictures]
-        page = write_report(folder / "report.html", self._heading(), self._parts(drawn))
-        return [page, *files, *(path for _, path in pictures)]
+        page = write_report(
+            folder / "report.html",
+            self._heading(),
+            self._parts([(drawn.heading, [drawn]) for drawn in pictures]),
+            self.verdict,
+            self.warnings,
+        )
+        return [page, *files, *(drawn.path for drawn in pictures)]
+
+    @property
+    def verdict(self) -> str:
+        """Whether the results can be trusted, in one line."""
+        return verdict_of(self.warnings, self.failure)
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
@@ -116,7 +129,7 @@ class Report:
     def _repr_html_(self) -> str:
         """The page with its first picture, for notebooks."""
         first = [(p.heading, [p.draw(), p.note]) for p in self.pictures[:1]]
-        return html_report(self._heading(), self._parts(first))
+        return html_report(self._heading(), self._parts(first), self.verdict, self.warnings)
 
     def _heading(self) -> str:
         """The heading of the page."""
@@ -124,11 +137,15 @@ class Report:
 
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
-        warned = map("Warning: {}".format, self.warnings)
+        shown = [s for s in self.sections if s.page and s.items]
+        results = [s for s in shown if s.terminal] or shown[:1]
+        first = [item for _, items in pictures[:1] for item in items if item]
         return [
-            ("What was found", [*self.sentences, *self.notes, *warned]),
-            *((heading, list(filter(None, items))) for heading, items in pictures),
-            *((s.heading, list(s.items)) for s in self.sections if s.page and s.items),
+            ("Results", [*self.sentences, *first]),
+            *((s.heading, list(s.items)) for s in results if not _is_long(s)),
+            *((heading, list(filter(None, items))) for heading, items in pictures[1:]),
+            *((Folded(s.heading), list(s.items)) for s in shown if s not in results or _is_long(s)),
+            *([(Folded("Notes"), list(self.notes))] if self.notes else []),
         ]
 
     def text(self) -> str:
@@ -150,3 +167,8 @@ class Report:
             return text_table(item, section.keys)
         shown = text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
+
+
+def _is_long(section: Section) -> bool:
+    """Whether a section has a table that is folded at first."""
+    return any(not isinstance(item, str) and len(item) > LONG for item in section.items)

@@ -162,4 +162,5 @@ def report(found: Backbone) -> Report:
         lambda: summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
         [AMPLITUDES_NOTE],
+        failure=found.unfinished,
     )

@@ -129,6 +129,7 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         rows(found),
         lambda: summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
+        failure=found.unfinished,
     )
 
 

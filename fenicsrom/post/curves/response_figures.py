@@ -13,6 +13,8 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.support_motion import moves_supports
+from fenicsrom.online.motion.measures import STATE_NAMES
+from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -197,16 +199,24 @@ def draw_curves(
             parameters = np.array([point.parameter for point in points])
             heights: Array = np.atleast_2d(values(points))
             for stable, part in stretches(points):
+                notes = [", ".join(state_names(points[j])) for j in part] if found.contacts else []
                 for k, shade in enumerate(shades):
-                    axis.plot(
+                    (line,) = axis.plot(
                         parameters[part],
                         heights[k, part],
                         linestyle=STABLE if stable else UNSTABLE,
                         color=shade,
                         zorder=3 if stable else 2,
                     )
+                    noted(line, notes)
             if not colours:
                 _mark(axis, points, heights[0], shades[0])
+
+
+def state_names(point: CurvePoint) -> list[str]:
+    """The contact states that occur in the period at any point."""
+    bits = int(np.bitwise_or.reduce(point.states, initial=0))
+    return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
 
 
 def _mark(axis: Axes, points: Sequence[CurvePoint], heights: Array, colour: str) -> None:

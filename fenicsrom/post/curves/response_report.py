@@ -76,6 +76,7 @@ def report(found: Response) -> Report:
             Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
         ],
         varied=varied_keys(found),
+        failure=found.unfinished,
         more_rows={"response_full.csv": of_full} if of_full else {},
     )
 

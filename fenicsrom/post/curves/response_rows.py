@@ -13,9 +13,13 @@ from fenicsrom.assess.curves.response_results import (
     judged_multiplier,
 )
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.curves.response_figures import directions, in_order, largest_component
+from fenicsrom.post.curves.response_figures import (
+    directions,
+    in_order,
+    largest_component,
+    state_names,
+)
 from fenicsrom.post.curves.response_motion import largest_point
 from fenicsrom.scene.units import column_name
 
@@ -45,7 +49,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
     contact = {
         "peak_normal_force_N": float(point.peak_force.max(initial=0.0)),
         "friction_dissipation_per_period_J": point.friction_dissipation,
-        "contact_states": " ".join(_states(point)),
+        "contact_states": " ".join(state_names(point)),
     }
     return {
         column_name(found.scene, found.table.parameter): point.parameter,
@@ -70,12 +74,6 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "marched_periods": point.marches[0],
         "marched_periods_with_derivatives": point.marches[1],
     }
-
-
-def _states(point: CurvePoint) -> list[str]:
-    """The contact states that occur in the period at any point."""
-    bits = int(np.bitwise_or.reduce(point.states, initial=0))
-    return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
 
 
 def summary(found: Response) -> dict[str, Any]:

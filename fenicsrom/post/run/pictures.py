@@ -11,9 +11,10 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
+from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
-from fenicsrom.post.base.picture import Picture, draw_pictures, not_drawn, softly
+from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.paraview.fields import shapes
@@ -145,7 +146,7 @@ def _contact_pictures(
     ]
 
 
-def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
+def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     """Draw the body, the motions and the shapes of a study, or warn why not. Collective.
 
     Raises:
@@ -247,7 +248,7 @@ def turning_pages(study: Study) -> list[Page]:
     return [] if page is None else [Page(page)]
 
 
-def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
+def write_animation(study: Study, folder: Path) -> list[Drawn]:
     """Animate the last period of the reduced model about its equilibrium as a GIF. Collective.
 
     Raises:
@@ -260,13 +261,14 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     if film is None:
         return []
     with softly("motion.gif", study.warnings):
-        return [("Animation", write_film(folder / "motion.gif", film))]
+        file = write_film(folder / "motion.gif", film)
+        return [Drawn("Animation", file, caption(file.name))]
     return []
 
 
 def write_stress_picture(
     recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
-) -> list[tuple[str, Path]]:
+) -> list[Drawn]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
 
     Raises:

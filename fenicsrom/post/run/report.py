@@ -12,7 +12,8 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import Page, write_report
+from fenicsrom.post.base.html_page import Folded, Page, verdict_of, write_report
+from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
 from fenicsrom.post.run.sentences import (
@@ -50,22 +51,28 @@ def write_study_report(study: Study, folder: Path, pages: Sequence[Page] = ()) -
     Raises:
         OSError: the file cannot be written.
     """
+    first, others = _first_picture(study.pictures)
+    results, notes = _results(study)
     sections = [
-        ("Results", _results(study)),
+        ("Results", [*results, *first]),
         ("The body: choose a shape, turn it with the mouse", list(pages)),
-        *((heading, [path]) for heading, path in study.pictures),
+        *((drawn.heading, [drawn]) for drawn in others),
         *_open_points(study.motions),
         *_stresses(study.stresses),
         ("Modes of the reduced and of the full model", _agreement(study.agreement)),
-        ("Basis", _basis(study)),
-        ("Run time", [_seconds(study)] if study.seconds else []),
-        ("Left out", [_left_out(study.left_out)] if study.left_out else []),
+        (Folded("Notes on the results"), notes),
+        (Folded("Basis"), _basis(study)),
+        (Folded("Run time"), [_seconds(study)] if study.seconds else []),
+        (Folded("Left out"), [_left_out(study.left_out)] if study.left_out else []),
     ]
-    title = scene_heading(study.scene)
-    return write_report(folder / REPORT, title, [s for s in sections if s[1]])
+    verdict = verdict_of(study.warnings, study.unfinished and study.unfinished[1])
+    filled = [s for s in sections if s[1]]
+    return write_report(
+        folder / REPORT, scene_heading(study.scene), filled, verdict, study.warnings
+    )
 
 
-def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folder: Path) -> Path:
+def write_rerun_report(found: Rerun, pictures: Sequence[Drawn], folder: Path) -> Path:
     """Write the report of a run of a stored model.
 
     Raises:
@@ -74,26 +81,32 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
     scene, motion = found.stored.scene, found.motion
     points = found.stored.model.points
     names = direction_names(scene, points)
-    results: list[Any] = [
-        response_rows({"reduced": motion}, {"reduced": found.stored.size}, names),
-        *_notes({"reduced": motion}, scene, points),
-        *_periodic(motion),
-    ]
+    results: list[Any] = [response_rows({"reduced": motion}, {"reduced": found.stored.size}, names)]
+    notes = [*_notes({"reduced": motion}, scene, points), *_periodic(motion)]
     if sentence := support_sentence(scene, points, {"reduced": motion}):
         results.append(sentence)
     if found.errors:
         results.append(estimate_rows(found.errors, motion, names))
     if found.unfinished:
         results.append(unreliable_sentence("reduced", found.unfinished))
+    first, others = _first_picture(pictures)
     sections: list[Section] = [
-        ("Results", [*results, *_warnings(found.warnings)]),
-        *((heading, [path]) for heading, path in pictures),
+        ("Results", [*results, *first]),
+        *((drawn.heading, [drawn]) for drawn in others),
         *_open_points({"reduced": motion}),
         *_stresses(found.stresses),
-        *([("Basis", _sizes(found.sized))] if found.sized is not None else []),
-        ("Left out", [_left_out(found.left_out)]),
+        (Folded("Notes on the results"), notes),
+        *([(Folded("Basis"), _sizes(found.sized))] if found.sized is not None else []),
+        (Folded("Left out"), [_left_out(found.left_out)]),
     ]
-    return write_report(folder / REPORT, scene_heading(scene), sections)
+    verdict = verdict_of(found.warnings, found.unfinished)
+    return write_report(folder / REPORT, scene_heading(scene), sections, verdict, found.warnings)
+
+
+def _first_picture(pictures: Sequence[Drawn]) -> tuple[list[Drawn], list[Drawn]]:
+    """The picture that answers the question of the run, the motion, and the others."""
+    first = [drawn for drawn in pictures if drawn.path.name == "motion.png"] or [*pictures[:1]]
+    return first, [drawn for drawn in pictures if drawn not in first]
 
 
 def _open_points(motions: Mapping[str, Motion]) -> list[Section]:
@@ -124,15 +137,16 @@ def _agreement(found: ModeAgreement | None) -> list[Any]:
     return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]
 
 
-def _results(study: Study) -> list[Any]:
-    """Compose the table of responses, the sentences on errors and the warnings."""
+def _results(study: Study) -> tuple[list[Any], list[str]]:
+    """Compose the table of responses with the sentences on errors, and the notes on them."""
     found: list[Any] = []
+    notes: list[str] = []
     names = direction_names(study.scene, study.solid.points)
     if study.motions:
         found.append(response_rows(study.motions, study.sizes, names))
-        found += _notes(study.motions, study.scene, study.solid.points)
+        notes += _notes(study.motions, study.scene, study.solid.points)
     if "reduced" in study.motions:
-        found += _periodic(study.motions["reduced"])
+        notes += _periodic(study.motions["reduced"])
     if study.motions and (
         sentence := support_sentence(study.scene, study.solid.points, study.motions)
     ):
@@ -145,7 +159,7 @@ def _results(study: Study) -> list[Any]:
         found.append(estimate_rows(study.errors, study.motions["reduced"], names))
     if study.unfinished:
         found.append(unreliable_sentence(*study.unfinished))
-    return found + _warnings(study.warnings)
+    return found, notes
 
 
 def _notes(motions: Mapping[str, Motion], scene: Scene, points: ContactPoints) -> list[str]:
@@ -158,11 +172,6 @@ def _periodic(motion: Motion) -> list[str]:
     """Compose the paragraph on what Newton's method found, if it was tried."""
     sentence = periodic_sentence(motion)
     return [sentence, MULTIPLIER_NOTE] if sentence else []
-
-
-def _warnings(warnings: Sequence[str]) -> list[str]:
-    """Compose one paragraph per warning."""
-    return [f"Warning: {warning}" for warning in warnings]
 
 
 def _basis(study: Study) -> list[Any]:

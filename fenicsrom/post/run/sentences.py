@@ -57,6 +57,8 @@ UNJUDGED_MATRICES = (
     "its matrices knows what they leave out"
 )
 
+FASTER = "use the full model (reference.full = true), or a smaller basis by a larger basis.accuracy"
+
 UNCHECKED = (
     "the run was interrupted before its motion was checked: the energy balance and the errors due "
     "to the time step and the basis are not known"
@@ -231,9 +233,24 @@ def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
     )
     if reduced < full:
         return f"{said}: {full / max(reduced, 1e-9):.2g} times as long."
+    return f"{said}: the reduced model is slower than the solid; {FASTER}."
+
+
+def step_sentence(reduced: float, full: float) -> str | None:
+    """State that a time step of the reduced model takes longer than one of the full model.
+
+    Args:
+        reduced: seconds of a time step of the reduced model.
+        full: seconds of a time step of the full model.
+
+    Returns:
+        The sentence; None if the reduced model is faster.
+    """
+    if reduced < full:
+        return None
     return (
-        f"{said}: the reduced model is slower than the solid, so use the full model, or accept a "
-        "larger error by basis.accuracy."
+        f"a time step of the reduced model takes {reduced:.2g} s, one of the full model "
+        f"{full:.2g} s: the reduced model is slower than the solid; {FASTER}"
     )
 
 
@@ -248,10 +265,13 @@ def size_sentence(found: Sized) -> str:
         if taken
         else ""
     )
-    reached = "is not reached" if found.warning else "is reached"
+    basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
+    why = f"basis.accuracy = {basis.accuracy:g} {reached}"
+    if basis.size is not None:
+        why = "basis.size asks for them"
     return (
         f"Size of the basis: {stored.size} of the {counted(known, 'coordinate')} of the model; "
-        f"basis.accuracy = {stored.scene.basis.accuracy:g} {reached}.{joined}"
+        f"{why}.{joined}"
     )
 
 

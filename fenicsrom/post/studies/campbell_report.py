@@ -210,4 +210,5 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         [dict(zip(columns, map(float, row), strict=True)) for row in numbers],
         lambda: summary(found),
         [Picture("Campbell diagram", "campbell.png", lambda: figure(found)), *more],
+        failure=found.unfinished,
     )

@@ -223,11 +223,12 @@ def size_figure(comparison: Comparison) -> Figure:
             lines.setdefault((o.combination.method, o.combination.chosen), []).append(o)
     for (method, chosen), members in lines.items():
         style = {"color": colours[chosen], **LINE_LOOKS[method]}
-        for axis, values in (
-            (axes[0], lambda o: o.combination.modes),
-            (axes[1], lambda o: len(o.labels)),
+        free = [o for o in members if o.combination.size is None]
+        for axis, shown, values in (
+            (axes[0], free, lambda o: o.combination.modes),
+            (axes[1], members, lambda o: len(o.labels)),
         ):
-            ordered = sorted(members, key=lambda o: (values(o), o.combination.modes))
+            ordered = sorted(shown, key=lambda o: (values(o), o.combination.modes))
             axis.plot(
                 [values(o) for o in ordered],
                 [max(amplitude_error(o), LEAST) for o in ordered],

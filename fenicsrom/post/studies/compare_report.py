@@ -56,6 +56,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "derivatives": c.chosen,
             "elastic_force": c.elastic_force,
             "scheme": c.scheme,
+            "asked_size": c.size,
             "size": len(outcome.labels) or None,
             "labels": " ".join(outcome.labels),
         }

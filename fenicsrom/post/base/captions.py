@@ -1,0 +1,65 @@
+"""What to see in each picture, and the file with its numbers, by the name of the picture."""
+
+from __future__ import annotations
+
+import re
+
+CAPTIONS = {
+    "setup": "The body with its supports, loads and contact points.",
+    "motion": "Displacement of the contact point or probe. Where the motion repeats, this is its "
+    "last period. Lines that lie on each other agree.",
+    "spectra": "The motion over time, and its spectrum beside the natural frequencies (dashed).",
+    "section": "One point for each period of the load. A motion that repeats gives a few points, a "
+    "quasi-periodic one a closed curve.",
+    "rub_map": "The state of each contact point over the last period.",
+    "energy": "The work of the loads is the sum of the stored and the dissipated energy. The "
+    "imbalance is the error of this sum.",
+    "energy_per_period": "Energies of each period. Bars of the same height mean a steady motion.",
+    "contact": "States and forces of contact over the last period. The area inside a loop of the "
+    "tangential force over the displacement is the energy that friction dissipates.",
+    "stress": "The von Mises stress at the instant and on the side of its largest value.",
+    "modes": "The shapes of the basis along the axis of the body, relative to their largest value.",
+    "shapes": "The shapes of the basis: normal modes (V) with nodal lines, static modes (S), and "
+    "modal derivatives. Displacements are magnified.",
+    "equilibrium": "The equilibrium under the static loads. The grey lines are the body at rest.",
+    "mac": "Agreement of the modes: 1 on the diagonal means the same shapes.",
+    "coordinates": "The part of each normal mode in the motion. Later modes should be small.",
+    "sizes": "A larger basis costs more time and has a smaller error. The chosen size is marked.",
+    "response": "Amplitude, phase and energies over the parameter. Stable parts are solid, "
+    "unstable ones dashed.",
+    "contact_map": "The state of contact over the period, along the curve.",
+    "harmonics": "Amplitudes of the harmonics along the curve.",
+    "backbone": "Frequency and damping of the mode over its amplitude.",
+    "campbell": "Natural frequencies over the speed. Where an engine order crosses a frequency, "
+    "the mode can resonate.",
+    "sweep": "One point for each run of the sweep.",
+    "motion.gif": "The last period. Displacements are magnified as stated.",
+}
+NUMBERS = {
+    **dict.fromkeys(("motion", "spectra", "section", "rub_map", "coordinates"), "history.npz"),
+    **dict.fromkeys(("contact", "energy", "energy_per_period", "motion.gif"), "history.npz"),
+    **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
+    **{
+        name: f"{name}.csv"
+        for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
+    },
+    "harmonics": "response.csv",
+    "stress": "stresses.csv",
+    "sizes": "summary.json",
+    "mac": "summary.json",
+}
+
+
+def caption(name: str) -> str:
+    """What to see in a picture; "" of a picture without a caption."""
+    return CAPTIONS.get(name) or CAPTIONS.get(_kind(name), "")
+
+
+def numbers_of(name: str) -> str | None:
+    """The file with the numbers of a picture; None if there is none."""
+    return NUMBERS.get(name) or NUMBERS.get(_kind(name))
+
+
+def _kind(name: str) -> str:
+    """The name of a picture without its suffix and number."""
+    return re.sub(r"(_\d+)?\.\w+$", "", name)

@@ -1,0 +1,265 @@
+"""Charts to zoom: the curves of a matplotlib figure in Bokeh, for the pages of reports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.post.base.optional import missing_module
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+PIXELS = 74  # of an inch of a figure
+LONG_NAME = 25  # characters of a name of which four in a row are too wide
+MOST_POINTS = 4000  # of a line: longer ones are thinned
+DASHES: dict[str, Any] = {"-": "solid", "--": [6, 4], "-.": "dashdot", ":": "dotted"}
+MARKERS = {
+    "o": "circle",
+    "s": "square",
+    "D": "diamond",
+    "p": "hex",
+    "h": "star",
+    "^": "triangle",
+    "v": "inverted_triangle",
+    "<": "circle_dot",
+    ">": "square_dot",
+    "x": "x",
+    "X": "square_x",
+    "+": "cross",
+    "P": "square_cross",
+    "*": "asterisk",
+    ".": "dot",
+}
+NOTES = "notes"
+"""The attribute of a line with a text for each of its points; see `noted`."""
+
+
+def noted(line: Line2D, notes: Sequence[str]) -> None:
+    """Give each point of a line a text, which a chart shows on hover beside the values."""
+    setattr(line, NOTES, list(notes))
+
+
+def chart(figure: Figure) -> str | None:
+    """The curves and bars of a drawn figure as a chart: zoom, values on hover, lines to hide.
+
+    Args:
+        figure: the figure, after it was drawn.
+
+    Returns:
+        The chart as JSON for Bokeh; None if the figure shows more than curves and bars, or if Bokeh
+        is not installed.
+    """
+    if missing_module("bokeh") or not figure.axes or not all(map(_is_plain, figure.axes)):
+        return None
+    from bokeh.embed import json_item
+    from bokeh.layouts import gridplot
+
+    plots: list[Any] = []
+    shown: list[tuple[Any, Any]] = []  # artists and what draws them
+    for axes in figure.axes:
+        plot, own = _plot(figure, axes)
+        for other, known in zip(figure.axes, plots, strict=False):
+            if axes.get_shared_x_axes().joined(axes, other):
+                plot.x_range = known.x_range
+            if axes.get_shared_y_axes().joined(axes, other):
+                plot.y_range = known.y_range
+        plots.append(plot)
+        shown += own
+    for legend in figure.legends:
+        _add_legend(plots, _entries(legend), shown)
+    for axes, plot in zip(figure.axes, plots, strict=True):
+        if (legend := axes.get_legend()) is not None:
+            _add_legend([plot], _entries(legend), shown)
+    grid = gridplot([plots], sizing_mode="stretch_width", toolbar_options={"logo": None})
+    grid.children = [(plot, *_place(axes)) for axes, plot in zip(figure.axes, plots, strict=True)]
+    return json.dumps(json_item(grid))
+
+
+def _place(axes: Axes) -> tuple[int, int, int, int]:
+    """The row and the column of axes in the grid, and how many rows and columns they span."""
+    spec = axes.get_subplotspec()
+    if spec is None:
+        return 0, 0, 1, 1
+    rows, columns = spec.rowspan, spec.colspan
+    return rows.start, columns.start, len(rows), len(columns)
+
+
+def _is_plain(axes: Axes) -> bool:
+    """Whether axes show lines, bars and texts at points of their data, and nothing else."""
+    from matplotlib.patches import Rectangle
+
+    others = [*axes.collections, *axes.images, *axes.tables, *axes.child_axes]
+    drawn = [*axes.lines, *axes.patches]
+    bars = all(isinstance(patch, Rectangle) for patch in axes.patches)
+    return axes.name == "rectilinear" and bars and bool(drawn or axes.texts) and not others
+
+
+def _plot(figure: Figure, axes: Axes) -> tuple[Any, list[tuple[Any, Any]]]:
+    """The plot of axes, and pairs of an artist and what draws it."""
+    from bokeh.models import Range1d
+    from bokeh.plotting import figure as new_plot
+    from matplotlib.patches import Rectangle
+
+    height = axes.get_position().height * figure.get_figheight() * PIXELS
+    plot = new_plot(
+        height=round(height) + 60,
+        x_axis_type="log" if axes.get_xscale() == "log" else "linear",
+        y_axis_type="log" if axes.get_yscale() == "log" else "linear",
+        x_range=Range1d(*axes.get_xlim()),
+        y_range=Range1d(*axes.get_ylim()),
+        tools="box_zoom,pan,wheel_zoom,reset,save",
+        title=_text(axes.get_title(loc="left")) or None,
+    )
+    for axis, own in ((plot.xaxis, axes.xaxis), (plot.yaxis, axes.yaxis)):
+        axis.axis_label = _text(own.get_label_text()) or None
+        axis.axis_label_text_font_style = "normal"
+        axis.minor_tick_line_color = None
+        _set_ticks(axis, own)
+    shown = [pair for line in axes.lines for pair in _line(plot, axes, line)]
+    for bar in axes.patches:
+        assert isinstance(bar, Rectangle)
+        (left, bottom), (right, top) = bar.get_bbox().get_points()
+        drawn = plot.quad(left, right, bottom, top, color=_colour(bar.get_facecolor()))
+        shown.append((bar, drawn))
+    _add_texts(plot, axes)
+    return plot, shown
+
+
+def _set_ticks(axis: Any, own: Axis) -> None:
+    """Give the axis the names at its ticks, where they are not numbers."""
+    from matplotlib.ticker import LogFormatter, ScalarFormatter
+
+    if isinstance(own.get_major_formatter(), ScalarFormatter | LogFormatter):
+        return
+    places = [float(place) for place in own.get_majorticklocs()]
+    names = [label.get_text() for label in own.get_majorticklabels()]
+    axis.ticker = places
+    axis.major_label_overrides = dict(zip(places, map(_text, names), strict=True))
+
+
+def _line(plot: Any, axes: Axes, line: Line2D) -> Iterable[tuple[Any, Any]]:
+    """Draw a line; yield it with what draws it."""
+    from bokeh.models import ColumnDataSource, HoverTool
+
+    colour, dash = _colour(line.get_color()), _dash(line)
+    x, y = (np.asarray(part, dtype=float) for part in line.get_data(orig=False))
+    if line.get_transform() == axes.get_yaxis_transform():  # across the whole plot
+        x = np.array(axes.get_xlim())
+    elif line.get_transform() == axes.get_xaxis_transform():
+        y = np.array(axes.get_ylim())
+    some = slice(None, None, max(1, -(-x.size // MOST_POINTS)))
+    notes = list(getattr(line, NOTES, None) or [""] * x.size)
+    source = ColumnDataSource({"x": x[some], "y": y[some], "note": notes[some]})
+    drawn = []
+    if dash is not None:
+        look = {"color": colour, "line_dash": dash, "line_width": line.get_linewidth()}
+        drawn.append(plot.line("x", "y", source=source, **look))
+    if kind := MARKERS.get(str(line.get_marker())):
+        fill = _colour(line.get_markerfacecolor())
+        look = {"marker": kind, "fill_color": fill, "size": 1.3 * line.get_markersize()}
+        drawn.append(plot.scatter("x", "y", source=source, line_color=colour, **look))
+    label = str(line.get_label())
+    name = "" if label.startswith("_") else _text(label)
+    rows = [(_axis_name(plot.xaxis, "x"), "@x"), (_axis_name(plot.yaxis, "y"), "@y")]
+    rows += [("", "@note")] if any(notes) else []
+    if name:
+        rows.insert(0, ("", name))
+    if drawn:
+        plot.add_tools(HoverTool(renderers=drawn[-1:], tooltips=rows, visible=False))
+    yield from ((line, one) for one in drawn)
+
+
+def _axis_name(axis: Any, otherwise: str) -> str:
+    """The label of an axis on one line."""
+    return " ".join(str(axis[0].axis_label or otherwise).split())
+
+
+def _add_texts(plot: Any, axes: Axes) -> None:
+    """Write the texts that stand at points of the data."""
+    from bokeh.models import Label
+
+    for text in axes.texts:
+        if text.get_text():
+            corner = text.get_window_extent()
+            x, y = map(float, axes.transData.inverted().transform((corner.x0, corner.y0)))
+            end = max(axes.get_xlim())
+            look = {"text_font_size": "11px", "text_color": _colour(text.get_color())}
+            look["text_align"] = "right" if x > end else "left"
+            plot.add_layout(Label(x=min(x, end), y=y, text=_text(text.get_text()), **look))
+
+
+def _entries(legend: Any) -> list[tuple[str, Any]]:
+    """The names and samples of a legend."""
+    texts = (_text(text.get_text()) for text in legend.get_texts())
+    return list(zip(texts, legend.legend_handles, strict=True))
+
+
+def _add_legend(
+    plots: Sequence[Any], entries: Sequence[tuple[str, Any]], shown: Sequence[tuple[Any, Any]]
+) -> None:
+    """Add a legend above the first plot that has its first entry.
+
+    A click on an entry hides what looks like its sample.
+    """
+    from bokeh.models import Legend, LegendItem
+
+    items = []
+    for name, sample in entries:
+        alike = [drawn for artist, drawn in shown if _look(artist) == _look(sample)]
+        if not alike and hasattr(sample, "get_marker"):  # a sample of a colour, mark or line style
+            alike = _partly_alike(sample, shown)
+        if alike:
+            items.append(LegendItem(label=name, renderers=alike))
+    if items:
+        first = items[0].renderers
+        plot = next((plot for plot in plots if first[0] in plot.renderers), plots[0])
+        for item in items:  # the sample is that of the first, which must be in this plot
+            item.renderers = sorted(item.renderers, key=lambda one: one not in plot.renderers)
+        columns = 3 if max(len(name) for name, _ in entries) > LONG_NAME else 4
+        look = {"orientation": "horizontal", "click_policy": "hide", "border_line_color": None}
+        plot.add_layout(Legend(items=items, ncols=columns, **look), "above")
+        plot.height += 30 * -(-len(items) // columns)
+
+
+def _look(artist: Any) -> tuple[Any, ...]:
+    """What tells curves and bars apart."""
+    if not hasattr(artist, "get_marker"):
+        return (_colour(artist.get_facecolor()),)
+    return _colour(artist.get_color()), str(_dash(artist)), str(artist.get_marker())
+
+
+def _partly_alike(sample: Any, shown: Sequence[tuple[Any, Any]]) -> list[Any]:
+    """What has the mark of a sample, or its colour, or its line style: the first that occurs."""
+    colour, dash, mark = _look(sample)
+    lines = [(_look(artist), drawn) for artist, drawn in shown if hasattr(artist, "get_marker")]
+    if mark in MARKERS:
+        return [drawn for look, drawn in lines if look[2] == mark]
+    of_colour = [drawn for look, drawn in lines if look[0] == colour]
+    return of_colour or [drawn for look, drawn in lines if look[1] == dash]
+
+
+def _dash(line: Any) -> Any:
+    """The dashes of a line in Bokeh; None of points that no line joins."""
+    style = line.get_linestyle()
+    if style in ("None", "none", "", " "):
+        return None
+    return DASHES.get(style, "dashed")
+
+
+def _colour(colour: Any) -> str | None:
+    """A colour in Bokeh; None if it is transparent."""
+    from matplotlib.colors import to_hex, to_rgba
+
+    return to_hex(colour) if to_rgba(colour)[3] > 0.0 else None
+
+
+def _text(text: str) -> str:
+    """A text without the marks of formulas."""
+    return text.replace("$", "").replace("\\mathdefault", "")

@@ -1,0 +1,120 @@
+"""Charts to zoom hold the curves, names and texts of the figures, and reports show them."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bokeh")
+
+from fenicsrom.post.base.captions import CAPTIONS, caption, numbers_of
+from fenicsrom.post.base.chart import chart, noted
+from fenicsrom.post.base.html_page import Folded, html_report, verdict_of
+from fenicsrom.post.base.origin import is_result
+from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.style import new_figure
+
+TIME = np.linspace(0.0, 1.0, 7)
+
+
+def two_curves() -> Any:
+    figure = new_figure(5.0, 4.0)
+    upper, lower = figure.subplots(2, sharex=True)
+    (line,) = upper.plot(TIME, TIME**2, "--", color="#d55e00", label="full")
+    noted(line, ["stick"] * TIME.size)
+    upper.plot(TIME, TIME**3, "o-", label="reduced")
+    lower.axvline(0.5, color="black")
+    lower.text(0.25, 0.75, "here")
+    upper.legend()
+    figure.draw_without_rendering()
+    return figure
+
+
+def objects(found: Any) -> list[dict[str, Any]]:
+    """All objects of a chart."""
+    if isinstance(found, dict):
+        own = [found] if found.get("type") == "object" else []
+        return own + [one for value in found.values() for one in objects(value)]
+    return [one for value in found for one in objects(value)] if isinstance(found, list) else []
+
+
+def named(found: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    return [one["attributes"] for one in found if one["name"] == name]
+
+
+def numbers(array: Any) -> Any:
+    packed = base64.b64decode(array["array"]["data"])
+    return np.frombuffer(gzip.decompress(packed), array["dtype"])
+
+
+def test_chart_holds_the_points_notes_and_names_of_curves() -> None:
+    text = chart(two_curves())
+    assert text is not None
+    found = objects(json.loads(text))
+    entries = [dict(source["data"]["entries"]) for source in named(found, "ColumnDataSource")]
+    for x, y in ((TIME, TIME**2), (TIME, TIME**3)):
+        np.testing.assert_array_equal(numbers(entries[0]["x"]), x)
+        assert any(np.array_equal(numbers(entry["y"]), y) for entry in entries)
+    assert any(entry["note"] == ["stick"] * TIME.size for entry in entries)
+    labels = {item["label"]["value"]: item["renderers"] for item in named(found, "LegendItem")}
+    assert set(labels) == {"full", "reduced"}
+    assert len(labels["full"]) == 1 and len(labels["reduced"]) == 2  # a line and its marks
+    (here,) = named(found, "Label")
+    assert here["text"] == "here" and here["x"] == pytest.approx(0.25, abs=1e-6)
+    assert [legend["click_policy"] for legend in named(found, "Legend")] == ["hide"]
+
+
+def test_figure_with_an_image_has_no_chart() -> None:
+    figure = new_figure(3.0, 3.0)
+    figure.subplots().imshow(np.zeros((2, 2)))
+    figure.draw_without_rendering()
+    assert chart(figure) is None
+
+
+def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path: Path) -> None:
+    (tmp_path / "history.npz").write_bytes(b"")
+    notes: list[str] = []
+    (drawn,) = draw_pictures([Picture("Motion", "motion.png", two_curves)], tmp_path, notes)
+    page = html_report(
+        "title",
+        [("Motion", [drawn]), (Folded("Details"), ["a detail"])],
+        verdict_of(["a < b; use c", "x.png was not drawn: no EGL"]),
+        ["a < b; use c"],
+    )
+    assert not notes
+    assert '<p class="verdict doubtful">Doubtful: a &lt; b.</p>' in page
+    assert page.index("verdict doubtful") < page.index("<li>a &lt; b") < page.index("Figure 1.")
+    assert "<details><summary>Details</summary>" in page
+    assert '<a href="history.npz">' in page and caption("motion.png") in page
+    (packed,) = re.findall(r'atob\("([^"]+)"\)', page)
+    assert b"embed_item" in gzip.decompress(base64.b64decode(packed))
+    assert page.count('id="chart-motion.png"') == 1 and "data:image/png" in page
+
+
+@pytest.mark.parametrize(
+    ("warnings", "failure", "verdict"),
+    [
+        (["motion.gif was not drawn: no EGL"], None, "Trusted: "),
+        (["coarse mesh", "coarse mesh"], None, "Doubtful: coarse mesh."),
+        (["coarse", "unsteady"], None, "Doubtful: coarse, and 1 more warning."),
+        ([], ValueError("no motion"), "Refused, as the computation did not end: no motion"),
+    ],
+)
+def test_verdict_names_the_first_doubt(
+    warnings: list[str], failure: Exception | None, verdict: str
+) -> None:
+    assert verdict_of(warnings, failure).startswith(verdict)
+
+
+def test_captions_are_those_of_results() -> None:
+    names = [name if "." in name else f"{name}.png" for name in CAPTIONS]
+    assert all(map(is_result, names))
+    assert caption("contact_3.png") == CAPTIONS["contact"]
+    assert numbers_of("contact_3.png") == "history.npz" and numbers_of("modes.png") is None
