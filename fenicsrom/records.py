@@ -73,12 +73,14 @@ class Study:
         extended: the basis with its candidates (`fenicsrom.reduction.candidates`).
         further: labels of the candidates, in the order of the larger model.
         candidates: the larger model, which judges the basis.
+        finer: the model of finer elements, which judges the mesh (`fenicsrom.reduction.finer`).
+        finer_labels: labels of its coordinates.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
         left_out: sentences "NAME: REASON" on what was not computed.
-        errors: estimated relative errors of the reduced model by their causes, "time step" and
-            "basis".
+        errors: estimated relative errors of the reduced model by their causes, "time step",
+            "basis" and "mesh".
         sized: how the basis got its size; None if it has no candidates.
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
@@ -102,6 +104,8 @@ class Study:
     extended: ReducedBasis | None = None
     further: tuple[str, ...] = ()
     candidates: ReducedModel | None = None
+    finer: ReducedModel | None = None
+    finer_labels: tuple[str, ...] = ()
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

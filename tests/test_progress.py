@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import sys
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from fenicsrom.assess.curves import curve_progress
+from fenicsrom.cli.printing import progress
+from fenicsrom.cli.ranks import CLEAR, refuse
 from fenicsrom.online.kernels.compilation import Compilations
 from fenicsrom.progress import duration, listening, tell, time_left, tracked
 from fenicsrom.study import stopwatch
@@ -113,3 +118,34 @@ def test_stages_are_logged_unless_the_caller_listens(caplog: pytest.LogCaptureFi
             pass
     assert caplog.messages == ["100 % of the mesh .."] and heard == ["solid .."]
     assert caplog.records[0].name == "fenicsrom"
+
+
+def test_progress_is_one_line_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("COLUMNS", "20")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    progress("mesh ..")
+    progress("  derivatives: 30 %, about 14 s left")
+    refuse("no mesh", 2)
+    told = sys.stderr.getvalue()
+    assert told == f"{CLEAR}mesh ..{CLEAR}derivatives: 30 %, {CLEAR}fenicsrom: no mesh\n"
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    progress("mesh ..")
+    progress("  solid ..")
+    assert sys.stderr.getvalue() == "mesh ..\n  solid ..\n"
+
+
+def test_time_left_of_a_curve_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(curve_progress.clock, "perf_counter", lambda: now)
+    told: list[str] = []
+    curve = curve_progress.CurveProgress([""], told.append)
+    for instant, fraction in ((0.0, 0.0), (10.0, 0.5), (30.0, 0.6), (31.0, 0.9)):
+        now = instant
+        curve(0, fraction, "")
+    ends = [line.split("; ")[1] for line in told]
+    assert ends[1] == "50 % of the range, about 10 s left" and ends[2] == "60 % of the range"
+    assert ends[3] == "90 % of the range, about 3 s left"

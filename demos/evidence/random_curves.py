@@ -17,16 +17,19 @@ import argparse
 import json
 import time as clock
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
+from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import COMPLETE, CurvePoint, norm
+from fenicsrom.online.curves.curve import COMPLETE, Curve, CurvePoint, norm
 from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import parse_scene
 from fenicsrom.study import build_model
 
@@ -150,42 +153,60 @@ def _apart(s: Any, point: CurvePoint, shooting: Shooting) -> float:
     return norm(s[moves] - point.s[moves])
 
 
+@dataclass(frozen=True)
+class Followed:
+    """A curve, its path and its CPU time in seconds."""
+
+    curve: Curve
+    path: Continuation
+    seconds: float
+
+
+def follow_curve(stored: StoredModel) -> Followed:
+    """Follow the response curve of a stored model.
+
+    Raises:
+        ConvergenceError, AccuracyError: the first motion was not found.
+    """
+    table = response_table(stored.scene)
+    begin, family = clock.process_time(), family_of(stored)
+    motion = start_motion(stored, family, table.first, lambda line: None)
+    shooting = shooting_of(stored, family)
+    s = shooting.scaled(motion.z)
+    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    first = path.at_parameter(s, table.first)
+    if first is None:
+        raise ConvergenceError("the first motion was lost")
+    curve = path.run(first, np.sign(table.last - table.first), points=POINTS)
+    return Followed(curve, path, clock.process_time() - begin)
+
+
 def examine(seed: int) -> dict[str, Any]:
     """Compute a curve and confirm its points."""
     scene = parse_scene(random_scene(seed), f"random curve {seed}", MESHES)
-    assert scene.response is not None
-    table, stored = scene.response, build_model(scene)
-    begin = clock.process_time()
+    stored = build_model(scene)
     found: dict[str, Any] = {
         "seed": seed,
         "dimension": scene.geometry.dimension,
         "contacts": len(scene.contacts),
         "nonlinear": scene.geometrically_nonlinear,
         "coordinates": stored.size,
-        "parameter": table.parameter,
+        "parameter": response_table(scene).parameter,
     }
-    family = family_of(stored)
     try:
-        motion = start_motion(stored, family, table.first, lambda line: None)
+        followed = follow_curve(stored)
     except (ConvergenceError, AccuracyError) as error:
         return found | {"end": f"no start: {error}", "complete": False}
-    shooting = shooting_of(stored, family)
-    s = shooting.scaled(motion.z)
-    path = Continuation(shooting, family, table.low, table.high, norm(s))
-    first = path.at_parameter(s, table.first)
-    if first is None:
-        return found | {"end": "the first motion was lost", "complete": False}
-    curve = path.run(first, np.sign(table.last - table.first), points=POINTS)
-    seconds = clock.process_time() - begin
+    curve = followed.curve
     tenth = curve.points[::10]
-    right = sum(confirmed(path, point, scene.time) for point in tenth)
+    right = sum(confirmed(followed.path, point, scene.time) for point in tenth)
     return found | {
         "end": curve.reason,
         "complete": curve.reason in COMPLETE,
         "points": len(curve.points),
         "unstable": sum(not point.stable for point in curve.points),
         "marches": [sum(point.marches[k] for point in curve.points) for k in (0, 1)],
-        "seconds": round(seconds, 2),
+        "seconds": round(followed.seconds, 2),
         "confirmed": f"{right} of {len(tenth)}",
         "events": dict(Counter(point.kind for point in curve.special)),
     }

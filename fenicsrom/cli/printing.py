@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from fenicsrom.cli.ranks import all_ranks
+from fenicsrom.cli.ranks import CLEAR, all_ranks, end_progress
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import printable
 from fenicsrom.scene import Scene, scene_heading
@@ -14,10 +15,18 @@ from fenicsrom.scene.units import units_sentence
 
 
 def progress(line: str) -> None:
-    """Print a line of progress to stderr; stop a serial run if SIGTERM arrived."""
+    """Show progress on stderr; stop a serial run if SIGTERM arrived.
+
+    On a terminal, each line takes the place of the one before it; elsewhere, lines follow each
+    other.
+    """
     if is_terminated() and all_ranks() is None:
         raise KeyboardInterrupt
-    print(line, file=sys.stderr, flush=True)
+    if not sys.stderr.isatty():
+        print(line, file=sys.stderr, flush=True)
+        return
+    width = shutil.get_terminal_size().columns - 1
+    print(f"{CLEAR}{printable(line.strip())[:width]}", end="", file=sys.stderr, flush=True)
 
 
 def print_results(
@@ -32,6 +41,7 @@ def print_results(
 
     Characters that a terminal would interpret are escaped. The title leaves out the varied keys.
     """
+    end_progress()
     print()
     if scene is not None and scene.title:
         print(printable(scene_heading(scene, varied)))

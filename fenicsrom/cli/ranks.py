@@ -14,6 +14,7 @@ RANKS = (
     "PMIX_RANK",
     "PMI_RANK",
 )  # in which mpirun tells a process its rank
+CLEAR = "\r\x1b[2K"  # of a terminal: go to the start of the line, and erase it
 REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
 PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
 
@@ -86,8 +87,15 @@ def abort_all() -> None:
     comm.Abort(1)
 
 
+def end_progress() -> None:
+    """Remove the line of progress from a terminal, before something else is printed."""
+    if sys.stderr.isatty():
+        print(CLEAR, end="", file=sys.stderr, flush=True)
+
+
 def _say(sentence: str, code: int) -> int:
     """Print a sentence to stderr; return the exit code."""
+    end_progress()
     print(f"fenicsrom: {sentence}", file=sys.stderr, flush=True)
     return code
 

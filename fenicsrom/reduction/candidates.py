@@ -20,6 +20,10 @@ it.
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
 weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Of derivatives
 along principal directions, the next combinations are candidates too.
+
+A load whose static response K⁻¹ p joins the basis, such as an axial one, changes the stiffness of
+the modes. The derivatives of the modes along this response are therefore candidates, although a
+motion that is stable within the basis holds no product of both.
 """
 
 from __future__ import annotations
@@ -38,7 +42,14 @@ from fenicsrom.reduction.principal import combinations
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection
-from fenicsrom.reduction.stages import Derivatives, Reduction, derivatives_along
+from fenicsrom.reduction.stages import (
+    Derivatives,
+    Directions,
+    Reduction,
+    derivatives_along,
+    load_pairs,
+    with_loads,
+)
 from fenicsrom.scene import Basis
 
 NEXT_INTERFACE_MODES = 10
@@ -52,6 +63,9 @@ MISSING_DERIVATIVES = 15
 
 NEXT_DERIVATIVES = 15
 """Largest number of derivatives of the next modes."""
+
+LOAD_DERIVATIVES = 15
+"""Largest number of derivatives of modes along static responses of the basis."""
 
 COMBINATIONS = 8
 """Largest number of combinations of these derivatives. Their energies fall fast."""
@@ -122,7 +136,9 @@ def candidate_basis(
         labels += list(derivatives.sizes)[len(derivatives.labels) :]
         plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     wanted = missing_derivatives(modes, more, selection, derivatives)
-    combined = _combinations(structure, options, more, wanted, plain)
+    combined = _combinations(
+        structure, options, modes, with_loads(more, modes.loads), wanted, plain
+    )
     names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
     extra = np.concatenate([plain.vectors[:, basis.size :], combined], axis=1)
     return _extended(structure, modes, basis, extra, [*plain.labels[basis.size :], *names])
@@ -151,7 +167,8 @@ def missing_derivatives(
         if not known.issuperset(split(label)) and split(label)[1].endswith("V")
     ]
     new.sort(key=lambda label: sum(int(part[:-1]) for part in split(label)))
-    return (*missing[:MISSING_DERIVATIVES], *new[:NEXT_DERIVATIVES])
+    loaded = [label for label in load_pairs(modes) if label not in kept][:LOAD_DERIVATIVES]
+    return (*missing[:MISSING_DERIVATIVES], *new[:NEXT_DERIVATIVES], *loaded)
 
 
 def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> ComponentModes:
@@ -192,17 +209,18 @@ def _combinations(
     structure: Structure,
     options: Basis,
     modes: ComponentModes,
+    along: Directions,
     wanted: tuple[str, ...],
     basis: ReducedBasis,
 ) -> Array:
     """The combinations (local, k) of derivatives with the largest energies outside of a basis."""
     if not wanted:
         return np.zeros((structure.local, 0))
-    found = derivatives_along(structure, options, modes, wanted)
-    x = modes.vectors
+    found = derivatives_along(structure, options, modes, wanted, along)
+    x = along.vectors
     # follower pressures may make an energy negative, though not the equilibrium unstable
     sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.stiffness_times(x)))))
-    size = dict(zip(modes.labels, sizes, strict=True))
+    size = dict(zip(along.labels, sizes, strict=True))
     for k, label in enumerate(wanted):
         first, second = split(label)
         found[:, k] /= size[first] * size[second]

@@ -34,7 +34,7 @@ def split(label: str) -> tuple[str, str]:
     Raises:
         ValueError: the text is not the label of a derivative.
     """
-    match = re.fullmatch(r"(\d+[VSP])(\d+[VSP])", label)
+    match = re.fullmatch(r"(\d+[VSPL])(\d+[VSPL])", label)
     if match is None:
         raise ValueError(f"{label!r} is not the label of a modal derivative, such as 1V1V or 1V2S")
     return match.group(1), match.group(2)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from fenicsrom.online.model.dense_model import DenseModel
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
+from fenicsrom.reduction.load_vectors import LoadVectors
 from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.principal import (
     REST,
@@ -36,6 +38,13 @@ from fenicsrom.scene.rules import BY_MOTION
 
 FURTHER = 8
 """Combinations of derivatives beyond those of the basis: candidates of a larger one."""
+
+
+class Directions(NamedTuple):
+    """Directions of derivatives: (k,) labels, such as 1V and 1L, and vectors (local, k)."""
+
+    labels: tuple[str, ...]
+    vectors: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +90,8 @@ def choose(
     ):
         return Selection(modes.labels, (), {}, {})
     if wanted == "all":
-        return Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
+        pairs = (*all_pairs(modes.labels), *load_pairs(modes))
+        return Selection(modes.labels, pairs, {}, {})
     if not isinstance(wanted, str):
         return Selection(modes.labels, wanted, {}, {})
     snapshots = snapshots or Snapshots(structure, scene, modes)
@@ -105,14 +115,26 @@ def choose(
     return replace(selected, derivatives=(), weights={}, principal=principal)
 
 
+def load_pairs(modes: ComponentModes) -> list[str]:
+    """The labels of the derivatives of normal modes along the static responses of a basis: 1V2L."""
+    normal = [label for label in modes.labels if label.endswith("V")]
+    return [mode + load for mode in normal for load in modes.loads.labels]
+
+
+def with_loads(modes: ComponentModes, loads: LoadVectors) -> Directions:
+    """Component modes, then static responses to loads."""
+    vectors = np.concatenate([modes.vectors, loads.vectors], axis=1)
+    return Directions((*modes.labels, *loads.labels), vectors)
+
+
 def derivatives_along(
     structure: Structure,
     options: Basis,
     modes: ComponentModes,
     labels: tuple[str, ...],
-    along: PrincipalDirections | None = None,
+    along: PrincipalDirections | Directions | None = None,
 ) -> Array:
-    """Compute modal derivatives, along modes or along principal directions.
+    """Compute modal derivatives, along modes or along other directions.
 
     Args:
         structure: the structure.
@@ -148,8 +170,8 @@ def differentiate(
 ) -> Derivatives:
     """Compute the derivatives of a basis.
 
-    Those along principal directions are combined; combinations that together hold less than
-    `REST`² of the energy of the motion stay out of the basis.
+    Those along principal directions are combined; combinations that together hold less than the
+    square of `REST` of the energy of the motion stay out of the basis.
 
     Args:
         structure: the structure.
@@ -164,7 +186,8 @@ def differentiate(
         selection = Selection(modes.labels, selection, {}, {})
     principal, labels = selection.principal, selection.derivatives
     if principal is None:
-        return Derivatives(labels, derivatives_along(structure, options, modes, labels))
+        directions = with_loads(modes, modes.loads)
+        return Derivatives(labels, derivatives_along(structure, options, modes, labels, directions))
     linear = enrich(structure, modes, selection, Derivatives((), modes.normal[:, :0]))
     weights = principal.weights()
     found = derivatives_along(structure, options, modes, tuple(weights), principal)

@@ -177,7 +177,8 @@ class Basis:
             12 (100 in a linear scene).
         derivatives: how modal derivatives are selected, or the labels of the derivatives to keep;
             "principal" takes them along the principal directions of the motion, "mmi", "mmi-nls"
-            and "all" along pairs of modes.
+            and "all" along pairs of modes; "all" also takes those of normal modes along the static
+            responses to loads that join the basis, which change the stiffness.
         masters: contact forces for which static modes are computed: "all" directions of every
             point, the "normal" directions only, or a number of interface modes (the combinations of
             forces under which the body is most flexible); by default "all" for up to 4 contacts at

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -154,6 +155,26 @@ def reduced_model(run: Run) -> None:
         study.model = project_intrusively(solid, study.basis)
     else:
         study.model = nested_model(study.candidates, range(study.basis.size))
+
+
+def finer_elements(run: Run) -> None:
+    """Reduce the solid with elements of one degree more, for the estimate of the mesh error."""
+    from fenicsrom.fem.solid.finer import FinerSolid, too_large
+    from fenicsrom.reduction.finer import finer_model
+
+    study = run.study
+    assert study.basis is not None
+    reason = too_large(study.solid)
+    if reason is None:
+        try:
+            solid = FinerSolid(study.scene, study.solid)
+            study.finer = finer_model(study.solid, solid, study.scene.basis, run.reduction)
+            study.finer_labels = study.basis.labels
+            solid.destroy()
+        except (AccuracyError, ConvergenceError, SceneError) as error:
+            reason = str(error)
+    if reason is not None:
+        study.warnings.append(f"the error due to the mesh is not estimated: {reason}")
 
 
 def resize(study: Study, stored: StoredModel) -> None:

@@ -163,6 +163,7 @@ def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
     from fenicsrom.assess.errors.verdicts import estimate_errors
     from fenicsrom.online.motion.energy import check_energy
+    from fenicsrom.post.run.summary import stored_model
 
     model = ""
     try:
@@ -177,6 +178,7 @@ def check(study: Study) -> None:
             study.motions["reduced"],
             study.errors,
             None if study.sized is None else study.sized.errors,
+            None if study.finer is None else stored_model(study).meshes,
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

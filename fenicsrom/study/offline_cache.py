@@ -38,6 +38,7 @@ MODEL_STAGES = (
     "basis",
     "candidates",
     "reduction",
+    "finer elements",
     "stress points",
 )
 """The stages whose results each archive holds."""
@@ -60,7 +61,7 @@ class OfflineCache:
         self._run, self._keys = run, keys
         self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
         self._warned = 0
-        self._last = "stress points" if with_stresses(run.study.scene) else "reduction"
+        self._last = "stress points" if with_stresses(run.study.scene) else "finer elements"
         self.reused: tuple[str, ...] = ()
 
     def restore(self) -> None:
@@ -265,6 +266,7 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
     study.derivatives = Derivatives(labels, derivatives, sizes=header["sizes"])
     study.model, study.candidates = stored.model, stored.candidates
     study.tables, study.further = stored.tables, stored.further
+    study.finer, study.finer_labels = stored.finer, stored.finer_labels
     study.warnings.extend(warnings)
     building.note_selection(study)
 

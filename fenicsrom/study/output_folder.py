@@ -130,7 +130,7 @@ def _recorded(
     finally:
         found, copies = _stamps(folder), record["results"]
         old = {name for name, stamp in found.items() if before.get(name) == stamp}
-        gone = old.intersection(stale) if state == "complete" else set()
+        gone = old.intersection(stale) - set(copies) if state == "complete" else set()
         results = sorted((found.keys() - old | old.intersection(own)) - gone - set(copies))
         _remove(folder, gone)
         if results or state == "complete":

@@ -92,7 +92,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis" if moving else why_not,
+            "energy balance, time step, basis and mesh" if moving else why_not,
             lambda run: motions.check(run.study),
         ),
         Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
@@ -148,6 +148,14 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             elastic_reason(scene) if with_basis else why_not,
             building.reduced_model,
             reduction_parts(scene) if with_basis else (),
+        ),
+        Stage(
+            "finer elements",
+            with_basis,
+            f"elements of degree {scene.geometry.degree + 1} judge the mesh"
+            if with_basis
+            else why_not,
+            building.finer_elements,
         ),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]

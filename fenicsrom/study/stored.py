@@ -123,7 +123,15 @@ def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
     basis = None if found.sized is None else found.sized.errors
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, stored.scene, motion, found.errors, basis)
+        estimate_errors(
+            stored.model,
+            stored.candidates,
+            stored.scene,
+            motion,
+            found.errors,
+            basis,
+            stored.meshes,
+        )
     except (AccuracyError, ConvergenceError) as error:
         return error
     return None

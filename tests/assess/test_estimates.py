@@ -112,11 +112,11 @@ def test_check_takes_only_a_stable_motion_nearby_without_a_march(
 
 
 @pytest.mark.parametrize(("part", "error"), [(None, 0.6), (0.6, 0.6), (0.4, np.inf)])
-def test_unsteady_motion_is_compared_with_half_the_step_unless_that_soon_settles(
+def test_unsteady_motion_is_compared_with_a_quarter_of_the_step_unless_that_soon_settles(
     monkeypatch: pytest.MonkeyPatch, part: float | None, error: float
 ) -> None:
-    """Twice the step differs by 20 % and half the step by 30 %, which settles never or after a part
-    of the periods."""
+    """Twice the step differs by 20 % and a quarter of the step by 30 %, which settles never or
+    after a part of the periods."""
     model, scene = double_well(0.35)
     motion = simulate(model, scene)
     steps = scene.time.steps_per_period
@@ -125,6 +125,7 @@ def test_unsteady_motion_is_compared_with_half_the_step_unless_that_soon_settles
     def check(model: ReducedModel, other: Scene, motion: Motion) -> Motion:
         if (other.time.steps_per_period or 0) < steps:
             return replace(motion, displacement=1.2 * motion.displacement)
+        assert other.time.steps_per_period == 4 * steps
         fine = replace(motion, displacement=0.7 * motion.displacement)
         if part is None:
             return fine

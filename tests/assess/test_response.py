@@ -157,7 +157,7 @@ def test_family_gives_the_problem_of_the_changed_scene(parameter: str, value: fl
     wall = place | {"normal": [1.0, 0.0], "preload": 5.0}
     round_one = place | {"surface": {"kind": "cylinder", "point": [0.0, 0.0]}, "gap": 2e-3}
     table = {"parameter": parameter, "first": 0.5 * value, "last": value}
-    other = wall if parameter == "contacts.1.preload" else round_one
+    other = wall | {"friction": 0.2} if parameter == "contacts.1.preload" else round_one
     scene = beam_scene(2, contacts=[wall, other], response=table)
     points = first(4, 4)[0]._replace(
         tributary_area=np.array([1.0, 0.25]), position=np.array([[2.0, 0.0], [2.0, 0.1]])

@@ -7,6 +7,7 @@ from support import beam_scene
 
 pytest.importorskip("dolfinx")
 
+from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.study import build_model
 from fenicsrom.study.curves import response
 
@@ -46,3 +47,47 @@ def test_clamped_beam_under_pressure_warns_of_motions_that_lose_their_symmetry()
             assert check.richer_verdict == "fold" and f in wrong
         elif f < 41.0:
             assert f not in wrong
+
+
+@pytest.mark.slow
+def test_follower_pressure_that_varies_needs_the_derivatives_along_its_own_static_shape() -> None:
+    """A cantilever under (8 + 4 sin) EI/L² at its end; the bending modes meet at the shape 2L."""
+    young, height, density = 2.1e11, 0.02, 7850.0
+    pressure, lowest = young * height**2 / 12.0, 0.5596 * (young / 12.0 / density) ** 0.5 * height
+
+    def curve(derivatives: str) -> Response:
+        scene = beam_scene(
+            2,
+            (
+                "geometry.parameters.length=1.0",
+                f"geometry.parameters.height={height}",
+                "geometry.parameters.elements_along=8",
+            ),
+            contacts=None,
+            supports=[{"group": "root"}],
+            loads=[
+                {"group": "tip", "pressure": 8.0 * pressure, "follower": True},
+                {
+                    "group": "tip",
+                    "pressure": 4.0 * pressure,
+                    "follower": True,
+                    "frequency": lowest,
+                },
+            ],
+            material={"young": young, "poisson": 0.3, "density": density, "mass_damping": 1.0},
+            probe={"group": "tip", "at": "centre"},
+            basis={"derivatives": derivatives},
+            time={"steps_per_period": 60},
+            response={"first": 2.2 * lowest, "last": 3.1 * lowest},
+        )
+        return response(scene)
+
+    few, many = curve("principal"), curve("all")
+    assert any("a richer basis finds another stability" in said for said in few.warnings)
+    assert not any(check.contradicted for check in many.curves[0].checks)
+    edges = [
+        [point.parameter for point in found.curves[0].special if point.kind == "period doubling"]
+        for found in (few, many)
+    ]
+    assert edges[1][0] > 1.05 * edges[0][0] and edges[1][1] > 1.1 * edges[0][1]
+    assert not any(point.kind == "non-smooth" for point in many.curves[0].special)

@@ -61,7 +61,7 @@ def test_motion_that_was_found_is_told_with_its_multiplier(verdict: str, told: s
     found = why_unsteady(model, scene, replace(lost, search=search), lost)
     assert told in found and "half the step" not in found
     settled = replace(motion, steady=True)
-    assert "; with a quarter of the step" in why_unsteady(model, scene, lost, settled)
+    assert "; with an eighth of the step" in why_unsteady(model, scene, lost, settled)
 
 
 @pytest.mark.parametrize("way", ["near generalised-alpha", "from heavy damping"])

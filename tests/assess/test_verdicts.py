@@ -202,6 +202,21 @@ def test_basis_error_above_five_percent_is_refused() -> None:
         assert (caught.value.kind, caught.value.key) == (ErrorKind.BASIS, "basis")
 
 
+def test_mesh_error_above_ten_percent_is_refused_with_the_cheapest_remedy() -> None:
+    scene = beam_scene(2)
+    verdicts.check_mesh_error(scene, 0.099)
+    verdicts.check_mesh_error(scene, 0.24, unsteady=True)
+    linear = replace(scene, geometry=replace(scene.geometry, degree=1))
+    for estimate in (0.101, np.inf):
+        with pytest.raises(AccuracyError) as caught:
+            verdicts.check_mesh_error(scene, estimate)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.MESH, "geometry")
+        assert "times smaller" in str(caught.value)
+        assert "geometry.degree = 2" in verdicts.finer_mesh(linear, estimate)
+    assert "4 times" in verdicts.finer_mesh(scene, 10.0)
+    assert "2 times" in verdicts.finer_mesh(scene, 0.4)
+
+
 def test_distance_of_periods_counts_where_amplitudes_agree(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -60,7 +60,7 @@ def flap(eta: float) -> tuple[float, float]:
         point = path.at_parameter(path.linear_start(), value)
         assert point is not None
         assert abs(path.damping_ratio(point)) < 1e-6
-        motion = recorded_motion(path.problem_of(point), SETTINGS, point.z)
+        motion = recorded_motion(path.problem_at(point.s, point.parameter), SETTINGS, point.z)
         assert motion.coordinates is not None
         tip_amplitude = float(np.ptp(motion.coordinates @ model.probe[2])) / 2.0
         found.append((path.frequency(point), tip_amplitude / LENGTH))

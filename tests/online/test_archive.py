@@ -128,7 +128,9 @@ def judged(stored: StoredModel) -> StoredModel:
         loads=[[1.0], [0.3], [0.2]],
         load_histories=stored.model.load_histories,
     )
-    return replace(stored, candidates=larger, further=("3V",))
+    finer = stored.model._replace(mass=1.5 * stored.model.mass)
+    judges = {"candidates": larger, "finer": finer}
+    return replace(stored, **judges, further=("3V",), finer_labels=("1V", "2V"))
 
 
 def test_model_and_its_further_coordinates_are_stored(judged: StoredModel, tmp_path: Path) -> None:
@@ -136,6 +138,12 @@ def test_model_and_its_further_coordinates_are_stored(judged: StoredModel, tmp_p
     save_model(path, judged)
     read = load_model(path)
     assert (read.size, read.labels, read.further) == (2, ("1V", "2V"), ("3V",))
+    assert read.meshes is not None and read.meshes[0] is read.model
+    np.testing.assert_array_equal(read.meshes[1].mass, 1.5 * judged.model.mass)
+    np.testing.assert_array_equal(read.meshes[1].contact_offset, judged.model.contact_offset)
+    larger = read.resized(("3V", "2V", "1V")).meshes
+    assert larger is not None
+    np.testing.assert_array_equal(larger[0].loads, judged.model.loads)
     for ours, kept in ((read.model, judged.model), (read.candidates, judged.candidates)):
         assert ours is not None and kept is not None
         for name in ("mass", "loads", "probe"):
@@ -163,6 +171,7 @@ def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
     other = judged.with_scene(scene_with("loads.0.force=20.0", "material.mass_damping=50.0"))
     assert other.candidates is not None and other.candidates.damping == 50.0
     assert other.candidates.load_histories is other.model.load_histories
+    assert other.finer is not None and other.finer.damping == 50.0
 
 
 @pytest.mark.parametrize("name", ["mass", "loads"])

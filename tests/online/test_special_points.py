@@ -91,6 +91,15 @@ def test_contact_event_is_between_motions_with_and_without_the_state(
     assert occurs(path, event, event.parameter + width, bits)
 
 
+def test_amplitude_at_the_probe_is_that_of_the_contact_point_where_it_sits() -> None:
+    """The probe gives the first two coordinates, which are those of the contact point."""
+    _, _, curve = curve_over_force(0.02, 4.0)
+    for point in curve.points:
+        np.testing.assert_allclose(
+            point.probe_amplitude, point.amplitude[0], rtol=2e-3, atol=1e-3 * point.amplitude.max()
+        )
+
+
 @pytest.mark.parametrize(("share", "slips"), [(0.5, False), (2.0, True)])
 def test_slip_of_the_size_of_round_off_counts_as_stick(share: float, slips: bool) -> None:
     """The threshold is a part of the largest stretch of the friction spring, mu N / k_t."""
@@ -162,7 +171,7 @@ class Line:
             multipliers=found[np.argsort(-np.abs(found))],
             verdict="",
             free_sliders=0,
-            states=np.zeros(0, dtype=np.int64),
+            states=np.zeros(1, dtype=np.int64),
             residual=0.0,
             marches=(1, 1),
             extremes=None,  # type: ignore[arg-type]

@@ -89,6 +89,7 @@ ONLINE = {
     "campbell",
     "backbone",
     "basis.accuracy",
+    "basis.size",
 }
 """Keys and tables on which no offline result depends."""
 

@@ -124,6 +124,7 @@ class CurveProgress:
         self._first: list[float | None] = [None] * len(names)
         self._now = [0.0] * len(names)
         self._begin = clock.perf_counter()
+        self._left = float("inf")  # the time that was told last, s
 
     def __call__(self, number: int, fraction: float, line: str) -> None:
         """Report a line of one curve, with the finished part of all curves."""
@@ -146,4 +147,8 @@ class CurveProgress:
         text = f"{100.0 * total:.0f} % of the range"
         if gained < 0.02 or total == 1.0:  # the checks are still to come
             return text
-        return f"{text}, about {duration(seconds * (1.0 - total) / gained)} left"
+        left = seconds * (1.0 - total) / gained
+        if left > self._left:  # the curve became slower: nobody knows
+            return text
+        self._left = left
+        return f"{text}, about {duration(left)} left"

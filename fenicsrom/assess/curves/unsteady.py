@@ -45,14 +45,14 @@ def why_unsteady(model: Any, scene: Scene, motion: Motion, fine: Motion) -> str:
         model: the model that was integrated.
         scene: its scene.
         motion: the motion.
-        fine: the motion with a quarter of the step.
+        fine: the motion with an eighth of the step.
     """
     told = [
         f"the motion does not repeat after {counted(motion.periods, 'period')}",
         *_found(model, scene, motion),
     ]
     if has_settled(fine):
-        told.append("with a quarter of the step it settles")
+        told.append("with an eighth of the step it settles")
     return "; ".join(told)
 
 

@@ -1,4 +1,4 @@
-"""Estimates of the error of a motion due to its time step and due to its basis."""
+"""Estimates of the error of a motion due to its time step, its basis and its mesh."""
 
 from __future__ import annotations
 
@@ -43,6 +43,9 @@ CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 
 # the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
 # 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
+# the distance from the motion of elements of one degree more is 0.7 to 0.95 of the true error
+# (`tests/README.md`); these elements have an error too, above all at corners and clamped edges
+MESH_SAFETY = 1.5
 PARTS = 4  # of a run without a period, whose root mean squares are compared
 SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
 # a step whose peak force may be wrong by half of itself does not resolve the contact: the order of
@@ -51,7 +54,7 @@ UNRESOLVED_FORCE = 0.5
 
 
 class MotionErrors(NamedTuple):
-    """Estimates of the relative errors of a motion, due to its time step or to its basis.
+    """Estimates of the relative errors of a motion, due to its time step, basis or mesh.
 
     Attributes:
         amplitude: error of the amplitudes of all directions together if the motion has settled,
@@ -87,8 +90,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force is not resolved. The error of this force counts as unknown if a contact has a blending
     weight of a half or more (`fenicsrom.online.contact.law`). A motion with such a contact may
     repeat for this step only, and any motion may fail to repeat for this step only. There is then
-    no estimate unless the motion with half the step does the same. The estimate of a motion that
-    does not settle is that from half or from twice the step, whichever is larger.
+    no estimate unless the motion with half the step, or with a quarter where the motion does not
+    settle, does the same. The estimate of a motion that does not settle is that from a quarter or
+    from twice the step, whichever is larger.
 
     Args:
         model: the model that was integrated.
@@ -112,7 +116,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     compared = _compared(motion, other)
     if is_unsteady(motion) or (motion.steady and np.isinf(force)):
         try:
-            fine = check_motion(model, refined(scene), motion)
+            fine = check_motion(model, refined(scene, 4 if is_unsteady(motion) else 2), motion)
         except (ConvergenceError, AccuracyError):
             return unknown
         if motion.steady != _fine_settles(fine, motion):
@@ -126,9 +130,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
 
 
 def _fine_settles(fine: Motion, motion: Motion) -> bool:
-    """Whether the motion with half the step settles in half of the periods of an unsteady one.
+    """Whether the motion with shorter steps settles in half of the periods of an unsteady one.
 
-    An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
+    An unsteady motion may nearly have settled, and shorter steps may settle a few periods earlier.
     """
     return has_settled(fine) and (motion.steady or 2 * fine.periods <= motion.periods)
 
@@ -270,13 +274,31 @@ def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
         motion: the motion.
         other: the motion of the enriched model; the estimates are infinite without it.
     """
+    return _times_distance(BASIS_SAFETY, motion, other)
+
+
+def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
+    """Estimate the errors of a motion due to its mesh, from that of a model of finer elements.
+
+    The estimate is `MESH_SAFETY` times the distance of the two motions
+    (`fenicsrom.reduction.finer`).
+
+    Args:
+        motion: the motion.
+        other: the motion of the finer model; the estimates are infinite without it.
+    """
+    return _times_distance(MESH_SAFETY, motion, other)
+
+
+def _times_distance(factor: float, motion: Motion, other: Motion | None) -> MotionErrors:
+    """A factor times the distances of a motion from a better one; infinite without this one."""
     if other is None:
         return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     found = distances(motion, other)
     return MotionErrors(
-        BASIS_SAFETY * found.amplitude,
-        BASIS_SAFETY * found.peak_force,
-        tuple(BASIS_SAFETY * value for value in found.directions),
+        factor * found.amplitude,
+        factor * found.peak_force,
+        tuple(factor * value for value in found.directions),
     )
 
 

@@ -1,15 +1,18 @@
 """The rule by which the estimates of a finished motion decide, as AccuracyErrors.
 
 A run ends with exit code 0 only if every estimate of the error of its displacements, of all
-directions together and of each, by the time step and by the basis, is known and at most its limit:
+directions together and of each, by the time step, the basis and the mesh, is known and at most its
+limit:
 
     cause        a motion that settles, or has no period    a motion with a period that does not
                                                             settle (root mean squares)
     time step    `TIME_ERROR`                               `UNSETTLED_ERROR`
     basis        `BASIS_ERROR`                              `UNSETTLED_BASIS_ERROR`
+    mesh         `MESH_ERROR`                               `UNSETTLED_BASIS_ERROR`
 
-Otherwise it ends with exit code 1; its files are written, and say why. The estimates of the largest
-normal force are printed and do not decide.
+A model without a mesh, and a body that is too large for finer elements, have no estimate of the
+mesh error; the run says so. Otherwise it ends with exit code 1; its files are written, and say why.
+The estimates of the largest normal force are printed and do not decide.
 """
 
 from __future__ import annotations
@@ -18,7 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion, step_errors
+from fenicsrom.assess.errors.estimates import (
+    MotionErrors,
+    basis_errors,
+    mesh_errors,
+    nested_motion,
+    step_errors,
+)
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.energy import check_energy
@@ -34,6 +43,8 @@ TIME_ERROR = 0.1
 UNSETTLED_ERROR = 0.5
 # largest accepted relative difference of the amplitudes from those of an enriched basis
 BASIS_ERROR = 0.05
+# largest accepted relative error of the amplitudes due to the mesh
+MESH_ERROR = 0.1
 # the same of the root mean squares of a motion that does not settle: half of `UNSETTLED_ERROR`,
 # because both models take the same steps, and a basis that misses more is too small
 UNSETTLED_BASIS_ERROR = 0.25
@@ -46,6 +57,7 @@ def estimate_errors(
     motion: Motion,
     errors: dict[str, MotionErrors],
     basis: MotionErrors | None = None,
+    meshes: tuple[Any, ReducedModel] | None = None,
 ) -> None:
     """Estimate the errors of a motion and apply the rule of this module.
 
@@ -54,8 +66,10 @@ def estimate_errors(
         candidates: the larger model that judges its basis; None if the model has none.
         scene: the scene.
         motion: the motion.
-        errors: receives the estimates by their causes, "time step" and "basis".
+        errors: receives the estimates by their causes, "time step", "basis" and "mesh".
         basis: the estimate of the error due to the basis, if it is known.
+        meshes: models of the same coordinates on the elements of the run and on finer ones; None if
+            there are none.
 
     Raises:
         AccuracyError: an estimate is above its limit.
@@ -66,9 +80,15 @@ def estimate_errors(
         basis = basis_errors(motion, nested_motion(candidates, scene, motion))
     if basis is not None:
         errors["basis"] = basis
+    if meshes is not None:
+        own, finer = meshes
+        near = motion if own is model else nested_motion(own, scene, motion)
+        errors["mesh"] = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
     check_time_error(scene, errors["time step"].largest, unsteady)
     if basis is not None:
         check_basis_error(scene, basis.largest, unsteady)
+    if meshes is not None:
+        check_mesh_error(scene, errors["mesh"].largest, unsteady)
 
 
 def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
@@ -150,6 +170,53 @@ def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> 
         f'basis.derivatives = "all", or set basis.modes {more}',
         kind=ErrorKind.BASIS,
         key="basis",
+    )
+
+
+def check_mesh_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
+    """Refuse a motion whose estimated error due to the mesh is too large.
+
+    Args:
+        scene: the scene of the motion.
+        estimate: the relative error, infinite if there is no estimate.
+        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_BASIS_ERROR`
+            instead of `MESH_ERROR`.
+
+    Raises:
+        AccuracyError: the estimate is above the limit.
+    """
+    allowed = UNSETTLED_BASIS_ERROR if unsteady else MESH_ERROR
+    if estimate <= allowed:
+        return
+    degree = scene.geometry.degree
+    found = (
+        f"displacements that differ by {in_percent(estimate)}"
+        if np.isfinite(estimate)
+        else "a motion that does not settle, or no motion"
+    )
+    motion = " for a motion that does not settle" if unsteady else ""
+    raise AccuracyError(
+        f"the mesh is too coarse: elements of degree {degree + 1} give {found} "
+        f"(at most {100.0 * allowed:g} % is accepted{motion}): {finer_mesh(scene, estimate)}",
+        kind=ErrorKind.MESH,
+        key="geometry",
+    )
+
+
+def finer_mesh(scene: Scene, estimate: float) -> str:
+    """The cheapest change of a mesh that likely brings its error below half of `MESH_ERROR`.
+
+    The frequencies of elements of degree p converge with the order 2 p where the body is smooth. At
+    corners the order is less; one order less is assumed.
+    """
+    degree = scene.geometry.degree
+    if degree == 1:
+        return "set geometry.degree = 2, which costs less than smaller elements"
+    wanted = (estimate / (0.5 * MESH_ERROR)) ** (1.0 / (2 * degree - 1))
+    factor = min(max(wanted, 1.5), 4.0) if np.isfinite(wanted) else 2.0
+    return (
+        f"make the elements {factor:.2g} times smaller along the directions in which the body "
+        "bends (geometry.parameters, or the mesh file)"
     )
 
 

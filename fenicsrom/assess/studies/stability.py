@@ -225,8 +225,8 @@ def _examine(
         estimate_errors(model, candidates, scene, motion, own)
     finally:
         numbers |= estimates_found(own)
-    # the estimate of a motion that does not settle knows half the step already
-    fine = simulate(model, refined(scene, 2 if has_settled(motion) else 4))
+    # the estimate of a motion that does not settle knows a quarter of the step already
+    fine = simulate(model, refined(scene, 2 if has_settled(motion) else 8))
     numbers["error"] = difference(motion, fine)
     peak = peak_normal_force(fine)
     numbers["force_error"] = abs(peak_normal_force(motion) / peak - 1.0) if peak else None
@@ -266,14 +266,14 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
 
     Args:
         motion: the motion.
-        fine: the motion with half the step, or with a quarter if the motion does not settle.
+        fine: the motion with half the step, or with an eighth if the motion does not settle.
         numbers: `error`, `estimate` and `force_estimate` of the motion, and `basis_error` if it was
             compared with a richer basis.
     """
     error, estimate = numbers["error"], numbers["estimate"]
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
-            return Verdict.WRONG, f"with a quarter of the step the motion differs by {error:.0%}"
+            return Verdict.WRONG, f"with an eighth of the step the motion differs by {error:.0%}"
         return (
             Verdict.UNSTEADY,
             f"the motion does not repeat after {counted(motion.periods, 'period')}",

@@ -201,7 +201,9 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     try:
         check_energy(motion)
         basis = None if chosen is None else chosen.errors
-        estimate_errors(stored.model, stored.candidates, scene, motion, errors, basis)
+        estimate_errors(
+            stored.model, stored.candidates, scene, motion, errors, basis, stored.meshes
+        )
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, str(error))

@@ -13,6 +13,7 @@ from fenicsrom.cli.commands import (
     inspect,
     modes,
     plan,
+    report,
     response,
     run,
     schema,
@@ -42,6 +43,7 @@ COMMANDS = tuple(
         schema,
         stability,
         view,
+        report,
     )
 )
 """In the order of the help."""

@@ -154,7 +154,8 @@ class ElasticBody:
     def _compile_forms(self) -> None:
         """Compile the forms (2) to (4), the energy and the mass."""
         domain, d = self.mesh.domain, self.dimension
-        self.quadrature_degree = quadrature_degree(domain)
+        # the rule is that of quadratic displacements
+        self.quadrature_degree = quadrature_degree(domain) + 2 * max(0, self.geometry.degree - 2)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": self.quadrature_degree})
         self._u = fem.Function(self.space)
         self._x, self._y = fem.Function(self.space), fem.Function(self.space)

@@ -5,6 +5,7 @@ A place is represented by rows (d, local) that give its displacement from the un
 
 from __future__ import annotations
 
+import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import ufl
@@ -228,7 +229,7 @@ class Places:
         if body.comm.allreduce(edges.size):
             topology.create_connectivity(1, topology.dim)
             topology.create_connectivity(topology.dim, 1)
-            shares = np.array([0.5, 0.5] if degree == 1 else [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0])
+            shares = _edge_shares(degree)
             for edge in edges[edges < topology.index_map(1).size_local]:
                 cell = topology.connectivity(1, topology.dim).links(edge)[0]
                 sides = topology.connectivity(topology.dim, 1).links(cell)
@@ -243,3 +244,10 @@ class Places:
         mine = weights.x.array[:local]
         total = body.comm.allreduce(float(mine.sum()))
         return mine / total, np.asarray(body.comm.allreduce(mine @ x[:local])) / total, float(total)
+
+
+def _edge_shares(degree: int) -> Array:
+    """Integrals (degree + 1,) of the shape functions of a straight edge of length 1."""
+    element = basix.ufl.element("Lagrange", "interval", degree)
+    points, weights = basix.make_quadrature(basix.CellType.interval, degree)
+    return np.asarray(weights @ element.tabulate(0, points)[0])

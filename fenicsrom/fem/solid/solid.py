@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
@@ -172,11 +172,7 @@ class Solid(ElasticBody):
         self._set_attachments(attachments)
         self._set_contacts(contacts)
         self._set_loads()
-        observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
-        observed += [load.place for load in loads if not load.everywhere]
-        self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
-        if observed:
-            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
+        self._set_probe([place for place in (probe, *(c.place for c in contacts)) if place])
 
         self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
@@ -288,6 +284,13 @@ class Solid(ElasticBody):
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
 
+    def _set_probe(self, places: Sequence[Place]) -> None:
+        """Find the probe: the first of the places, or that of the first load that has a place."""
+        observed = [*places, *(load.place for load in self.loads if not load.everywhere)]
+        self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
+        if observed:
+            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
+
     def _set_loads(self) -> None:
         """Assemble the load vectors."""
         self.load_vectors = np.zeros((self.local, len(self.loads)))
@@ -300,6 +303,10 @@ class Solid(ElasticBody):
         self.load_histories = histories_of(self.loads)
         if any(load.follower for load in self.loads):
             self.pressures = FollowerPressures(self, self.loads)
+        self._set_static_load()
+
+    def _set_static_load(self) -> None:
+        """Sum the static loads that do not follow the deformation."""
         constant = [load.static and not load.follower for load in self.loads]
         sizes = np.where(constant, [load.size for load in self.loads], 0.0)
         self.static_load = self.load_vectors @ sizes
@@ -573,7 +580,7 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     _check_per_area(scene, mesh)
     suspicious = implausible_inputs(scene, mesh)
     try:
-        found = _solid_of(scene, mesh, known)
+        found = Solid(mesh, **solid_arguments(scene), known=known)
     except ConvergenceError as error:
         if not suspicious:
             raise
@@ -583,25 +590,12 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     return found
 
 
-def _solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None) -> Solid:
-    """Build the solid of a scene; arguments and errors as `Solid`."""
-    return Solid(
-        mesh,
-        geometry=scene.geometry,
-        material=scene.material,
-        supports=scene.supports,
-        loads=scene.loads,
-        contacts=scene.contacts,
-        rotation=scene.rotation,
-        damping=scene.damping,
-        probe=scene.probe,
-        geometrically_nonlinear=scene.geometrically_nonlinear,
-        source=scene.source,
-        excitation=highest_frequency(scene),
-        materials=scene.materials,
-        attachments=scene.attachments,
-        known=known,
-    )
+def solid_arguments(scene: Scene) -> dict[str, Any]:
+    """The arguments of `Solid` that a scene gives."""
+    same = ("geometry", "material", "supports", "loads", "contacts", "rotation", "damping", "probe")
+    same += ("geometrically_nonlinear", "source", "materials", "attachments")
+    found = {name: getattr(scene, name) for name in same}
+    return found | {"excitation": highest_frequency(scene)}
 
 
 def _check_per_area(scene: Scene, mesh: Mesh) -> None:

@@ -142,7 +142,7 @@ def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
 def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
     """The kind of a bifurcation at which the multiplier of a rank crosses the unit circle."""
     low, high = bracket.values
-    if abs(high - low) > JUMP * change:
+    if bracket.nearest.states.size and abs(high - low) > JUMP * change:
         return "non-smooth"
     multiplier = bracket.nearest.judged[rank - 1]
     if abs(multiplier.imag) > REAL:

@@ -28,8 +28,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     record.time[row] = s[TIME]
     contact = state.contact
     points, d = contact.x.shape
-    if points == 0:
-        copy_vector(record.probe[row], model.probe_displacement(state.q))
+    copy_vector(record.probe[row], model.probe_displacement(state.q))
     for p in range(points):
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]

@@ -107,7 +107,7 @@ class Record(NamedTuple):
     Attributes:
         time: (rows,) s.
         displacement: (rows, P, d) of the contact points, m.
-        probe: (rows, d) displacement of the probe without contact points, m.
+        probe: (rows, d) displacement of the probe, m.
         force: (rows, P, d) contact forces [N, T], N.
         mean_force: (rows, P, d) mean contact force of the step, N.
         gap: (rows, P) m.

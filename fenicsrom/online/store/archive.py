@@ -37,6 +37,10 @@ The arrays are those of all coordinates that the file holds, in their order. The
 (`fenicsrom.assess.errors.estimates.basis_errors`), and a model of any of them is a part of the
 arrays.
 
+Arrays with the prefix `finer_` are those of a model of finer elements, which judges the mesh
+(`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
+header.
+
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance.
 
@@ -74,6 +78,8 @@ from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 6"
+FINER = "finer_"  # start of the names of the arrays of the model of finer elements
+OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -108,6 +114,8 @@ class StoredModel:
         deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
         file: the file from which it was read, for messages; "" if there is none.
         further: labels of the other coordinates of the larger model.
+        finer: the model of finer elements, which judges the mesh; None if it was not made.
+        finer_labels: labels of its coordinates.
     """
 
     model: ReducedModel
@@ -122,6 +130,15 @@ class StoredModel:
     deformation: Deformation | None = None
     file: str = ""
     further: tuple[str, ...] = ()
+    finer: ReducedModel | None = None
+    finer_labels: tuple[str, ...] = ()
+
+    @property
+    def meshes(self) -> tuple[Any, ReducedModel] | None:
+        """The models of the same coordinates on the elements of the mesh and on finer ones."""
+        if self.finer is None:
+            return None
+        return self.resized(self.finer_labels).model, self.finer
 
     @property
     def size(self) -> int:
@@ -187,13 +204,12 @@ class StoredModel:
             "load_histories": load_histories(scene),
             "damping": float(scene.material.mass_damping),
         }
-        candidates = self.candidates
-        return replace(
-            self,
-            model=self.model._replace(**changes),
-            scene=scene,
-            candidates=None if candidates is None else candidates._replace(**changes),
-        )
+        models = {"model": self.model, "candidates": self.candidates, "finer": self.finer}
+        changed: dict[str, Any] = {
+            name: None if model is None else model._replace(**changes)
+            for name, model in models.items()
+        }
+        return replace(self, scene=scene, **changed)
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
@@ -341,13 +357,16 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "frequencies_hz": stored.frequencies_hz,
         "damping": np.array(model.damping),
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
-        "contact_offset": model.contact_offset,
-        "probe_offset": model.probe_offset,
+        **{name: getattr(model, name) for name in OFFSETS},
         **_matrices(stored.candidates or model),
         **recovery_arrays(stored.tables),
     }
     if stored.deformation is not None:
         arrays["deformation"] = stored.deformation.as_array()
+    if stored.finer is not None:
+        more = _matrices(stored.finer) | {name: getattr(stored.finer, name) for name in OFFSETS}
+        arrays |= {f"{FINER}{name}": array for name, array in more.items()}
+        header["finer_labels"] = list(stored.finer_labels)
     return header, arrays
 
 
@@ -433,7 +452,23 @@ def _assemble(
         deformation,
         str(path),
         labels[size:],
+        *_finer(path, data, header, scene, labels),
     )
+
+
+def _finer(
+    path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]
+) -> tuple[ReducedModel | None, tuple[str, ...]]:
+    """The checked model of finer elements with its labels; None if the file has none."""
+    own = tuple(str(label) for label in header.get("finer_labels", ()))
+    if not own:
+        return None, own
+    if not set(own) <= set(labels):
+        raise _damaged(path, f"finer_labels are {own}")
+    more = {k.removeprefix(FINER): v for k, v in data.items() if k.startswith(FINER)}
+    mass = more.get("mass", np.zeros(0))
+    size = mass.shape[0] if mass.ndim == 2 else 0
+    return _checked_model(path, data | more, scene, size), own
 
 
 def _checked_model(

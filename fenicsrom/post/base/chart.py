@@ -103,7 +103,7 @@ def _is_plain(axes: Axes) -> bool:
 
 def _plot(figure: Figure, axes: Axes) -> tuple[Any, list[tuple[Any, Any]]]:
     """The plot of axes, and pairs of an artist and what draws it."""
-    from bokeh.models import Range1d
+    from bokeh.models import BoxZoomTool, Range1d
     from bokeh.plotting import figure as new_plot
     from matplotlib.patches import Rectangle
 
@@ -117,6 +117,7 @@ def _plot(figure: Figure, axes: Axes) -> tuple[Any, list[tuple[Any, Any]]]:
         tools="box_zoom,pan,wheel_zoom,reset,save",
         title=_text(axes.get_title(loc="left")) or None,
     )
+    plot.toolbar.active_drag = next(t for t in plot.tools if isinstance(t, BoxZoomTool))
     for axis, own in ((plot.xaxis, axes.xaxis), (plot.yaxis, axes.yaxis)):
         axis.axis_label = _text(own.get_label_text()) or None
         axis.axis_label_text_font_style = "normal"

@@ -86,9 +86,10 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
     """The estimated errors in percent; None where there is no estimate.
 
     Returns:
-        By the causes "time step" and "basis": the error of the amplitudes (root mean squares of a
-        motion that does not settle). "peak force by the CAUSE" is the error of the largest normal
-        force, and "directions by the CAUSE" lists the errors of the amplitudes by direction.
+        By the causes "time step", "basis" and "mesh": the error of the amplitudes (root mean
+        squares of a motion that does not settle). "peak force by the CAUSE" is the error of the
+        largest normal force, and "directions by the CAUSE" lists the errors of the amplitudes by
+        direction.
     """
 
     def percent(value: float) -> float | None:
@@ -243,6 +244,8 @@ def stored_model(study: Study) -> StoredModel:
         study.candidates,
         study.deformation,
         further=study.further,
+        finer=study.finer,
+        finer_labels=study.finer_labels,
     )
 
 

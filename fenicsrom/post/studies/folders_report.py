@@ -1,0 +1,263 @@
+"""Several output folders on one page: results, curves over each other, differences of scenes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.post.base.html_page import verdict_of, write_report
+from fenicsrom.post.base.origin import SCENE_FILE
+from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FILES = {"run": "summary.json", "response": "response.json", "backbone": "backbone.json"}
+"""The kinds of results, and the file that tells them."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The results in an output folder.
+
+    Attributes:
+        name: what the folder is called on the page.
+        kind: one of `FILES`.
+        folder: the folder.
+        scene: key of the scene -> value.
+        summary: the contents of the JSON file.
+        rows: the rows of the CSV file; none of a run.
+    """
+
+    name: str
+    kind: str
+    folder: Path
+    scene: Mapping[str, Any]
+    summary: Mapping[str, Any]
+    rows: Sequence[Mapping[str, str]]
+
+
+def outcome(folder: Path, name: str) -> Outcome:
+    """Read the results in an output folder.
+
+    Raises:
+        SceneError: the folder holds no run, response curve or backbone, or a file is damaged.
+    """
+    kind = next((kind for kind, file in FILES.items() if (folder / file).is_file()), None)
+    if kind is None or not (folder / SCENE_FILE).is_file():
+        raise SceneError(
+            f"{folder}: must be the output folder of {', '.join(FILES)}; it has no "
+            f"{SCENE_FILE} with {', '.join(FILES.values())}",
+            kind=ErrorKind.FILE,
+            source=str(folder),
+        )
+    try:
+        summary = json.loads((folder / FILES[kind]).read_text("utf-8"))
+        scene = dict(_flat(tomllib.loads((folder / SCENE_FILE).read_text("utf-8"))))
+        table = folder / f"{kind}.csv"
+        text = table.read_text("utf-8") if kind != "run" else ""
+    except (ValueError, OSError) as error:
+        raise SceneError(
+            f"{folder}: the results cannot be read: {error}",
+            kind=ErrorKind.FORMAT,
+            source=str(folder),
+        ) from None
+    rows = list(csv.DictReader(text.splitlines()))
+    return Outcome(name, kind, folder, scene, summary, rows)
+
+
+def _flat(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """The values of a scene with their keys, such as `loads.0.force`."""
+    if isinstance(table, dict):
+        for name, value in table.items():
+            yield from _flat(value, f"{key}.{name}" if key else name)
+    elif isinstance(table, list) and any(isinstance(value, dict) for value in table):
+        for k, value in enumerate(table):
+            yield from _flat(value, f"{key}.{k}")
+    else:
+        yield key, table
+
+
+def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
+    """Write `report.html` of several output folders with its pictures.
+
+    Returns:
+        The table of results, and the files.
+
+    Raises:
+        SceneError: a folder holds no results, or `output` holds those of another command.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.post.base.tables import text_table
+
+    if (output / SCENE_FILE).exists():
+        raise SceneError(
+            f"--output {output}: the folder holds the results of a command; give another one",
+            kind=ErrorKind.FILE,
+            key="--output",
+            source=str(output),
+        )
+    names = [folder.name for folder in folders]
+    unique = len(set(names)) == len(names)
+    found = [
+        outcome(folder, name if unique else str(folder))
+        for folder, name in zip(folders, names, strict=True)
+    ]
+    output.mkdir(parents=True, exist_ok=True)
+    warnings = [f"{one.name}: {line}" for one in found for line in one.summary.get("warnings", ())]
+    drawn = draw_pictures(_pictures(found), output, warnings)
+    results, differing = results_table(found), differences(found)
+    sections: list[tuple[str, list[Any]]] = [
+        ("Results", [results, *drawn[:1]]),
+        ("Differences of the scenes", [differing if len(differing) > 1 else "None."]),
+        *((picture.heading, [picture]) for picture in drawn[1:]),
+    ]
+    title = f"Comparison of {', '.join(one.name for one in found)}"
+    page = write_report(output / "report.html", title, sections, verdict_of(warnings), warnings)
+    return text_table(results, 2), [page, *(picture.path for picture in drawn)]
+
+
+def results_table(found: Sequence[Outcome]) -> list[list[Any]]:
+    """A row for each motion, curve and backbone: its largest amplitude, and where it occurs."""
+    head = [
+        "folder",
+        "what",
+        "largest amplitude mm",
+        "at Hz",
+        "peak normal force N",
+        "friction J per period",
+    ]
+    rows: list[list[Any]] = [head]
+    for one in found:
+        if one.kind == "run":
+            for model, motion in one.summary.get("response", {}).items():
+                size = 1e3 * max(_numbers(motion["amplitude_m"]))
+                force = motion.get("peak_normal_force_N")
+                work = motion.get("friction_dissipation_per_period_J")
+                rows.append([one.name, f"{model} model", size, None, force, work])
+            continue
+        for name, lines in _curves(one):
+            top = max(lines, key=_amplitude)
+            values = [top.get("frequency_Hz"), top.get("peak_normal_force_N")]
+            values.append(top.get("friction_dissipation_per_period_J"))
+            numbers = [float(value) if value else None for value in values]
+            rows.append([one.name, name, 1e3 * _amplitude(top), *numbers])
+    return rows
+
+
+def differences(found: Sequence[Outcome]) -> list[list[Any]]:
+    """The keys of the scenes whose values differ, after a row of heads."""
+    keys = dict.fromkeys(key for one in found for key in one.scene)
+    rows = [["key", *(one.name for one in found)]]
+    for key in keys:
+        values = [one.scene.get(key) for one in found]
+        if any(value != values[0] for value in values):
+            rows.append([key, *("–" if value is None else str(value) for value in values)])
+    return rows
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """All numbers in a tree of dictionaries and lists."""
+    if isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _numbers(item)
+    elif value is not None:
+        yield float(value)
+
+
+def _amplitude(row: Mapping[str, str]) -> float:
+    """The largest amplitude of a point, m."""
+    return max(float(v) for k, v in row.items() if k.startswith("amplitude_") and v)
+
+
+def _curves(one: Outcome) -> Iterator[tuple[str, list[Mapping[str, str]]]]:
+    """The name and the rows of each response curve, or those of the backbone."""
+    key = one.summary.get("family")
+    if not one.rows:
+        return
+    column = next((name for name in one.rows[0] if key and name.startswith(key)), None)
+    if key is None or column is None:
+        yield one.kind, list(one.rows)
+        return
+    for value, rows in groupby(one.rows, key=lambda row: row[column]):
+        yield f"{key.rsplit('.', 1)[-1]} = {float(value):g}", list(rows)
+
+
+def _pictures(found: Sequence[Outcome]) -> list[Picture]:
+    """The pictures: response curves and backbones over the parameter, and the motions of runs."""
+    parameters = dict.fromkeys(_parameter(one) for one in found if one.rows)
+    pictures = [
+        Picture(
+            f"Amplitude over {parameter.replace('_', ' ')}",
+            f"response{'' if k == 0 else k}.png",
+            lambda parameter=parameter: curves_figure(  # type: ignore[misc]
+                [one for one in found if one.rows and _parameter(one) == parameter], parameter
+            ),
+            "Response curves and backbones over each other. Unstable parts are dashed, backbones "
+            "are dotted.",
+        )
+        for k, parameter in enumerate(parameters)
+    ]
+    runs = [one for one in found if (one.folder / "history.npz").is_file()]
+    if runs:
+        pictures.append(Picture("Motion", "motion.png", lambda: motions_figure(runs)))
+    return pictures
+
+
+def _parameter(one: Outcome) -> str:
+    """The column of the parameter of curves."""
+    key = "frequency" if one.kind == "backbone" else str(one.summary["parameter"])
+    return next(name for name in one.rows[0] if name.startswith(key))
+
+
+@styled
+def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
+    """Draw response curves and backbones with the same parameter over each other."""
+    figure = new_figure(8.4, 5.0)
+    axis = figure.subplots()
+    named = [(one, *curve) for one in found for curve in _curves(one)]
+    for k, (one, name, rows) in enumerate(named):
+        label, colour = f"{one.name}, {name}", COLOURS[k % len(COLOURS)]
+        for _, piece in groupby(rows, key=lambda row: row.get("piece")):
+            points = list(piece)
+            x = np.array([float(row[parameter]) for row in points])
+            y = np.array([1e3 * _amplitude(row) for row in points])
+            stable = np.array([row.get("stability", "stable") == "stable" for row in points])
+            cuts = np.flatnonzero(np.diff(stable.astype(int))) + 1
+            for part in np.split(np.arange(x.size), cuts):
+                style = ":" if one.kind == "backbone" else "-" if stable[part[0]] else "--"
+                shown = slice(part[0], part[-1] + 2)
+                axis.plot(x[shown], y[shown], style, color=colour, label=label)
+                label = "_"
+    axis.set_xlabel(parameter.replace("_", " "))
+    axis.set_ylabel("largest amplitude, mm")
+    axis.set_ylim(0.0)
+    figure.legend(loc="outside upper center", ncols=min(3, len(named)))
+    return figure
+
+
+@styled
+def motions_figure(found: Sequence[Outcome]) -> Figure:
+    """Draw the reduced motions of runs over the time, at the point that moves most."""
+    figure = new_figure(8.4, 4.0)
+    axis = figure.subplots()
+    for one, colour in zip(found, COLOURS * len(found), strict=False):
+        with np.load(one.folder / "history.npz") as history:
+            time, moved = history["reduced_time"], history["reduced_displacement"]
+        moved = moved.reshape(time.size, -1)
+        most = moved[:, int(np.argmax(np.ptp(moved, axis=0)))]
+        axis.plot(time, 1e3 * most, color=colour, label=one.name)
+    axis.set_xlabel("time, s")
+    axis.set_ylabel("displacement, mm")
+    figure.legend(loc="outside upper center", ncols=min(3, len(found)))
+    return figure
