@@ -1,12 +1,14 @@
 """The size and the error of reduced models that choose their size, on random nonlinear scenes.
 
     python3 demos/evidence/basis_size.py --output DIR [--planar 28] [--spatial 12] [--seed 1]
+    python3 demos/evidence/basis_size.py --output DIR SCENE ...
 
 The scenes are cantilever beams of 12 cells in the plane and of 6 cells in space, with 1 to 8
 contact points, shaken near their first resonance by a load that would swing the free tip by 0.1 %
 to 10 % of the length. The reference is the full model on the same mesh with the same time steps,
 started at the periodic motion of the reduced model. Every result is one line of `runs.jsonl`; a run
-that is there already is not repeated. `sizes.png` shows the sizes and the errors.
+that is there already is not repeated. `sizes.png` shows the sizes and the errors. With names of
+scenes these are examined instead.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
-from fenicsrom.scene import Scene, make_scene
+from fenicsrom.scene import Scene, make_scene, read_scene
 from fenicsrom.scene.step_size import with_time
 
 YOUNG, DENSITY, DAMPING_RATIO = 207e9, 7800.0, 0.02
@@ -42,12 +44,11 @@ CELLS = {2: 12, 3: 6}
 STEPS = 120  # in a period
 FULL_PERIODS = 20  # of the full model from the motion of the reduced one
 TIMED_PERIODS = 5  # from rest, which time the steps of the reduced models
-LONGEST = 40.0  # CPU seconds of the full model; a longer run has no result
 LEAST = 1e-6  # smaller errors are rounding and are left out of the effectivity
 
 
 class TooSlow(Exception):
-    """The full model took more than `LONGEST`."""
+    """The full model took more than `--longest` CPU seconds."""
 
 
 def _interrupt(*_: Any) -> None:
@@ -122,8 +123,8 @@ def random_scene(dimension: int, seed: int, number: int) -> Scene:
     )
 
 
-def examine(scene: Scene) -> dict[str, Any]:
-    """Run a scene with the size that it chooses, and measure its error."""
+def examine(scene: Scene, longest: float) -> dict[str, Any]:
+    """Run a scene with the size that it chooses, and measure its error in so many CPU seconds."""
     found: dict[str, Any] = {"points": len(scene.contacts)}
     try:
         study = fenicsrom.run(scene)
@@ -137,18 +138,19 @@ def examine(scene: Scene) -> dict[str, Any]:
             "seconds": motion.seconds,
             "sizing": study.seconds["size"],
             "step": seconds_of_a_step(study.model, scene),
+            "checks": study.seconds["checks"],
             "settled": has_settled(motion),
             "estimate": sized.errors.largest,
             "warned": bool(sized.warning),
             "unfinished": str(study.unfinished[1])[:80] if study.unfinished else "",
         }
-        found |= by_pairs(scene, solid)
+        found |= by_pairs(scene, solid, longest)
         start = None
         if motion.newton_from is not None:
             q, v, sliders = end_of(motion)
             start = study.basis.vectors @ q, study.basis.vectors @ v, sliders
             scene = with_time(scene, periods=FULL_PERIODS)
-        signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+        signal.setitimer(signal.ITIMER_VIRTUAL, longest)
         full = simulate(full_model(solid, contacts_of(scene, solid.points)), scene, start=start)
         error = distances(motion, full)
         found |= {"error": error.largest, "full_step": full.seconds / full.steps}
@@ -160,7 +162,7 @@ def examine(scene: Scene) -> dict[str, Any]:
     return found
 
 
-def by_pairs(scene: Scene, solid: Any) -> dict[str, Any]:
+def by_pairs(scene: Scene, solid: Any, longest: float) -> dict[str, Any]:
     """The size of a basis with derivatives along pairs of modes (MMI-NLS), and s of a step."""
     basis = replace(scene.basis, derivatives="mmi-nls")
     if len(scene.contacts) > 4:
@@ -169,7 +171,7 @@ def by_pairs(scene: Scene, solid: Any) -> dict[str, Any]:
     modes = component_modes(solid, basis)
     chosen = choose(solid, scene, modes)
     found = {"paired": len(chosen.modes) + len(modes.loads.labels) + len(chosen.derivatives)}
-    signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+    signal.setitimer(signal.ITIMER_VIRTUAL, longest)
     try:
         vectors = enrich(solid, modes, chosen, differentiate(solid, basis, modes, chosen))
         step = seconds_of_a_step(reduce(solid, basis, vectors), scene)
@@ -265,29 +267,35 @@ def figure(runs: Sequence[Mapping[str, Any]], accuracy: float) -> Any:
 def main() -> None:
     """Run the scenes, print the statistics and draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="*", type=Path)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--planar", type=int, default=28)
     parser.add_argument("--spatial", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--longest", type=float, default=40.0, help="CPU seconds of a full model")
     options = parser.parse_args()
     signal.signal(signal.SIGVTALRM, _interrupt)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "runs.jsonl"
     wanted = [(2, k) for k in range(options.planar)] + [(3, k) for k in range(options.spatial)]
     done = {run["name"] for run in read(path)}
-    for dimension, number in sorted(wanted, key=lambda scene: scene[1]):
-        scene = random_scene(dimension, options.seed, number)
+    scenes = [read_scene(scene) for scene in options.scenes] or [
+        random_scene(dimension, options.seed, number)
+        for dimension, number in sorted(wanted, key=lambda scene: scene[1])
+    ]
+    for scene in scenes:
         if scene.title in done:
             continue
         begin = clock.process_time()
-        found = {"name": scene.title} | examine(scene)
+        found = {"name": scene.title} | examine(scene, options.longest)
         found["cpu"] = clock.process_time() - begin
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(found) + "\n")
         print(json.dumps(found), flush=True)
     runs, accuracy = read(path), random_scene(2, 1, 0).basis.accuracy
-    for name, value in statistics(runs, accuracy).items():
-        print(f"{name}: {value:.4g}")
+    if compared(runs):
+        for name, value in statistics(runs, accuracy).items():
+            print(f"{name}: {value:.4g}")
     print(write_figure(options.output / "sizes.png", figure(runs, accuracy)))
 
 

@@ -8,7 +8,6 @@ loads. The parameter of its curve is the frequency over the lowest resonance, th
 load, a preload or a friction coefficient. Every tenth point is confirmed: a march of up to 500
 periods that starts 0.1 % beside a stable motion must come nearer, and half the time step must
 change the amplitude of an unstable one by less than `CHANGE`. A curve is one line of the table.
-Forty curves take about 15 minutes on one core.
 """
 
 from __future__ import annotations

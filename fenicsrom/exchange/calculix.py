@@ -1,9 +1,10 @@
-"""CalculiX decks (.inp), written: mesh, supports, materials, static loads, rotation and modes.
+"""CalculiX decks (.inp), written: mesh, supports, materials, loads, rotation and modes.
 
-A deck has up to two steps: the equilibrium under the static loads and the rotation, and the natural
-frequencies about it. With NLGEOM, CalculiX uses the same material as this program: the second
-Piola-Kirchhoff stress is linear in the Green-Lagrange strain. The step of frequencies then contains
-the stress stiffening and the spin softening of the equilibrium.
+A deck has up to three steps: the equilibrium under the static loads and the rotation, the natural
+frequencies about it, and a transient of average acceleration under the loads that vary in time.
+With NLGEOM, CalculiX uses the same material as this program: the second Piola-Kirchhoff stress is
+linear in the Green-Lagrange strain. The step of frequencies then contains the stress stiffening and
+the spin softening of the equilibrium.
 """
 
 from __future__ import annotations
@@ -97,6 +98,20 @@ class Section:
     thickness: float
 
 
+class Transient(NamedTuple):
+    """A transient with a fixed step, from rest at the equilibrium.
+
+    Attributes:
+        times: (s,) ends of the steps, from 0, s.
+        factors: (s, loads) sizes of the loads at these times.
+        forces: (loads, n, d) forces of loads of size 1, N.
+    """
+
+    times: Array
+    factors: Array
+    forces: Array
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Deck:
     """The content of a deck, in SI units.
@@ -118,6 +133,7 @@ class Deck:
         nonlinear: whether the equilibrium is geometrically nonlinear.
         modes: number of natural frequencies.
         printed: numbers (k,) of the nodes whose displacements are printed.
+        transient: the transient; None without loads that vary in time.
     """
 
     title: str
@@ -136,6 +152,7 @@ class Deck:
     nonlinear: bool
     modes: int
     printed: Ints
+    transient: Transient | None = None
 
     @property
     def element(self) -> str:
@@ -162,7 +179,7 @@ def _lines(deck: Deck) -> Iterator[str]:
     """The lines of a deck."""
     yield "*HEADING"
     yield _plain(deck.title) or "a scene of fenicsrom"
-    yield "** SI units; *CLOAD holds the work-equivalent forces of the static loads"
+    yield "** SI units; *CLOAD holds the work-equivalent forces of the loads"
     yield from (f"** {_plain(note)}" for note in deck.notes)
     names = _Names()
     every, cells = names.new("ALL_NODES"), names.new("ALL_CELLS")
@@ -178,6 +195,12 @@ def _lines(deck: Deck) -> Iterator[str]:
     for node, terms in deck.equations:
         entries = [f"{1 + node}, {1 + axis}, {_number(factor)}" for axis, factor in terms]
         yield from ["*EQUATION", str(len(entries)), ", ".join(entries)]
+    amplitudes = []
+    if deck.transient is not None:
+        for factors in deck.transient.factors.T:
+            amplitudes.append(names.new("LOAD"))
+            yield f"*AMPLITUDE, NAME={amplitudes[-1]}"
+            yield from map(_pair, deck.transient.times, factors)
     output = ["*NODE FILE", "U"]
     if len(deck.printed):
         output = [f"*NODE PRINT, NSET={printed}", "U", *output]
@@ -187,12 +210,42 @@ def _lines(deck: Deck) -> Iterator[str]:
             yield from ["*CONTROLS, PARAMETERS=FIELD", f"{TOLERANCE}, {TOLERANCE}"]
         yield "*STATIC"
         yield from _loads(deck, cells)
-        yield from [*output, "*EL FILE", "S", "*END STEP"]
+        yield from [*output, "*EL FILE", "S, ENER" if deck.transient else "S", "*END STEP"]
     about = deck.loaded and deck.nonlinear
     yield f"*STEP{', PERTURBATION' if about else ''}"
     yield "*FREQUENCY"
     yield str(deck.modes)
-    yield from ["*NODE FILE", "U", "*END STEP"]
+    # CalculiX integrates in time only if the first step asks for the energy
+    energy = ["*EL FILE", "ENER"] if deck.transient and not deck.loaded else []
+    yield from ["*NODE FILE", "U", *energy, "*END STEP"]
+    if deck.transient is not None:
+        yield from _transient(deck, deck.transient, amplitudes, output)
+
+
+def _transient(
+    deck: Deck, transient: Transient, amplitudes: list[str], output: list[str]
+) -> Iterator[str]:
+    """The step of a transient; the static loads go on."""
+    times = transient.times
+    yield f"*STEP{', NLGEOM' if deck.nonlinear else ''}, INC={10 * times.size}"
+    if deck.nonlinear:
+        yield from ["*CONTROLS, PARAMETERS=FIELD", f"{TOLERANCE}, {TOLERANCE}"]
+    yield from ["*DYNAMIC, DIRECT, ALPHA=0.", _pair(times[1] - times[0], times[-1])]
+    for name, forces in zip(amplitudes, transient.forces, strict=True):
+        yield f"*CLOAD, AMPLITUDE={name}"
+        yield from _forces(forces)
+    yield from [*output, "*END STEP"]
+
+
+def _forces(forces: Array) -> Iterator[str]:
+    """The lines of nodal forces (n, d)."""
+    for node, axis in np.argwhere(forces != 0.0):
+        yield f"{1 + node}, {1 + axis}, {_number(forces[node, axis])}"
+
+
+def _pair(first: float, second: float) -> str:
+    """A line of two numbers."""
+    return f"{_number(first)}, {_number(second)}"
 
 
 def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
@@ -259,8 +312,7 @@ def _loads(deck: Deck, cells: str) -> Iterator[str]:
     """Dead forces, pressures and the centrifugal force."""
     if np.any(deck.forces):
         yield "*CLOAD"
-        for node, axis in np.argwhere(deck.forces != 0.0):
-            yield f"{1 + node}, {1 + axis}, {_number(deck.forces[node, axis])}"
+        yield from _forces(deck.forces)
     for pressed in deck.pressures:
         yield "*DLOAD"
         for cell, face in zip(pressed.cells, pressed.faces, strict=True):

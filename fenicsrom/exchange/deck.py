@@ -21,13 +21,16 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section
+from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section, Transient
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
+from fenicsrom.online.model.loads import factors
+from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.stress.elasticity_tensor import axes
 from fenicsrom.scene import Region, Scene, scene_heading
+from fenicsrom.scene.times import FixedStep, StepsPerPeriod
 
 CORNERS = {
     basix.CellType.triangle: (2, (0, 1, 2), (0, 2, 1), (1, 2)),
@@ -40,6 +43,9 @@ the corners beside the first one."""
 
 MODES = 10
 """Number of natural frequencies if `basis.modes` does not give it."""
+
+PERIODS = 3
+"""Periods of the transient of a scene whose loads repeat."""
 
 ZERO = 1e-12
 """Smaller coefficients of an equation, whose first one is 1, are rounding errors."""
@@ -94,6 +100,33 @@ def scene_deck(scene: Scene) -> Deck:
         nonlinear=scene.geometrically_nonlinear or rotation is not None,
         modes=modes if isinstance(modes, int) and modes else MODES,
         printed=_observed(scene, solid, nodes),
+        transient=_transient(scene, solid, nodes),
+    )
+
+
+def _instants(scene: Scene) -> Array:
+    """The ends (s,) of the time steps of a transient, from 0; empty without a fixed step."""
+    stepping = scene.time.stepping
+    if isinstance(stepping, FixedStep) and scene.time.duration is not None:
+        return np.arange(round(scene.time.duration / stepping.step) + 1) * stepping.step
+    if isinstance(stepping, StepsPerPeriod) and scene.period is not None:
+        steps = stepping.steps_per_period
+        return np.arange(PERIODS * steps + 1) * scene.period / steps
+    return np.zeros(0)
+
+
+def _transient(scene: Scene, solid: Solid, nodes: _Nodes) -> Transient | None:
+    """The transient under the dead loads that vary in time; None without such loads or steps."""
+    moving = [k for k, load in enumerate(scene.loads) if not load.static and not load.follower]
+    times = _instants(scene)
+    if not moving or not times.size:
+        return None
+    histories, clamped = histories_of(scene.loads), nodes.clamped()
+    vectors = [solid.load_vector(scene.loads[k], f"loads[{k}]") for k in moving]
+    return Transient(
+        times,
+        np.array([factors(histories, float(time))[moving] for time in times]),
+        np.array([np.where(clamped, 0.0, nodes.project(vector)) for vector in vectors]),
     )
 
 
@@ -102,8 +135,11 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     found = []
     if scene.contacts:
         found.append("the contacts with friction are left out")
-    if any(not load.static for load in scene.loads):
-        found.append("the loads that vary in time are left out")
+    varying = [load for load in scene.loads if not load.static]
+    if varying and not _instants(scene).size:
+        found.append("the loads that vary in time are left out: they need a fixed time step")
+    elif any(load.follower for load in varying):
+        found.append("the follower pressures that vary in time are left out")
     if any(scene.loads[k].static for k in scene.followers):
         found.append(
             "CalculiX has another stiffness of follower pressures in its natural frequencies"

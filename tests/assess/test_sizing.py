@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from support import beam_scene, linear_model, refusal
 
+from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.trust import richer_model
 from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
 from fenicsrom.errors import ErrorKind
@@ -17,7 +22,7 @@ from fenicsrom.online.store.archive import StoredModel
 LOADS = [1.0, 0.02, 0.3, 1e-4, 0.01, 2e-3, 1e-5, 1e-5, 1e-5, 1e-5]
 
 
-def stored_with(*overrides: str) -> StoredModel:
+def stored_with(*overrides: str, **tables: Any) -> StoredModel:
     """A model of the first of ten uncoupled coordinates, with loads of several sizes."""
     scene = beam_scene(
         2,
@@ -26,6 +31,7 @@ def stored_with(*overrides: str) -> StoredModel:
         probe={"group": "tip"},
         loads=[{"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 3.0}],
         time={"periods": 40, "steps_per_period": 40},
+        **tables,
     )
     whole = linear_model(
         np.eye(10),
@@ -118,3 +124,19 @@ def test_model_of_all_coordinates_has_no_judge_and_is_refused(size: int) -> None
     stored = stored_with(f"basis.size={size}")
     with refusal(ErrorKind.RANGE, "basis.size"):
         sized(stored, run(stored), run)
+
+
+def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
+    sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
+    stored = stored_with(response=sweep)
+    richer = richer_model(stored)
+    found = response(stored, lambda line: None, richer=richer)
+    worst = max(check.basis_error or 0.0 for curve in found.curves for check in curve.checks)
+    assert worst > 1e-3
+    larger = larger_model(found, stored, spare_coordinates(stored))
+    assert larger is not None and larger.labels == ("1V", "3V", "2V", "5V")
+    again = response(larger, lambda line: None, richer=richer_model(larger))
+    assert larger_model(again, larger, spare_coordinates(stored)) is None
+    assert not any("basis.accuracy" in text for text in again.warnings)
+    fixed = stored_with("basis.size=1", response=sweep)
+    assert larger_model(found, fixed, 3) is None

@@ -235,10 +235,41 @@ def test_materials_of_groups_have_their_cells_and_thickness(tmp_path: Path) -> N
     assert data(words, "DENSITY") == 10.0 and data(words, "SOLID SECTION") == 0.5
 
 
+def test_loads_in_time_are_a_transient_of_the_scenes_steps(tmp_path: Path) -> None:
+    """The sum of force times displacement, in rigid translation, is the size of the load."""
+    forces = [
+        {"group": "tip", "direction": [0.0, 0.6, 0.8], "force": 5.0, "frequency": 2.0},
+        {"direction": [0.0, 0.0, 1.0], "acceleration": 3.0, "frequency": 2.0, "phase": 0.3},
+    ]
+    scene = scene_of(3, "geometry.cells='simplex'", loads=forces, time={"steps_per_period": 16})
+    deck = scene_deck(scene)
+    words = written(deck, tmp_path)
+    assert [word.name for word in words if word.name in ("FREQUENCY", "DYNAMIC")] == [
+        "FREQUENCY",
+        "DYNAMIC",
+    ]
+    np.testing.assert_allclose(data(words, "DYNAMIC"), [[0.03125, 1.5]])
+    table = data(words, "AMPLITUDE").reshape(2, 49, 2)
+    times = np.arange(49) * 0.03125
+    for rows, expected in zip(
+        table,
+        (5.0 * np.sin(4.0 * np.pi * times), 3.0 * np.sin(4.0 * np.pi * times + 0.3)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(rows[:, 0], times, atol=1e-15)
+        np.testing.assert_allclose(rows[:, 1], expected, atol=1e-12)
+    assert deck.transient is not None
+    np.testing.assert_allclose(deck.transient.forces[0].sum(axis=0), [0.0, 0.6, 0.8], atol=1e-12)
+    assert sum(word.name == "CLOAD" for word in words) == 2
+    adaptive = replace(scene, time=scene_of(3, time={"tolerance": 1e-3, "duration": 1.0}).time)
+    found = scene_deck(adaptive)
+    assert found.transient is None and any("fixed time step" in note for note in found.notes)
+
+
 def test_deck_says_what_it_leaves_out(tmp_path: Path) -> None:
     scene = beam_scene(3, (*SHORT, "rotation={speed_rpm=10, axis=[0,0,1], coriolis=true}"))
     notes = scene_deck(scene).notes
-    for words in ("contacts", "vary in time", "damping", "Coriolis", "stiffer"):
+    for words in ("contacts", "damping", "Coriolis", "stiffer"):
         assert sum(words in note for note in notes) == 1
     assert not scene_deck(scene_of(3, "geometry.cells='simplex'", "material.mass_damping=0")).notes
 

@@ -382,6 +382,8 @@ def test_groups_are_drawn_in_their_colours(plate, tmp_path):
     for panel, (shown, hidden) in enumerate([(0, 1), (1, 0)]):
         sizes = [shown_in(figure, colour, panel=panel) for colour in MORE_COLOURS[:3]]
         assert sizes[shown] > 1000 > 10 * sizes[hidden] and sizes[2] > 20
+        names = [text.get_text() for text in figure.axes[panel].texts]
+        assert list(groups)[shown] in names and list(groups)[hidden] not in names
     drawn(figure, tmp_path)
 
 

@@ -88,7 +88,7 @@ def test_report_lists_what_a_stored_model_leaves_out(tmp_path: Path) -> None:
     left = json.loads((tmp_path / "summary.json").read_text())["left_out"]
     names = ["offline stages, and files of the body", "ParaView motion", "animation"]
     assert [line.partition(": ")[0] for line in left] == names
-    (section,) = (tmp_path / "report.html").read_text().split("<h2>Left out</h2>")[1:]
+    (section,) = (tmp_path / "report.html").read_text().split("<summary>Left out</summary>")[1:]
     assert "output.motion" in section and "output.animation" in section
 
 

@@ -13,13 +13,31 @@ from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.post.body.body_surface import is_flat
 from fenicsrom.post.body.body_view import END_ON, View, frame_of, view_of
-from fenicsrom.post.body.rendering import ABOVE, GREY, Part, name_axes, show
+from fenicsrom.post.body.rendering import (
+    ABOVE,
+    GREY,
+    Part,
+    name_axes,
+    pixels_of,
+    show,
+    window_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pyvista import PolyData
 
 MORE_COLOURS = (*COLOURS[:-1], "#8C510A", "#542788", "#7FBC41", "#B2182B", "#35978F", "#F1B6DA")
 """Colours of the groups."""
+
+CODES = 8
+"""Steps of the colours by which pixels tell their group."""
+
+LEAST_RADIUS = 2.0
+"""Least distance of a name from the border of what is seen of its group, in pixels."""
+
+LETTER, LINE_HEIGHT = 6.0, 13.0
+"""Size of the letters of a name, in pixels."""
 
 MOST_LINES = 30000
 """Largest number of facets whose edges are drawn; those of more facets hide the colours."""
@@ -29,9 +47,9 @@ Ints = NDArray[np.int64]
 
 @styled
 def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> Figure:
-    """Draw a mesh, and its groups in the colours of the legend.
+    """Draw a mesh, and its groups in the colours of the legend, with their names on the facets.
 
-    A body in space is seen from in front and from behind.
+    A body in space is seen from in front and from behind. Groups after the last colour are grey.
 
     Args:
         points: (n, 3) corners, m.
@@ -55,12 +73,18 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     surface = body.triangulate().clean()
     small_last = sorted(groups, key=lambda name: -len(groups[name]))
 
-    def parts_of(seen: View) -> list[Part]:
-        """The body and its groups, small ones in front of large ones on the same faces."""
+    def meshes_of(seen: View) -> dict[str, PolyData]:
+        """The groups, small ones in front of large ones on the same faces."""
+        step = 0.2 * ABOVE * seen.length / max(1.0, len(groups) / len(MORE_COLOURS)) * seen.towards
+        return {
+            name: mesh_of(groups[name]).translate(k * step) for k, name in enumerate(small_last, 1)
+        }
+
+    def parts_of(meshes: Mapping[str, PolyData]) -> list[Part]:
+        """The body and its groups."""
         parts = [Part(body, {"color": GREY, **lines})]
-        for k, name in enumerate(small_last, 1):
-            mesh = mesh_of(groups[name]).translate(0.2 * k * ABOVE * seen.length * seen.towards)
-            look = {"color": colours[name], "line_width": 6.0, "point_size": 12.0}
+        for name, mesh in meshes.items():
+            look = {"color": colours.get(name, GREY), "line_width": 6.0, "point_size": 12.0}
             look |= {"line_width": 1.2, **lines} if mesh.n_faces else {}
             parts.append(Part(mesh, look, symbol=not mesh.n_faces))
         return parts
@@ -68,20 +92,73 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     view = view_of(surface, oblique=END_ON)
     views = [view, replace(view, right=-view.right, towards=-view.towards)]
     views = views[:1] if is_flat(points) else views
-    columns = min(6, max(1, len(groups)))
+    columns = min(6, max(1, len(colours)))
     places = [seen.project(surface.points) for seen in views]
     extent = np.max([np.ptp(place, axis=0) for place in places], axis=0)
     wide = 9.0 / max(1.5, len(views))
-    spare = 0.5 + 0.3 * -(-len(groups) // columns)
+    spare = 0.5 + 0.3 * -(-len(colours) // columns)
     figure = new_figure(wide * len(views), 1.2 * wide * extent[1] / extent[0] + spare)
     for axis, seen, place in zip(
         np.ravel(figure.subplots(1, len(views))), views, places, strict=True
     ):
         low, high = frame_of([place], 0.03 * view.length)
         low = low - [0.0, 0.13 * view.length]
-        show(axis, parts_of(seen), seen, low, high, wide)
+        meshes = meshes_of(seen)
+        show(axis, parts_of(meshes), seen, low, high, wide)
+        size = np.rint(100.0 * wide * np.array([1.0, np.divide(*(high - low)[::-1])])).astype(int)
+        for name, spot in _places(body, meshes, seen, low, high, (size[0], size[1])).items():
+            box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
+            text = axis.text(spot[0], spot[1], name, fontsize=7, ha="center", va="center", bbox=box)
+            text.set_in_layout(False)  # it lies inside the panel; measuring it takes time
         name_axes(axis, seen, low)
     if groups:
         handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     return figure
+
+
+def _places(
+    body: PolyData,
+    meshes: Mapping[str, PolyData],
+    view: View,
+    low: Array,
+    high: Array,
+    size: tuple[int, int],
+) -> dict[str, tuple[float, ...]]:
+    """Where the names of the groups of facets stand: inside what is seen of them.
+
+    The point is the one with the largest distance from the border. Groups of which nothing is seen
+    have none, nor has a name that would cover the name of a larger group.
+    """
+    from scipy.ndimage import distance_transform_edt, find_objects
+
+    plain = {"lighting": False, "ambient": 0.0, "diffuse": 1.0}
+    parts = [Part(body, {"color": (0, 0, 0), **plain})]
+    names = [name for name, mesh in meshes.items() if mesh.n_faces]
+    for k, name in enumerate(names, 1):
+        colour = (CODES * (k % 32), CODES * (k // 32 % 32), 0)
+        parts.append(Part(meshes[name], {"color": colour, **plain}))
+    image = pixels_of(window_of(parts, view, low, high, size))[..., :2].astype(int)
+    steps = np.rint(image / CODES).astype(int)
+    exact = (np.abs(image - CODES * steps) <= 1).all(axis=2)  # others lie on a border
+    codes = np.where(exact, steps[..., 0] + 32 * steps[..., 1], 0)
+    inner: list[tuple[float, str, Array]] = []
+    for name, box in zip(names, find_objects(codes, len(names)), strict=True):
+        if box is None:
+            continue
+        inside = distance_transform_edt(np.pad(codes[box] == names.index(name) + 1, 1))[1:-1, 1:-1]
+        row, column = np.unravel_index(inside.argmax(), inside.shape)
+        if inside[row, column] >= LEAST_RADIUS:
+            place = np.array([box[1].start + column + 0.5, size[1] - box[0].start - row - 0.5])
+            inner.append((float(inside[row, column]), name, place))
+    free: dict[str, Array] = {}
+    for _, name, place in sorted(inner, key=lambda entry: -entry[0]):
+        near = (
+            (
+                np.abs(place - other) < [0.5 * LETTER * (len(name) + len(text) + 1), LINE_HEIGHT]
+            ).all()
+            for text, other in free.items()
+        )
+        if not any(near):
+            free[name] = place
+    return {name: tuple(low + place / size * (high - low)) for name, place in free.items()}

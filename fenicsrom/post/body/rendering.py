@@ -100,7 +100,8 @@ def window_of(
     plotter.window_size = list(size)
     drawn = [part for part in parts if part.mesh.n_points]
     for mesh, look, _ in drawn:
-        actor = plotter.add_mesh(mesh, ambient=0.75, diffuse=0.3, render=False, **look)
+        shaded = {"ambient": 0.75, "diffuse": 0.3, **look}
+        actor = plotter.add_mesh(mesh, render=False, **shaded)
         if not mesh.n_faces:  # lines and points lie in front of the faces on which they are
             actor.position = ABOVE * view.length * view.towards
     reach = max([view.length, *(float(np.abs(part.mesh.bounds).max()) for part in drawn)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,21 +178,22 @@ def _write_vtk(
     cell_arrays: Mapping[str, Values] | None = None,
     notes: Mapping[str, str] | None = None,
 ) -> None:
-    """Write points, their arrays and `count` cells: an XML header, then the raw arrays."""
-    blocks: list[Values] = []
+    """Write points, their arrays and `count` cells: an XML header, then the packed arrays."""
+    blocks: list[bytes] = []
     position = 0
 
     def array(values: Values, name: str) -> str:
         nonlocal position
         values = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
         tag = f'<DataArray {_type(values, name)} format="appended" offset="{position}"/>'
-        blocks.append(values)
-        position += 8 + values.nbytes
+        blocks.append(_packed(values))
+        position += len(blocks[-1])
         return tag
 
     lines = [
         '<?xml version="1.0"?>',
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">',
         f"<{kind}>",
         "<FieldData>",
         *(_note(name, text) for name, text in (notes or {}).items()),
@@ -209,9 +211,16 @@ def _write_vtk(
     with open(path, "wb") as stream:
         stream.write("\n".join(lines).encode())
         for values in blocks:
-            stream.write(np.uint64(values.nbytes).astype("<u8").tobytes())
-            stream.write(values.data)
+            stream.write(values)
         stream.write(b"\n</AppendedData></VTKFile>\n")
+
+
+def _packed(values: Values) -> bytes:
+    """An array in one compressed block, after the header of VTK."""
+    if values.nbytes == 0:
+        return np.zeros(3, "<u8").tobytes()
+    block = zlib.compress(values.tobytes(), 1)
+    return np.array([1, values.nbytes, 0, len(block)], "<u8").tobytes() + block
 
 
 def _quoted(text: str) -> str:

@@ -111,7 +111,10 @@ def group_picture(found: Inspection) -> Picture:
 
     def draw() -> Figure:
         assert found.points is not None and found.boundary is not None
-        chosen = sorted(_shown(found), key=lambda group: group.number)[:COLOURED]
+        small = sorted(_shown(found), key=lambda group: group.number)
+        few, more = small[:COLOURED], small[COLOURED:]
+        few.sort(key=lambda group: (group.name.zfill(9), group.name))
+        chosen = [*few, *(group for group in more if group.kind == "facets")]
         members = {group.name: np.asarray(group.members) for group in chosen}
         return group_figure(found.points, found.boundary, members)
 
