@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support import fixed_steps, one_contact, random_model
 
-from fenicsrom.online.kernels import compiled, emission
+from fenicsrom.online.kernels import compiled, dense, emission
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -163,3 +163,36 @@ def test_machine_code_is_made_once_for_the_contact_law_and_all_that_it_calls(
         check=True,
     )
     assert done.stdout.split() == ["3", "nrt", "int_power", "at_rest"]  # two are numba's own
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("fraction", [0.0, 0.5])
+def test_damaged_stored_code_is_compiled_again_and_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, fraction: float
+) -> None:
+    monkeypatch.setattr(compiled.numba.config, "CACHE_DIR", str(tmp_path))
+
+    def value_and_hits() -> tuple[float, int]:
+        """Of a function that is compiled or loaded anew."""
+        inner = compiled.part(dense.inner.py_func)
+        return inner(np.arange(3.0), np.ones(3)), sum(inner.entry.stats.cache_hits.values())
+
+    assert [value_and_hits(), value_and_hits()] == [(3.0, 0), (3.0, 1)]
+    (stored,) = tmp_path.rglob(f"*.{kind}")
+    os.truncate(stored, int(fraction * stored.stat().st_size))
+    assert [value_and_hits(), value_and_hits()] == [(3.0, 0), (3.0, 1)]
+
+
+def test_error_of_a_compiled_function_is_raised_without_another_compilation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    @compiled.compiled
+    def root(x: float) -> float:
+        if x < 0.0:
+            raise ValueError("negative")
+        return x**0.5
+
+    assert root(4.0) == 2.0
+    monkeypatch.setattr(root.entry, "recompile", lambda: pytest.fail("compiled again"))
+    with pytest.raises(ValueError, match="negative"):
+        root(-1.0)

@@ -24,6 +24,7 @@ from typing import Any
 
 import numba
 from numba import njit, typeof, types
+from numba.core.errors import NumbaError
 from numba.core.event import register
 from numba.extending import overload_method, register_jitable
 
@@ -120,8 +121,20 @@ class Compiled:
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code."""
-        return self.entry(*arguments)
+        """Call the machine code; where the stored one cannot be read, compile again.
+
+        The entry lists a signature once its code is there. `recompile` empties the stored index.
+        """
+        try:
+            return self.entry(*arguments)
+        except NumbaError:
+            raise
+        except Exception:
+            kinds = tuple(map(typeof, arguments))
+            if kinds in [tuple(known) for (known,) in self.entry.signatures]:
+                raise  # by the function itself
+            self.entry.recompile()
+            return self.entry(*arguments)
 
     @property
     def _numba_type_(self) -> Any:
