@@ -282,7 +282,8 @@ def test_full_model_that_gains_energy_is_refused() -> None:
         ({"reduced": motion, "full": wrong}, "full"),
         ({"reduced": wrong, "full": motion}, "reduced"),
     ):
-        solid = SimpleNamespace(warnings=[])
+        comm = SimpleNamespace(bcast=lambda value: value)
+        solid = SimpleNamespace(warnings=[], comm=comm)
         record = Study(scene, solid=solid, model=model, motions=motions)
         check(record)
         assert (record.unfinished and record.unfinished[0]) == name
