@@ -190,7 +190,6 @@ def slower_than_solid(study: Study) -> list[str]:
 
     Only where the motion took long, and the full model did not run. Collective.
     """
-    from fenicsrom.fem.full.full import full_model
     from fenicsrom.online.contact.points import contacts_of
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import step_sentence
@@ -199,6 +198,8 @@ def slower_than_solid(study: Study) -> list[str]:
     scene, solid, motion = study.scene, study.solid, study.motions["reduced"]
     if solid.comm.bcast(motion.seconds) < LONG or "full" in study.motions or scene.period is None:
         return []
+    from fenicsrom.fem.full.full import full_model
+
     period = with_time(scene, periods=1, steady="march")
     try:
         coarse = with_time(period, steps_per_period=TIMED_STEPS)

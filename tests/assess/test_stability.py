@@ -129,11 +129,11 @@ def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.Monke
     assert verdict().verdict is Verdict.CONVERGED
     assert verdict(n160=scaled(runs[160], 1.1)).verdict is Verdict.WRONG
     assert verdict(n40=scaled(runs[40], 1.1)).verdict is Verdict.REFUSED
-    unsteady = {"n80": slow, "n40": slow, "n160": slow, "n320": slow}
+    unsteady = {f"n{steps}": slow for steps in (80, 40, 160, 320, 640)}
     off = scaled(slow, 3.0)
     assert verdict(**unsteady).verdict is Verdict.UNSTEADY
-    assert verdict(**unsteady | {"n320": off}).verdict is Verdict.WRONG
-    assert verdict(**unsteady | {"n160": off}).verdict is Verdict.REFUSED
+    assert verdict(**unsteady | {"n640": off}).verdict is Verdict.WRONG
+    assert verdict(**unsteady | {"n320": off}).verdict is Verdict.REFUSED
     assert verdict(**unsteady | {"n40": off}).verdict is Verdict.REFUSED
     assert verdict(n80=scaled(motion, np.nan)).verdict is Verdict.WRONG
     monkeypatch.setattr(stability, "build", lambda *_: 1 / 0)
