@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from support import beam_scene, linear_model, refusal
 from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
-from fenicsrom.assess.errors.estimates import distances
+from fenicsrom.assess.errors.estimates import distances, nested_motion
 from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.nested import nested_model
@@ -95,6 +96,22 @@ def test_model_that_cannot_reach_the_accuracy_says_so_and_keeps_judges() -> None
     found = fit(stored_with("basis.accuracy=1e-9"))
     assert "basis.accuracy = 1e-09" in found.warning
     assert 0 < len(found.stored.further) < 9 and found.errors.largest > 1e-9
+
+
+def test_model_that_grew_is_judged_on_finer_elements_by_the_coordinates_of_both() -> None:
+    """The finer model has the coordinates of a smaller basis, some of which the run may lack."""
+    stored = stored_with()
+    grown = stored.resized(("1V", "3V", "2V"))
+    small, other = stored.resized(("1V", "2V")), stored.resized(("2V", "4V"))
+    finer = replace(grown, finer=small.model, finer_labels=("1V", "2V")).meshes
+    assert finer is not None and finer[2] == [0, 2]
+    motion = run(grown)
+    near = nested_motion(finer[0], grown.scene, motion, finer[2])
+    assert near is not None and distances(near, run(small)).largest < 1e-6
+    lacking = replace(grown, finer=other.model, finer_labels=("2V", "4V")).meshes
+    assert lacking is not None and lacking[2] == [2, -1]
+    near = nested_motion(lacking[0], grown.scene, motion, lacking[2])
+    assert near is not None and distances(near, run(other)).largest < 1e-6
 
 
 def test_selections_of_the_paper_keep_their_size() -> None:

@@ -71,6 +71,25 @@ def test_inspection_of_curved_cells_and_of_a_plane_mesh() -> None:
     assert "metre of thickness" in "\n".join(mesh_report.lines(found, 1.0))
 
 
+PLATE = """SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 0.3, 0.2};
+Physical Surface("solid") = {1};
+Physical Curve("root") = {4};
+Mesh.MeshSizeMax = 0.05;
+"""
+
+
+def test_plane_part_of_triangles_is_drawn_and_its_starter_scene_names_the_cells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "plate.geo"
+    path.write_text(PLATE)
+    assert main(["inspect", str(path), "--output", str(tmp_path / "out")]) == 0
+    assert "was not drawn" not in capsys.readouterr().err
+    assert (tmp_path / "out" / "mesh.png").stat().st_size > 1000
+    assert tomllib.loads(starter_scene(inspect(path), tmp_path))["geometry"]["cells"] == "simplex"
+
+
 def test_mesh_that_cannot_be_used_is_described_and_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -169,8 +188,8 @@ def test_starter_scene_of_a_deck_runs(
 ) -> None:
     """With the material and the supports of the deck, in its units, beside the deck."""
     pytest.importorskip("dolfinx")
-    sets = "*NSET, NSET=low\n1,2,3,4\n*NSET, NSET=high\n13,14,15,16\n" + DECK
-    path = bar(tmp_path / "bar.inp", size=10.0, sets=sets)
+    sets = "*NSET, NSET=low\n1,2,3,4\n*NSET, NSET=high\n65,66,67,68\n" + DECK
+    path = bar(tmp_path / "bar.inp", number=16, size=10.0, sets=sets)
     assert main(["init", str(path), "--template", template, "--tip", "high"]) == 0
     scene = read_scene(tmp_path / "bar.toml")
     assert (scene.material.young, scene.material.density) == (1.1e11, 4430.0)

@@ -243,7 +243,8 @@ def nested_motion(
         model: the model, under the loads and the damping of the scene.
         scene: the scene of the motion.
         motion: the motion.
-        chosen: the coordinates of the motion with which those of the model begin; by default all.
+        chosen: the coordinates of the motion with which those of the model begin, -1 for another
+            coordinate; by default all.
 
     Returns:
         The motion; None if the model fails, or does not settle although the motion did.
@@ -253,9 +254,9 @@ def nested_motion(
             other = simulate(model, scene, keep_coordinates=True)
         else:
             *state, sliders = end_of(motion)
-            chosen = range(state[0].size) if chosen is None else chosen
-            more = np.zeros(model.size - len(chosen))
-            q, v = (np.concatenate([values[list(chosen)], more]) for values in state)
+            first = np.arange(state[0].size) if chosen is None else np.array(chosen)
+            more = np.zeros(model.size - first.size)
+            q, v = (np.concatenate([(first >= 0) * values[first], more]) for values in state)
             other = check_motion(model, scene, motion, (q, v, sliders))
     except (ConvergenceError, AccuracyError):
         return None

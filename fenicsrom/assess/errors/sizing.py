@@ -87,10 +87,11 @@ class Sized:
     def sizes(self) -> list[NestedSize]:
         """The error over the run time: models with more or fewer coordinates, by their energies.
 
-        Each has its motion near that of the run. Without a period each runs like the run.
+        Each has its motion near that of the run. Without a period each runs like the run. A motion
+        that does not settle has none: each size would run as long again.
         """
         stored, motion, other = self.stored, self.motion, self.other
-        if other is None or motion.end is None or stored.model.linear:
+        if other is None or motion.end is None or stored.model.linear or is_unsteady(motion):
             return []
         known, scene = (*stored.labels, *stored.further), stored.scene
         least = least_size(stored)
@@ -159,10 +160,12 @@ def least_size(stored: StoredModel) -> int:
     return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
 
 
-def _of_size(
-    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion], size: int
-) -> Sized:
-    """The model with so many coordinates; other arguments and errors as `sized`."""
+def require_size(stored: StoredModel, size: int) -> None:
+    """Check a number of coordinates.
+
+    Raises:
+        SceneError: the model has no such `basis.size`.
+    """
     least, known = least_size(stored), stored.size + len(stored.further)
     if not least <= size < known:
         raise SceneError(
@@ -172,6 +175,13 @@ def _of_size(
             key="basis.size",
             source=stored.scene.source,
         )
+
+
+def _of_size(
+    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion], size: int
+) -> Sized:
+    """The model with so many coordinates; other arguments and errors as `sized`."""
+    require_size(stored, size)
     assert stored.candidates is not None
     other = nested_motion(stored.candidates, stored.scene, motion)
     chosen = with_size(stored, other, size)

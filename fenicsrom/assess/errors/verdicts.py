@@ -17,6 +17,7 @@ The estimates of the largest normal force are printed and do not decide.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def estimate_errors(
     motion: Motion,
     errors: dict[str, MotionErrors],
     basis: MotionErrors | None = None,
-    meshes: tuple[Any, ReducedModel] | None = None,
+    meshes: tuple[ReducedModel, ReducedModel, Sequence[int]] | None = None,
 ) -> None:
     """Estimate the errors of a motion and apply the rule of this module.
 
@@ -68,8 +69,8 @@ def estimate_errors(
         motion: the motion.
         errors: receives the estimates by their causes, "time step", "basis" and "mesh".
         basis: the estimate of the error due to the basis, if it is known.
-        meshes: models of the same coordinates on the elements of the run and on finer ones; None if
-            there are none.
+        meshes: models of the same coordinates on the elements of the run and on finer ones, and
+            the numbers of these coordinates in the run, -1 for others; None if there are none.
 
     Raises:
         AccuracyError: an estimate is above its limit.
@@ -81,8 +82,8 @@ def estimate_errors(
     if basis is not None:
         errors["basis"] = basis
     if meshes is not None:
-        own, finer = meshes
-        near = motion if own is model else nested_motion(own, scene, motion)
+        own, finer, numbers = meshes
+        near = motion if own is model else nested_motion(own, scene, motion, numbers)
         errors["mesh"] = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
     check_time_error(scene, errors["time step"].largest, unsteady)
     if basis is not None:

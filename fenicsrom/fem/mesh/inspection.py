@@ -193,9 +193,8 @@ def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geomet
     if is_step and size is None:
         box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
         size = float(f"{np.ptp(box, axis=0).max() / CELLS_ALONG:.2g}")
-    cells = "structured" if path.suffix == ".geo" else None
     thickness = 1.0 if dimension == 2 else None
-    return replace(draft, dimension=dimension, size=size, cells=cells, thickness=thickness)
+    return replace(draft, dimension=dimension, size=size, thickness=thickness)
 
 
 def _cells(gmsh: Any, geometry: Geometry) -> tuple[dict[str, int], Floats, Floats]:

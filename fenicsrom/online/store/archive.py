@@ -134,11 +134,16 @@ class StoredModel:
     finer_labels: tuple[str, ...] = ()
 
     @property
-    def meshes(self) -> tuple[Any, ReducedModel] | None:
-        """The models of the same coordinates on the elements of the mesh and on finer ones."""
+    def meshes(self) -> tuple[ReducedModel, ReducedModel, list[int]] | None:
+        """The models of the same coordinates on the elements of the mesh and on finer ones.
+
+        With the numbers of these coordinates among those of the model; -1 for another coordinate.
+        """
         if self.finer is None:
             return None
-        return self.resized(self.finer_labels).model, self.finer
+        known = {label: number for number, label in enumerate(self.labels)}
+        numbers = [known.get(label, -1) for label in self.finer_labels]
+        return self.resized(self.finer_labels).model, self.finer, numbers
 
     @property
     def size(self) -> int:

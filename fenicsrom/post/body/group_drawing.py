@@ -135,6 +135,8 @@ def _places(
     plain = {"lighting": False, "ambient": 0.0, "diffuse": 1.0}
     parts = [Part(body, {"color": (0, 0, 0), **plain})]
     names = [name for name, mesh in meshes.items() if mesh.n_faces]
+    if not names:
+        return {}
     for k, name in enumerate(names, 1):
         colour = (CODES * (k % 32), CODES * (k // 32 % 32), 0)
         parts.append(Part(meshes[name], {"color": colour, **plain}))

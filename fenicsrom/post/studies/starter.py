@@ -144,6 +144,9 @@ def _geometry_lines(found: Inspection) -> list[str]:
         lines.append("thickness = 1.0")
     if geometry.size is not None:
         lines.append(f"size = {geometry.size:g} # m, of the cells; smaller ones are more exact")
+    simplex = all(name.startswith(("triangle", "tetrahedr")) for name in found.cells)
+    if geometry.mesh.suffix == ".geo" and simplex:
+        lines.append('cells = "simplex"')
     if geometry.scale != 1.0:
         lines.append(f"scale = {geometry.scale:g} # m, the unit of the file")
     quadratic = any(word in name for name in found.cells for word in (" of 6", " of 8", " of 1"))
