@@ -45,7 +45,7 @@ def test_animation_moves_body_and_marks_in_the_colours_of_their_states(name, siz
     frames = list(film_frames(swing(size, name)))
     assert len({frame.shape for frame in frames}) == 1
     up, rest, down, again = heights(frames)
-    assert rest == pytest.approx(again, abs=0.1) and up + down == pytest.approx(2 * rest, abs=2)
+    assert rest == pytest.approx(again, abs=0.1) and up + down == pytest.approx(2 * rest, abs=1)
     dark = (frames[1] < 200).any(axis=2)[60:-110]
     length = np.ptp(np.flatnonzero(dark.any(axis=0)))  # of the body, pixels
     travel = 2.0 * size * style.magnification(size, LENGTH) / LENGTH

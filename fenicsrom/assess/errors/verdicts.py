@@ -142,6 +142,13 @@ def other_scheme(scene: Scene) -> str:
     )
 
 
+def _difference(estimate: float) -> str:
+    """What another basis or mesh gives, in words."""
+    if np.isfinite(estimate):
+        return f"displacements that differ by {in_percent(estimate)}"
+    return "a motion that does not settle, or no motion"
+
+
 def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
     """Refuse a motion whose estimated error due to the basis is too large.
 
@@ -157,11 +164,7 @@ def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> 
     allowed = UNSETTLED_BASIS_ERROR if unsteady else BASIS_ERROR
     if estimate <= allowed:
         return
-    found = (
-        f"displacements that differ by {in_percent(estimate)}"
-        if np.isfinite(estimate)
-        else "a motion that does not settle, or no motion"
-    )
+    found = _difference(estimate)
     modes = scene.basis.modes
     more = 'to more modes than "auto" takes' if modes == "auto" else f"above {modes}"
     raise AccuracyError(
@@ -190,11 +193,7 @@ def check_mesh_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     if estimate <= allowed:
         return
     degree = scene.geometry.degree
-    found = (
-        f"displacements that differ by {in_percent(estimate)}"
-        if np.isfinite(estimate)
-        else "a motion that does not settle, or no motion"
-    )
+    found = _difference(estimate)
     motion = " for a motion that does not settle" if unsteady else ""
     raise AccuracyError(
         f"the mesh is too coarse: elements of degree {degree + 1} give {found} "
