@@ -232,7 +232,7 @@ def _nearby_motion(
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)
-        other = motion_of(found)
+        other = motion_of(found.record, found.period)
         check_scheme(other, scene.time.scheme)
     except (ConvergenceError, AccuracyError):
         return None
