@@ -268,6 +268,7 @@ class Solid(ElasticBody):
             self.point_masses += found.mass * each
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
             self.dashpots += (found.damping + found.damping_per_area * area) * each
+        self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
