@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -44,26 +43,25 @@ class Stopwatch:
         self.say: Callable[[str], None] = say if say is not None else log.info
         self.seconds: dict[str, float] = {}
         self.stage = ""
-        self._last = clock.perf_counter()
+        self._last = working_time()
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
         outer, self.stage = self.stage, stage
         self.say(f"{stage} ..")
-        self._last = clock.perf_counter()
-        work = working_time()
+        work = self._last = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
             nonlocal known
-            now, worked = clock.perf_counter(), working_time()
+            now = working_time()
             if known is None:
-                known = (work, 0.0) if fraction > FIRST_STEP else (worked, fraction)
+                known = (work, 0.0) if fraction > FIRST_STEP else (now, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                left = time_left(worked - known[0], (fraction - known[1]) / (1.0 - known[1]))
+                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
                 self.say(f"  {stage}: {100.0 * fraction:.0f} %, {left} at most")
 
         try:
@@ -88,11 +86,11 @@ class Stopwatch:
         def report(fraction: float, change: float) -> None:
             nonlocal count
             count += 1
-            now = clock.perf_counter()
+            now = working_time()
             if now - self._last > PROGRESS_INTERVAL:
                 self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                left = duration((working_time() - begin) * (1.0 - fraction) / fraction)
+                left = duration((now - begin) * (1.0 - fraction) / fraction)
                 self.say(
                     f"  {model}: period {count}, {100.0 * fraction:.0f} % of the largest number, "
                     f"change {change:.1e}{goal}, at most {left} left"

@@ -31,6 +31,7 @@ from fenicsrom.online.step.state import (
 )
 from fenicsrom.online.step.step import measure
 from fenicsrom.online.step.step_limits import landings, longest_step
+from fenicsrom.progress import listening
 
 ROWS = 4096  # of a record
 
@@ -195,7 +196,8 @@ def set_up_run(
         done = resume.spans if period is not None else 0
     else:
         if start is None:
-            q, buckled = equilibrium(model, contacts, dimension)
+            with listening(None):  # its progress is no progress of the steps
+                q, buckled = equilibrium(model, contacts, dimension)
             start = (q, np.zeros_like(q))
         state = initial_state(model, contacts, plan, dimension, *start)
         state.scalars[STEP] = step
