@@ -131,7 +131,8 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     """Load what the run resumes from, write the model, and prepare the next checkpoints.
 
     Raises:
-        SceneError: the checkpoint does not belong to this model and scene.
+        SceneError: the checkpoint does not belong to this model and scene, or the model has no
+            such `basis.size`.
         OSError: a file cannot be written.
     """
     from fenicsrom.online.model.model import ReducedModel
@@ -144,10 +145,11 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     if not isinstance(study.model, ReducedModel):
         return {}
     options: dict[str, Any] = {}
+    stored = stored_model(study)
     if run.resume is not None:
         beside = run.resume.parent / MODEL  # it says which coordinates joined the first ones
         if beside.exists():
-            labels, stored = load_model(beside).labels, stored_model(study)
+            labels = load_model(beside).labels
             if set(labels) <= {*stored.labels, *stored.further}:
                 resize(study, stored.resized(labels))
         options["resume"] = load_start(run.resume, study.model, study.scene)
