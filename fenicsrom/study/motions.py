@@ -21,15 +21,9 @@ TIMED_STEPS = 10
 
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
-    from fenicsrom.assess.errors.plausibility import (
-        implausible_loads,
-        implausible_motion,
-        is_explained,
-    )
-    from fenicsrom.online.motion.measures import out_of_reach
+    from fenicsrom.assess.errors.plausibility import implausible_loads, is_explained
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.run.simulate import simulate
-    from fenicsrom.post.run.sentences import motion_warnings
 
     study, scene = run.study, run.study.scene
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
@@ -54,6 +48,22 @@ def integrate(run: Run, name: str) -> None:
             return
         motion = error.partial
     study.motions[name] = motion
+    if study.unfinished or name != "reduced" or not scene.basis.adapts:
+        _describe(study, name)  # of a motion that the size stage may replace, that stage does it
+
+
+def _describe(study: Study, name: str) -> None:
+    """Note the run time of a motion, what never touches, and what limits its meaning. Collective.
+
+    Args:
+        study: the record.
+        name: the model: "reduced", "full" or "beam".
+    """
+    from fenicsrom.assess.errors.plausibility import implausible_motion, is_explained
+    from fenicsrom.online.motion.measures import out_of_reach
+    from fenicsrom.post.run.sentences import motion_warnings
+
+    scene, motion = study.scene, study.motions[name]
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
     if name == "reduced" and not is_explained(study.warnings):
@@ -66,7 +76,7 @@ def integrate(run: Run, name: str) -> None:
 
 
 def fit_size(run: Run) -> None:
-    """Let the reduced model take coordinates until its basis is accurate enough."""
+    """Let the reduced model take coordinates until its basis is accurate enough. Collective."""
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
@@ -75,13 +85,12 @@ def fit_size(run: Run) -> None:
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
     study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
-    if found is None or found.stored is stored:
-        return
-    resize(study, found.stored)
-    study.motions["reduced"] = found.motion
-    study.seconds["reduced motion"] = found.motion.seconds
-    if run.folder is not None and run.comm.rank == 0:
-        save_model(run.folder / MODEL, found.stored)
+    if found is not None and found.stored is not stored:
+        resize(study, found.stored)
+        study.motions["reduced"] = found.motion
+        if run.folder is not None and run.comm.rank == 0:
+            save_model(run.folder / MODEL, found.stored)
+    _describe(study, "reduced")
 
 
 def _strain_warnings(study: Study, motion: Motion) -> list[str]:

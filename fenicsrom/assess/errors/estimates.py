@@ -163,23 +163,23 @@ def check_motion(
         ConvergenceError: the smallest step did not converge, or there is no motion nearby.
         AccuracyError: the energy balance is off.
     """
-    approaching = any(contact.approach for contact in scene.contacts)
-    if motion.newton_from is not None and motion.steady and not approaching:
-        assert isinstance(scene.time.span, Periodic)
+    if motion.newton_from is not None and motion.steady:
         nearby = _nearby_motion(model, scene, motion, start)
         if nearby is not None:
             return nearby
         if not march:
             raise ConvergenceError("there is no periodic motion nearby")
-        span = replace(scene.time.span, periods=CHECK_PERIODS)
-        short = replace(scene, time=replace(scene.time, span=span))
-        try:
-            begin = motion if start is None else start
-            other = simulate(model, short, start=begin, keep_coordinates=True)
-        except (ConvergenceError, AccuracyError):
-            return simulate(model, scene, keep_coordinates=True)
-        if other.newton_from is not None and other.steady:
-            return other
+        if not any(contact.approach for contact in scene.contacts):
+            assert isinstance(scene.time.span, Periodic)
+            span = replace(scene.time.span, periods=CHECK_PERIODS)
+            short = replace(scene, time=replace(scene.time, span=span))
+            try:
+                begin = motion if start is None else start
+                other = simulate(model, short, start=begin, keep_coordinates=True)
+            except (ConvergenceError, AccuracyError):
+                return simulate(model, scene, keep_coordinates=True)
+            if other.newton_from is not None and other.steady:
+                return other
     return simulate(model, scene, keep_coordinates=True)
 
 
@@ -190,6 +190,8 @@ def _nearby_motion(
 
     Newton's method alone finds it, in full steps. The estimate is the distance of the two motions,
     so it is right for any stable motion nearby, whether or not a march from the start tends to it.
+    Where the step is adaptive, another model takes the steps of the motion. The same model must
+    choose its own, in a march.
 
     Args:
         model: the model of the check.
@@ -197,11 +199,19 @@ def _nearby_motion(
         motion: a motion that Newton's method found.
         start: as `check_motion`.
     """
-    if scene.time.tolerance is not None or not isinstance(model, ReducedModel):
+    adaptive = scene.time.tolerance is not None
+    if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
+    steps = motion.time[motion.last_period()] / scene.period if adaptive else None
+    shooting = Shooting(
+        model,
+        settled_contacts(contacts_of(scene, model.points)),
+        scene.time,
+        scene.period,
+        motion.search.periods,
+        None if steps is None else steps - steps[0],
+    )
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)
