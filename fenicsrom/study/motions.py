@@ -47,6 +47,8 @@ def integrate(run: Run, name: str) -> None:
         if not isinstance(error.partial, Motion):  # it failed before the first step
             return
         motion = error.partial
+    if name == "full" and not study.unfinished:
+        motion = _settled(study, motion)
     study.motions[name] = motion
     if study.unfinished or name != "reduced" or not scene.basis.adapts:
         _describe(study, name)  # of a motion that the size stage may replace, that stage does it
@@ -73,6 +75,18 @@ def _describe(study: Study, name: str) -> None:
         return
     study.warnings.extend(motion_warnings(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
+
+
+def _settled(study: Study, full: Motion) -> Motion:
+    """The periodic motion of the full model where its march has not settled. Collective."""
+    from fenicsrom.assess.full.true_errors import settled_full_motion
+
+    if study.basis is None:
+        return full
+    vectors, motion = study.basis.vectors, study.motions["reduced"]
+    found, said = settled_full_motion(study.solid, vectors, study.model, study.scene, motion, full)
+    study.warnings.extend([said] if said else [])
+    return found
 
 
 def fit_size(run: Run) -> None:
