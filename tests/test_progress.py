@@ -60,6 +60,24 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
     assert watch.seconds["derivatives"] == 20.0
 
 
+def test_time_left_of_a_stage_of_several_motions_is_that_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    with stopwatch.Stopwatch(lines.append)("size"):
+        for seconds in (0.1, 2.0):
+            for k in range(100):
+                now += seconds
+                tell((k + 1) / 100)
+    assert lines[1] == "  size: 51 % of this motion, about 5 s left at most"
+    assert lines[-2:] == [
+        "  size: 95 % of this motion, about 10 s left at most",
+        "  size: 98 % of this motion, about 4 s left at most",
+    ]
+
+
 def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first of a thousand steps takes a minute, each of the others 0.1 s."""
     now = 100.0

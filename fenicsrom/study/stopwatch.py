@@ -11,6 +11,7 @@ from fenicsrom.progress import duration, listening, time_left, working_time
 log = logging.getLogger("fenicsrom")  # receives the progress, unless the caller does
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
+IN_PARTS = ("size", "checks")  # stages of several motions, each of which begins at 0 %
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
 
 
@@ -52,17 +53,22 @@ class Stopwatch:
         self.say(f"{stage} ..")
         work = self._last = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
+        last = 0.0
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
-            nonlocal known
+            nonlocal known, last
             now = working_time()
+            if fraction < last:  # another motion
+                known = now, fraction
+            last = fraction
             if known is None:
                 known = (work, 0.0) if fraction > FIRST_STEP else (now, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
                 left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
-                self.say(f"  {stage}: {100.0 * fraction:.0f} %, {left} at most")
+                of_it = " of this motion" if stage in IN_PARTS else ""
+                self.say(f"  {stage}: {100.0 * fraction:.0f} %{of_it}, {left} at most")
 
         try:
             with listening(report):

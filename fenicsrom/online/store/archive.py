@@ -155,6 +155,35 @@ class StoredModel:
         """The tables of the stresses and reactions for the coordinates of the model."""
         return None if self.tables is None else self.tables.of(range(self.size))
 
+    @property
+    def least_size(self) -> int:
+        """The fewest coordinates that the model may have: those of the contact and one more."""
+        labels = enumerate((*self.labels, *self.further))
+        return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
+
+    def require_size(self) -> None:
+        """Check the number of coordinates that the scene asks for.
+
+        Raises:
+            SceneError: the model has no such `basis.size`.
+        """
+        size, source = self.scene.basis.size, self.scene.source
+        least, known = self.least_size, self.size + len(self.further)
+        if size is None or (self.candidates is not None and least <= size < known):
+            return
+        allowed = (
+            f"must be from {least} to {known - 1}; the model holds {known} coordinates, and those "
+            "that it leaves out judge it"
+            if self.candidates is not None
+            else "not allowed: the model holds no coordinates besides its own"
+        )
+        raise SceneError(
+            f"{source}: basis.size = {size}: {allowed}",
+            kind=ErrorKind.RANGE,
+            key="basis.size",
+            source=source,
+        )
+
     def resized(self, chosen: int | Sequence[str]) -> StoredModel:
         """The model of other coordinates of those that the file holds, without a mesh.
 
@@ -190,7 +219,8 @@ class StoredModel:
             scene: a scene that agrees with the stored scene in all keys of the offline stage.
 
         Raises:
-            SceneError: the scenes do not agree; the error names the first key that differs.
+            SceneError: the scenes do not agree; the error names the first key that differs. Or the
+                model has no such `basis.size`.
         """
         return self._with_scene(scene, scene.source)
 
@@ -214,7 +244,9 @@ class StoredModel:
             name: None if model is None else model._replace(**changes)
             for name, model in models.items()
         }
-        return replace(self, scene=scene, **changed)
+        found = replace(self, scene=scene, **changed)
+        found.require_size()
+        return found
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
