@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pyvista import Plotter, PolyData
 
-TRIAD = 0.08
-"""Length of the arrows of the axes, relative to the size of the body."""
+TRIAD = 0.18
+"""Size of the arrows of the global axes in the lower left corner, relative to the picture."""
 
 LABEL_MARGIN = 0.1
 """Margin below the label of a colour bar, inches."""
@@ -80,6 +80,9 @@ def _window() -> Plotter:
     plotter = pyvista.Plotter(off_screen=True, lighting="none")
     plotter.add_light(pyvista.Light(position=(-0.3, 0.6, 1.0), light_type="camera light"))
     plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    plotter.background_color = "white"
+    look: Any = {f"{axis}_color": LINE for axis in "xyz"} | {"color": LINE, "line_width": 2}
+    plotter.add_axes(interactive=False, **look, **{f"{axis}label": axis for axis in "xyz"})
     return plotter
 
 
@@ -98,6 +101,8 @@ def window_of(
     plotter = _window()
     plotter.clear_actors()
     plotter.window_size = list(size)
+    triad = TRIAD * max(size)
+    plotter.renderer.axes_widget.SetViewport(0.0, 0.0, triad / size[0], triad / size[1])
     drawn = [part for part in parts if part.mesh.n_points]
     for mesh, look, _ in drawn:
         shaded = {"ambient": 0.75, "diffuse": 0.3, **look}
@@ -116,10 +121,10 @@ def window_of(
     return plotter
 
 
-def pixels_of(plotter: Plotter) -> Pixels:
-    """What the window shows now, (height, width, 4) red, green, blue and opacity."""
+def pixels_of(plotter: Plotter, opaque: bool = False) -> Pixels:
+    """What the window shows now, (height, width, 4) red, green, blue and opacity, or without it."""
     plotter.render()
-    image: Any = plotter.screenshot(transparent_background=True, return_img=True)
+    image: Any = plotter.screenshot(transparent_background=not opaque, return_img=True)
     return image
 
 
@@ -165,7 +170,7 @@ def show(
 
 
 def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figure, Axes, float]:
-    """Make a figure with one panel for a body, with the global axes in its lower left.
+    """Make a figure with one panel for a body.
 
     Args:
         view: the projection.
@@ -180,26 +185,7 @@ def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figur
     wide = 8.0 * min(1.0, max(0.6, 1.0 / aspect))
     figure = new_figure(wide, wide * aspect + spare)
     axis = figure.subplots()
-    name_axes(axis, view, low)
     return figure, axis, wide
-
-
-def name_axes(axis: Axes, view: View, low: Array) -> None:
-    """Draw the global axes x, y, z as arrows in the lower left corner, right and above `low`."""
-    size = TRIAD * view.length
-    arrows = size * view.project(np.eye(3))
-    foot = low + 0.4 * size - np.minimum(arrows.min(axis=0), 0.0)
-    for name, arrow in zip("xyz", arrows, strict=True):
-        if np.linalg.norm(arrow) < 0.1 * size:
-            continue  # seen from its end
-        look: dict[str, Any] = {"arrowstyle": "-|>", "color": LINE, "shrinkA": 0, "shrinkB": 0}
-        look["mutation_scale"] = 7
-        start, end = ((float(x), float(y)) for x, y in (foot, foot + arrow))
-        line = axis.annotate("", end, start, arrowprops=look, annotation_clip=False)
-        x, y = foot + (1.0 + 0.25 * size / np.linalg.norm(arrow)) * arrow
-        text = axis.text(x, y, name, fontsize=8, ha="center", va="center", color=LINE)
-        for drawn in (line, text):
-            drawn.set_in_layout(False)  # it lies inside the panel; measuring it takes time
 
 
 def colour_bar(
