@@ -36,7 +36,7 @@ HIDDEN = 0.4
 ABOVE = 0.002
 """Distance of lines from the faces below them, relative to the size of the body."""
 
-SHARP = 170.0
+SHARP = 140.0
 """Pixels of a picture in an inch of its panel."""
 
 Pixels = NDArray[np.uint8]
@@ -140,11 +140,13 @@ def render(
     symbols = [part for part in parts if part.symbol]
     if not symbols:
         return whole
-    front = pixels_of(window_of(symbols, view, low, high, size)).astype(float)
-    weight = HIDDEN / 255.0 * front[..., 3:]
-    found = np.maximum(whole, front * [0.0, 0.0, 0.0, HIDDEN])
-    found[..., :3] = weight * front[..., :3] + (1.0 - weight) * whole[..., :3]
-    return found.round().astype(np.uint8)
+    front = pixels_of(window_of(symbols, view, low, high, size))
+    here = front[..., 3] > 0
+    pale, below = front[here].astype(float), whole[here]
+    weight = HIDDEN / 255.0 * pale[:, 3:]
+    whole[here, :3] = weight * pale[:, :3] + (1.0 - weight) * below[:, :3] + 0.5
+    whole[here, 3] = np.maximum(below[:, 3], HIDDEN * pale[:, 3])
+    return whole
 
 
 def show(
@@ -165,7 +167,7 @@ def show(
     extent = high - low
     size = np.rint(SHARP * width * np.array([1.0, extent[1] / extent[0]])).astype(int)
     image = render(parts, view, low, high, (int(size[0]), int(size[1])))
-    axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="hanning")
+    axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear")
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
 
 

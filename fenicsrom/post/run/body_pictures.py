@@ -19,6 +19,7 @@ from fenicsrom.post.body.body_surface import NODE, surface_of
 from fenicsrom.post.body.body_view import SLENDER, View, largest_of
 from fenicsrom.post.body.film import Dots, Film
 from fenicsrom.post.body.turning_view import (
+    MOST_SHAPES,
     UNPAINTED,
     Shown,
     loaded,
@@ -46,8 +47,8 @@ if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.records import Study
 
-ROWS_PER_FRAME = 3
-"""An animation shows every third of the instants that ParaView gets."""
+ROWS_PER_FRAME = 2
+"""An animation shows every second of the instants that ParaView gets."""
 
 TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
@@ -186,7 +187,8 @@ def turning_view(study: Study) -> str | None:
     still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, UNPAINTED)
     shown = [Shown("set-up", "", still, plain)]
     shown += [
-        swinging(title, surface.point_data[label], length) for label, title in body.titles.items()
+        swinging(title, surface.point_data[label], length)
+        for label, title in list(body.titles.items())[:MOST_SHAPES]
     ]
     rest = surface.point_data[EQUILIBRIUM]
     if study.solid.loaded:
