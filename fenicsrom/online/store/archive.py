@@ -1,7 +1,8 @@
 """Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
 
 With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
-points in d dimensions and v normal modes, the file holds these arrays of float64, in SI units:
+points in d dimensions, v normal modes, and c different cubic coefficients, the file holds these
+arrays of float64, in SI units:
 
     ==================== ============ ========== ================================================
     name                 shape        unit       meaning
@@ -11,7 +12,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     force                (n,)         N          elastic force at q = 0
     stiffness            (n, n)       N/m        K, the tangent at q = 0
     quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
-    cubic                (p, p)       N/m^3      B by pairs of pairs
+    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.unique_cubic`)
     velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
     loads                (n, loads)   1          projected unit loads, one column for each load
     contact_rows         (P d, n)     1          local contact displacement = rows q + offset
@@ -65,6 +66,7 @@ from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.unique_cubic import count, paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
@@ -77,7 +79,7 @@ from fenicsrom.scene.overrides import override_texts
 from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 6"
+FORMAT = "fenicsrom reduced model 7"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
@@ -414,6 +416,7 @@ def _matrices(model: ReducedModel) -> dict[str, Array]:
         "mass": model.mass,
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
+        "cubic": unique_cubic(model.elastic.cubic, model.size),
         "loads": model.loads,
         "contact_rows": model.contact_rows,
         "probe": model.probe,
@@ -538,7 +541,12 @@ def _checked_model(
     return reduced_model(
         data["mass"],
         float(data["damping"]),
-        ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
+        ElasticPolynomial(
+            data["force"],
+            data["stiffness"],
+            data["quadratic"],
+            paired_cubic(data["cubic"], len(data["mass"])),
+        ),
         data["loads"],
         load_histories(scene),
         ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
@@ -566,7 +574,7 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
         "force": (n,),
         "stiffness": (n, n),
         "quadratic": (p, n if p else 0),
-        "cubic": (p, p),
+        "cubic": (count(n) if p else 0,),
         "loads": (n, len(scene.loads)),
         "point_tributary_area": (points,),
         "point_position": (points, d),
