@@ -73,9 +73,9 @@ class Case:
         """Find the periodic motion."""
         self.stored = stored
         self.family = family_of(stored)
-        self.problem = problem = self.family(frequency)
+        problem = self.family(frequency)
         self.motion = start_motion(stored, self.family, frequency, lambda line: None)
-        self.shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+        self.shooting = Shooting(problem)
         self.s = self.shooting.scaled(self.motion.z)
         overrides = (f"time.periods={PERIODS}", "time.steady_tolerance=0.0", *MARCHED)
         self.marched = stored.with_overrides(overrides)
@@ -127,9 +127,6 @@ def curve_row() -> list[str]:
 
     def curve(**options: Any) -> Curve:
         return follow(
-            case.problem.model,
-            case.problem.contacts,
-            case.stored.scene.time,
             case.family,
             case.motion,
             table.first,

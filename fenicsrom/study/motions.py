@@ -117,9 +117,8 @@ def _model(study: Study, name: str) -> Any:
     """Make the model with the given name."""
     if name == "full":
         from fenicsrom.fem.full.full import full_model
-        from fenicsrom.online.contact.points import contacts_of
 
-        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
+        return full_model(study.solid, study.scene)
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -190,7 +189,6 @@ def slower_than_solid(study: Study) -> list[str]:
 
     Only where the motion took long, and the full model did not run. Collective.
     """
-    from fenicsrom.online.contact.points import contacts_of
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import step_sentence
     from fenicsrom.scene.step_size import with_time
@@ -203,7 +201,7 @@ def slower_than_solid(study: Study) -> list[str]:
     period = with_time(scene, periods=1, steady="march")
     try:
         coarse = with_time(period, steps_per_period=TIMED_STEPS)
-        full = simulate(full_model(solid, contacts_of(scene, solid.points)), coarse)
+        full = simulate(full_model(solid, scene), coarse)
         reduced = simulate(study.model, period)
     except (AccuracyError, ConvergenceError, SceneError):  # the long steps cannot be taken
         return []

@@ -15,12 +15,11 @@ pytest.importorskip("dolfinx")
 from fenicsrom.assess.full.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full.full import FullModel
-from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
     periodic_motion,
-    settled_contacts,
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
@@ -69,12 +68,10 @@ def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 6
     solid = make_solid(scene)
     basis = enriched(solid)[2]
     model = project(solid, basis)
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    period = scene.period
-    assert period is not None
+    problem = Problem.of(model, scene).settled()
     end = simulate(model, scene).end
-    reduced = periodic_motion(model, contacts, scene.time, period, end, tolerance=1e-8)
-    shooting = Shooting(model, contacts, scene.time, period)
+    reduced = periodic_motion(problem, end, tolerance=1e-8)
+    shooting = Shooting(problem)
     return Case(scene, solid, basis.vectors, shooting, reduced)
 
 
@@ -107,14 +104,13 @@ def test_motion_without_numerical_damping_repeats(scheme: str, dimension: int) -
     assert found.periods <= MOST and found.derived > 0
     n, d = found_case.solid.local, dimension
     shooting = found_case.shooting
-    sliders = np.zeros(shooting.contacts.preload.size * d)
+    sliders = np.zeros(shooting.problem.contacts.preload.size * d)
     sliders[shooting.map.memory] = found.z[shooting.map.blocks * n :]
     again = integrate(
-        FullModel(found_case.solid),
-        shooting.contacts,
-        found_case.scene.time.changed(periods=3, steady_tolerance=0.0),
-        shooting.period,
-        dimension=d,
+        shooting.problem._replace(
+            model=FullModel(found_case.solid),
+            time=found_case.scene.time.changed(periods=3, steady_tolerance=0.0),
+        ),
         start=(found.z[:n], found.z[n : 2 * n], sliders.reshape(-1, d)),
     )
     steps = (again.time.size - 1) // 3

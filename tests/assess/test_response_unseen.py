@@ -62,17 +62,16 @@ def test_instability_that_long_steps_have_moved_is_contradicted_by_half_the_step
     """The tongue of the first mode is narrower than its shift by the midpoint rule."""
     steps, e = 40, 1e-4
     stored = excited().with_overrides([f"time.steps_per_period={steps}"])
-    family, settings = family_of(stored), stored.scene.time
+    family = family_of(stored)
     centre = (1.0 + 2.0 * e - (2.0 * np.pi / steps) ** 2 / 12.0) / (2.0 * np.pi)
-    problem = family(centre)
-    shooting = Shooting(problem.model, problem.contacts, settings, problem.period)
+    shooting = Shooting(family(centre))
     path = Continuation(shooting, family, 0.1, 0.2, 1.0)
     points = [
         path.at_parameter(np.zeros(shooting.map.size), centre * (1.0 + share * e))
         for share in (-0.4, -0.2, 0.0, 0.2, 0.4)
     ]
     assert not any(point.stable for point in points)
-    found = checks([Piece(points)], family, settings)
+    found = checks([Piece(points)], family)
     assert all(check.finer_verdict == "stable" for check in found)
     assert all(check.contradicted_by_step for check in found)
     (said,) = contradictions(found, stored.scene, "frequency")

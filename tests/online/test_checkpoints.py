@@ -23,6 +23,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.run.march import integrate
@@ -99,7 +100,7 @@ def stopped(
             raise Stop
 
     with pytest.raises(Stop):
-        integrate(model, contacts, settings, period, dimension=2, checkpoint=checkpoint)
+        integrate(Problem(model, contacts, settings, period), checkpoint=checkpoint)
 
 
 def assert_continued(motion: Motion, whole: Motion) -> None:
@@ -138,24 +139,24 @@ def test_run_resumed_after_three_periods_equals_the_whole_run_bit_for_bit(
     )
     path = tmp_path / "checkpoint.npz"
     scene = scene_of(wanted)
-    whole = integrate(model, contacts, wanted, PERIOD, dimension=2)
+    whole = integrate(Problem(model, contacts, wanted, PERIOD))
     assert {OPEN, SLIP} <= set(whole.state[whole.time > 3 * PERIOD].ravel())
     assert surface == "casing" or STICK in whole.state
     stopped(
         model, contacts, wanted, PERIOD, 3, lambda here: save_checkpoint(path, model, scene, here)
     )
     motion = integrate(
-        model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
+        Problem(model, contacts, wanted, PERIOD), resume=load_checkpoint(path, model, scene)
     )
     assert_continued(motion, whole)
     assert motion.time[0] == pytest.approx(2 * PERIOD, rel=0.05)
     # more periods than were asked for at first; and that the checkpoint was of use: from rest it is
     # another motion
     first = wanted.changed(periods=3)
-    short = integrate(model, contacts, first, PERIOD, dimension=2)
+    short = integrate(Problem(model, contacts, first, PERIOD))
     assert write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
     longer = integrate(
-        model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
+        Problem(model, contacts, wanted, PERIOD), resume=load_checkpoint(path, model, scene)
     )
     assert_continued(longer, whole)
 
@@ -169,13 +170,13 @@ def test_resumed_run_of_a_duration_equals_the_whole_run_bit_for_bit(
     model, contacts = rubbing("casing")
     wanted = Time.of(scheme="discrete-gradient", duration=60.0, **settings)
     scene = replace(scene_of(wanted), loads=())
-    whole = integrate(model, contacts, wanted, None, dimension=2)
+    whole = integrate(Problem(model, contacts, wanted, None))
     path = tmp_path / "checkpoint.npz"
     stopped(
         model, contacts, wanted, None, 1, lambda here: save_checkpoint(path, model, scene, here)
     )
     motion = integrate(
-        model, contacts, wanted, None, dimension=2, resume=load_checkpoint(path, model, scene)
+        Problem(model, contacts, wanted, None), resume=load_checkpoint(path, model, scene)
     )
     assert 0.0 < motion.time[0] < motion.time[-1] == 60.0
     assert_continued(motion, whole)

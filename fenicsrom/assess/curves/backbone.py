@@ -11,20 +11,18 @@ import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import displacement_sines
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration, working_time
 from fenicsrom.scene import Backbone as BackboneTable
@@ -171,8 +169,8 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
     """
     begin, scene = working_time(), stored.scene
     check_backbone(scene)
-    contacts = settled_contacts(contacts_of(scene, stored.model.points))
-    mode, direction, unit = _linear_mode(stored, contacts)
+    problem = Problem.of(stored.model, scene).settled()
+    mode, direction, unit = _linear_mode(stored, problem)
     found = Backbone(
         scene,
         stored.size,
@@ -188,15 +186,15 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
             "not set time.steps_per_period."
         )
     try:
-        path = _path(stored, contacts, found, unit, scene.time)
+        path = _path(problem, found, unit)
         try:
             _follow(path, found, unit, say)
         except ConvergenceError as error:
             found.warnings.append(str(error))
             found.unfinished = error
         if found.points:  # the peaks of a mode that was lost are computed too
-            _step_errors(stored, contacts, found, unit, say)
-            _peaks(stored, contacts, found, say)
+            _step_errors(problem, found, unit, say)
+            _peaks(problem, found, say)
     except ConvergenceError as error:
         found.warnings.append(str(error))
         found.unfinished = found.unfinished or error
@@ -206,14 +204,14 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
     return found
 
 
-def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, int, float]:
+def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int, float]:
     """The linear mode of the scene, the probe's direction, and its motion there, 1/sqrt(kg).
 
     Raises:
         SceneError: there is no such mode, or it does not move the probe.
     """
     scene, number = stored.scene, backbone_table(stored.scene).mode
-    modes = linear_modes(stored.model, contacts)
+    modes = linear_modes(problem)
     kept = [label for label in stored.labels if re.fullmatch(r"\d+V", label)]
     if kept and f"{number}V" not in kept:
         raise _refusal(
@@ -245,14 +243,10 @@ def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, i
     return modes[number - 1], direction, float(mine[direction])
 
 
-def _path(
-    stored: StoredModel, contacts: Contacts, found: Backbone, unit: float, settings: Any
-) -> ModeContinuation:
+def _path(problem: Problem, found: Backbone, unit: float) -> ModeContinuation:
     """The continuation over the range of the scene."""
     table = found.table
-    return ModeContinuation(
-        stored.model, contacts, settings, found.mode, table.first / unit, table.last / unit
-    )
+    return ModeContinuation(problem, found.mode, table.first / unit, table.last / unit)
 
 
 def _follow(
@@ -326,15 +320,11 @@ def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float) -> ModeP
 
 
 def _step_errors(
-    stored: StoredModel,
-    contacts: Contacts,
-    found: Backbone,
-    unit: float,
-    say: Callable[[str], None],
+    problem: Problem, found: Backbone, unit: float, say: Callable[[str], None]
 ) -> None:
     """Repeat the first, the middle and the last point with half the time step."""
-    settings = stored.scene.time.changed(steps_per_period=2 * found.steps)
-    path = _path(stored, contacts, found, unit, settings)
+    half = problem.time.changed(steps_per_period=2 * found.steps)
+    path = _path(problem._replace(time=half), found, unit)
     for k in sorted({0, len(found.points) // 2, len(found.points) - 1}):
         say(f"checking point {k + 1} with half the time step")
         point = found.points[k]
@@ -349,34 +339,28 @@ def _step_errors(
             )
 
 
-def _peaks(
-    stored: StoredModel, contacts: Contacts, found: Backbone, say: Callable[[str], None]
-) -> None:
+def _peaks(problem: Problem, found: Backbone, say: Callable[[str], None]) -> None:
     """Find the peaks of the forced response.
 
     Raises:
         ConvergenceError: a peak was not found.
     """
-    scene, direction = stored.scene, found.direction
+    direction = found.direction
     factors = found.table.load_factors
     if not factors:
         return
-    assert scene.period is not None
 
     def amplitude(point: CurvePoint) -> float:
         return float(point.probe_amplitude[direction])
 
     say("peaks of the forced response")
     for peak in forced_peaks(
-        stored.model,
-        contacts,
-        scene.time,
-        scene.period,
+        problem,
         (found.mode.equilibrium, found.mode.sliders),
         found.points[0].frequency,
         factors,
         amplitude,
-        displacement_sines(scene.loads),
+        displacement_sines(found.scene.loads),
     ):
         found.peaks.append(peak)
         say(

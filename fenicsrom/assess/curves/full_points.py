@@ -105,8 +105,7 @@ def _reduced_motion(
         ),
         reverse=True,
     )
-    problem = family(value)
-    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+    shooting = Shooting(family(value))
     for pair in crossings:
         try:
             return shooting, solve(shooting, _between(*pair, value), REDUCED_TOLERANCE)

@@ -27,11 +27,11 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
@@ -165,9 +165,8 @@ def _light_modes(stored: StoredModel) -> list[str]:
     scene = stored.scene
     table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
     low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
-    contacts = settled_contacts(contacts_of(scene, stored.model.points))
     try:
-        modes = linear_modes(stored.model, contacts)
+        modes = linear_modes(Problem.of(stored.model, scene).settled())
     except ConvergenceError:
         return []
     found = []

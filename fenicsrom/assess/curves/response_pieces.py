@@ -69,7 +69,7 @@ def follow_curve(
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)
         walk("checking the curve with half the step and a richer basis")
-        curve.checks = checks(curve.pieces, family, stored.scene.time, other, lambda: walk(""))
+        curve.checks = checks(curve.pieces, family, other, lambda: walk(""))
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)

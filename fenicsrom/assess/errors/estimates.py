@@ -10,8 +10,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -25,7 +25,7 @@ from fenicsrom.online.motion.measures import (
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import motion_of
-from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
+from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
@@ -193,8 +193,7 @@ def _nearby_motion(
     if scene.time.tolerance is not None or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
+    shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)

@@ -26,7 +26,6 @@ from fenicsrom.files import (
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.provenance import provenance
@@ -71,7 +70,7 @@ def full_motion(
             limit = f"at most {scene.time.periods} periods"
             say(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
-    model = full_model(body, contacts_of(scene, body.points))
+    model = full_model(body, scene)
     motion = simulate(model, scene, progress=progress)
     note = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -177,16 +177,17 @@ class _Problem:
     def __init__(self, solid: Solid, basis: Array, shooting: Shooting):
         """Begin with the span of the basis."""
         self.solid = solid
-        model = FullModel(solid, shooting.contacts)
-        model.load_histories = shooting.model.load_histories
-        model.damping = float(shooting.model.damping)
+        problem = shooting.problem
+        model = FullModel(solid, problem.contacts)
+        model.load_histories = problem.model.load_histories
+        model.damping = float(problem.model.damping)
         plan = shooting.map.plan._replace(damping=model.damping)
         fractions = shooting.map.fractions
-        self.map = FullPeriodMap(model, shooting.contacts, plan, shooting.period, fractions)
-        root = np.linalg.cholesky(shooting.model.mass)
-        self.q = np.linalg.solve(root, basis.T).T
-        shortest = shooting.period * float(np.min(np.diff(fractions)))
-        self._rates = 1.0, 2.0 * np.pi / shooting.period, shortest**-2
+        self.map = FullPeriodMap(problem._replace(model=model), plan, fractions)
+        root = np.linalg.cholesky(problem.model.mass)
+        self.q = np.asarray(np.linalg.solve(root, basis.T).T, dtype=np.float64)
+        shortest = problem.period * float(np.min(np.diff(fractions)))
+        self._rates = 1.0, 2.0 * np.pi / problem.period, shortest**-2
         self._slider = np.diag(shooting.scaled(np.eye(shooting.map.size)))
         self._slider = self._slider[shooting.map.blocks * shooting.map.n :]
         self._has_modes = False

@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.families import Problem
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.state import Record
 
 
-def recorded_motion(problem: Problem, settings: Any, z: Array, m: int = 1) -> Motion:
+def recorded_motion(problem: Problem, z: Array, m: int = 1) -> Motion:
     """One period of a periodic motion.
 
     Args:
-        problem: the data of the motion.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+        problem: of a reduced model.
         z: (N,) variables at the start of the period.
         m: number of periods of the loads in one of the motion.
 
     Raises:
         ConvergenceError: a step did not converge.
     """
-    shooting = Shooting(problem.model, problem.contacts, settings, problem.period, m)
-    status, end = shooting.map(problem.model, problem.contacts, problem.period, z, derive=False)
+    status, end = Shooting(problem, m).map(problem, z, derive=False)
     if status != DONE:
         raise ConvergenceError("the periodic motion was lost when it was recorded")
     return _motion(_with_start(end.record), m * problem.period)

@@ -67,7 +67,7 @@ def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMoti
             current = stored.with_overrides([f"{families.key}={curve.value!r}"])
         problem = family_of(current)(point.parameter)
         try:
-            motion = recorded_motion(problem, current.scene.time, point.z, point.periods)
+            motion = recorded_motion(problem, point.z, point.periods)
         except ConvergenceError as error:
             found.warnings.append(f"the motion {name} was not written: {error}")
             continue
