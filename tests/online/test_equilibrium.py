@@ -91,7 +91,9 @@ def test_softest_direction_is_lowest_mode_with_the_springs(lowest: float) -> Non
     stiffness = whole - rows[::2].T @ np.diag(springs) @ rows[::2]
     model = linear_model(mass, stiffness, masters=4)._replace(contact_rows=rows)
     contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
-    shape, rate = statics._Statics(Problem(model, contacts, None, None))._soften(np.zeros(6), np.ones(6))
+    shape, rate = statics._Statics(Problem(model, contacts, None, None))._soften(
+        np.zeros(6), np.ones(6)
+    )
     assert rate == pytest.approx(lowest, rel=1e-6)
     assert abs(shape @ mass @ modes[:, 0]) == pytest.approx(1.0, rel=1e-6)
 
