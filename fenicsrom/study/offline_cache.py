@@ -213,8 +213,7 @@ def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
     )
     run.study.solid, run.study.deflection = solid, arrays.get("deflection")
     if "deformation" in arrays:
-        d = scene.geometry.dimension
-        run.study.deformation = Deformation.of_array(arrays["deformation"], d)
+        run.study.deformation = Deformation.of_array(arrays["deformation"])
     building.set_modes(run, found)
 
 

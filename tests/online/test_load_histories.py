@@ -137,7 +137,7 @@ def test_steps_end_at_corners_and_respect_the_longest_step() -> None:
 # ------------------------------------------------------------------ motions
 
 DAMPING, STIFFNESS = 0.4, 50.0
-FREE = no_contacts()
+FREE = no_contacts(1)
 
 
 def oscillator(found: LoadHistories) -> Any:

@@ -198,7 +198,7 @@ def test_derivatives_of_the_period_match_differences(name: str) -> None:
         (damping_family(problem), 0.3),
     )
     for family, value in families:
-        found = end(z, family(value), drift=family(value).drift).by_parameter
+        found = end(z, family(value)).by_parameter
         ahead, behind = (end(z, family(value + s), derive=False).z for s in (h, -h))
         differences = (ahead - behind) / (2.0 * h)
         assert np.abs(differences).max() > 0.0

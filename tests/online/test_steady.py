@@ -33,7 +33,7 @@ from fenicsrom.online.periodic.steady import _Search, fractions_of
 from fenicsrom.online.periodic.tendency import horizon_by_distance
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.store.checkpoints import load_start, save_checkpoint
 from fenicsrom.post.run.figures import plot_energy
 from fenicsrom.post.run.report import write_rerun_report
 from fenicsrom.post.run.sentences import periodic_sentence
@@ -216,7 +216,7 @@ def test_state_of_subharmonic_motion_repeats_after_its_periods(force: float, mul
     model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
     marched = run(model, period, start=at(1.0, 0.0), steady="march", periods=300)
     settings = Time.of(periods=301, steps_per_period=100)
-    problem = _Search(model, no_contacts(), settings, period, marched.end, None)
+    problem = _Search(Problem(model, no_contacts(), settings, period), marched.end, None)
     assert problem.recurrences() == [multiple]
 
 
@@ -250,7 +250,8 @@ def test_steps_of_the_last_period_become_those_of_the_map() -> None:
     found = fractions_of(rows, period)
     assert found is not None and found[0] == 0.0 and found[-1] == 1.0 and np.ptp(np.diff(found)) > 0
     np.testing.assert_allclose(found[1:-1] * period + 3.0 * period, rows.time[:-1], rtol=1e-12)
-    grid = _Search(model, contacts, Time.of(**time), period, motion.end, found).shooting(2)[0].map
+    problem = Problem(model, contacts, Time.of(**time), period)
+    grid = _Search(problem, motion.end, found).shooting(2)[0].map
     np.testing.assert_allclose(grid.fractions, [*found, *(1.0 + found[1:])])
 
 
@@ -350,7 +351,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
             **options,
         )
     options.pop("start", None)
-    motion = run(model, period, contacts, resume=load_checkpoint(path, model, scene), **options)
+    motion = run(model, period, contacts, resume=load_start(path, model, scene), **options)
     assert motion.steady and motion.periods == whole.periods and motion.period == whole.period
     rows = motion.time.size
     for name in ("time", "displacement", "kinetic", "work", "friction_dissipation"):

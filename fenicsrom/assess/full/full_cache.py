@@ -14,7 +14,7 @@ import platform
 import time as clock
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from fenicsrom.files import (
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.scene import Scene, scene_table
 
@@ -111,29 +112,20 @@ def package_digest(folder: Path) -> str:
     return digest.hexdigest()
 
 
-_ARRAYS = [item.name for item in fields(Motion) if item.type == "Array" or item.name == "state"]
-
-_NUMBERS = ["period", "steady", "periods", "steps", "rejected", "newton_iterations", "seconds"]
-
-
 def write_cached(path: Path, key: str, motion: Motion, note: dict[str, Any]) -> None:
     """Write a motion to a file that appears only when it is complete.
 
     Raises:
         OSError: the file cannot be written.
     """
-    header = {"format": key, "note": note, **{name: getattr(motion, name) for name in _NUMBERS}}
-    write_archive(path, header, {name: getattr(motion, name) for name in _ARRAYS}, compress=True)
+    tree, arrays = pack(replace(motion, end=None))
+    write_archive(path, {"format": key, "note": note, "motion": tree}, arrays, compress=True)
 
 
 def read_cached(path: Path, key: str) -> tuple[Motion, dict[str, Any]] | None:
     """The motion of a key and its note; None if there is no file or it is damaged."""
     with suppress(SceneError), read_archive(path, "a motion", key) as (header, arrays):
-        if all(len(arrays[name]) == header["steps"] + 1 for name in _ARRAYS):
-            return Motion(
-                **{name: arrays[name] for name in _ARRAYS},
-                **{name: header[name] for name in _NUMBERS},
-            ), header["note"]
+        return unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
     return None
 
 

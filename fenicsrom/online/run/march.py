@@ -31,7 +31,6 @@ The loop over the steps is in `fenicsrom.online.step.loop`, and the state before
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -285,41 +284,22 @@ def _confirm(run: MarchRun, span: int, stop: Callable[[], bool] | None, *, last:
 def _motion(run: MarchRun, steady: bool, span: int) -> Motion:
     """The motion of a run that ended after a span."""
     history, s, period = run.history, run.state.scalars, run.problem.period
-    kept: list[Any] = [None] * 3
-    if history[-1].coordinates.size:
-        kept = np.split(last_coordinates(history), 3, axis=1)
+    kept = last_coordinates(history) if history[-1].coordinates.size else np.zeros((0, 0))
     whole = joined_rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )
-    work, damping_dissipation, friction_dissipation, kinetic, elastic, contact_energy = (
-        whole.energies.T
-    )
     end = run.checkpoint(span)
-    return Motion(
-        time=whole.time,
+    return Motion.of_rows(
+        whole,
+        kept,
         period=None if period is None else period * run.multiple,
-        displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
-        force=whole.force,
-        mean_force=whole.mean_force,
-        gap=whole.gap,
-        state=whole.state,
-        kinetic=kinetic,
-        elastic=elastic,
-        contact_energy=contact_energy,
-        work=work,
-        damping_dissipation=damping_dissipation,
-        friction_dissipation=friction_dissipation,
-        point_friction_dissipation=whole.friction_dissipation,
+        newton_from=None if run.search is None else run.search.time,
         steady=steady,
         periods=end.spans if period is not None else 0,
         steps=int(s[STEPS]),
         rejected=int(s[REJECTED]),
         newton_iterations=int(s[ITERATIONS]),
         seconds=run.seconds,
-        coordinates=kept[0],
-        velocity=kept[1],
-        acceleration=kept[2],
-        coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
         end=end,
         buckled=end.buckled,
         search=run.search,
