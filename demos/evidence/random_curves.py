@@ -164,7 +164,7 @@ def follow_curve(stored: StoredModel) -> Followed:
     """
     table = response_table(stored.scene)
     begin, family = clock.process_time(), family_of(stored)
-    motion = start_motion(stored, family, table.first, lambda line: None)
+    motion = start_motion(stored, family, table.first)
     shooting = shooting_of(stored, family)
     s = shooting.scaled(motion.z)
     path = Continuation(shooting, family, table.low, table.high, norm(s))

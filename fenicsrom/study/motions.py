@@ -88,7 +88,7 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
+    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
     if found is None or found.stored is stored:
         return
     resize(study, found.stored)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, enriched, make_solid
+from support import beam_scene, enriched, heard, make_solid
 
 pytest.importorskip("dolfinx")
 
@@ -163,7 +163,7 @@ def test_derivatives_along_directions_match_differences(scheme: str) -> None:
 
 def test_motion_that_is_not_found_keeps_its_residuals(dissipative: Case) -> None:
     lines: list[str] = []
-    with pytest.raises(ConvergenceError) as caught:
-        dissipative.find(tolerance=0.0, most_periods=2, say=lines.append)
+    with heard(lines.append), pytest.raises(ConvergenceError) as caught:
+        dissipative.find(tolerance=0.0, most_periods=2)
     assert len(caught.value.partial) == len(lines) == 2
     assert all(0.0 < residual < 1.0 for residual in caught.value.partial)

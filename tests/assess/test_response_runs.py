@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_response import DAMPING, HIGH, LOW, ignore, oscillator
+from support import heard
+from test_response import DAMPING, HIGH, LOW, oscillator
 
 from fenicsrom.assess.curves import curve_progress
 from fenicsrom.assess.curves.curve_progress import CurveProgress
@@ -51,7 +52,7 @@ def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
         count += 1
         return count > points
 
-    found = response(stored, ignore, state=folder, stop=stop)
+    found = response(stored, state=folder, stop=stop)
     assert found.interrupted
     return found
 
@@ -61,14 +62,14 @@ def test_resumed_curve_is_the_uninterrupted_one_bit_for_bit(tmp_path: Path, poin
     stored = oscillator()
     part = interrupted(stored, tmp_path / "state", points)
     assert sum(len(curve.points) for curve in part.curves) <= points
-    again = response(stored, ignore, state=tmp_path / "state", resume=tmp_path / "state")
+    again = response(stored, state=tmp_path / "state", resume=tmp_path / "state")
     assert not again.interrupted
-    assert_same(again, response(stored, ignore))
+    assert_same(again, response(stored))
 
 
 def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
     stored = oscillator(FAMILY)
-    whole = response(stored, ignore, state=tmp_path / "whole")
+    whole = response(stored, state=tmp_path / "whole")
     first = len(whole.curves[0].points)
     part = interrupted(stored, tmp_path / "state", first + 30)
     assert [len(curve.points) > first - 10 for curve in part.curves] == [True, False]
@@ -81,7 +82,7 @@ def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
 
 def test_state_of_finished_curves_is_read_without_computing(tmp_path: Path) -> None:
     stored = oscillator()
-    whole = response(stored, ignore, state=tmp_path)
+    whole = response(stored, state=tmp_path)
     lines: list[str] = []
     assert_same(response(stored, lines.append, resume=tmp_path), whole)
     assert lines == []
@@ -98,7 +99,7 @@ def test_state_is_written_while_the_curve_grows(
         sizes.append(-1 if kept is None else len(kept.curve.points))
         return len(sizes) > 5
 
-    response(stored, ignore, state=tmp_path, stop=stop)
+    response(stored, state=tmp_path, stop=stop)
     assert sizes[-1] >= 4 and sizes == sorted(sizes)
 
 
@@ -113,9 +114,9 @@ def test_state_is_written_while_the_curve_grows(
     ],
 )
 def test_state_of_another_scene_is_refused(tmp_path: Path, override: str, key: str) -> None:
-    response(oscillator("response.points=5"), ignore, state=tmp_path)
+    response(oscillator("response.points=5"), state=tmp_path)
     with pytest.raises(SceneError) as caught:
-        response(oscillator("response.points=5", override), ignore, resume=tmp_path)
+        response(oscillator("response.points=5", override), resume=tmp_path)
     assert (caught.value.key, caught.value.kind) == (key, ErrorKind.MISMATCH)
 
 
@@ -123,20 +124,20 @@ def test_state_of_another_model_is_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 
     stored = oscillator("response.points=5")
-    response(stored, ignore, state=tmp_path)
+    response(stored, state=tmp_path)
     other = replace(stored, model=stored.model._replace(mass=2.0 * stored.model.mass))
     with pytest.raises(SceneError) as caught:
-        response(other, ignore, resume=tmp_path)
+        response(other, resume=tmp_path)
     assert caught.value.kind is ErrorKind.MISMATCH
 
 
 def test_damaged_state_is_refused(tmp_path: Path) -> None:
     stored = oscillator("response.points=5")
-    response(stored, ignore, state=tmp_path)
+    response(stored, state=tmp_path)
     (path,) = tmp_path.iterdir()
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(SceneError) as caught:
-        response(stored, ignore, resume=tmp_path)
+        response(stored, resume=tmp_path)
     assert caught.value.kind is ErrorKind.FORMAT
 
 
@@ -145,10 +146,10 @@ def test_curves_of_two_processes_are_the_serial_ones_bit_for_bit(tmp_path: Path)
     stored = oscillator(FAMILY)
     lines: list[str] = []
     found = response(stored, lines.append, state=tmp_path, workers=2)
-    assert_same(found, response(stored, ignore))
+    assert_same(found, response(stored))
     assert any("curve 1 of 2" in line for line in lines)
     assert any("curve 2 of 2" in line for line in lines)
-    assert_same(response(stored, ignore, resume=tmp_path), found)
+    assert_same(response(stored, resume=tmp_path), found)
 
 
 SHORT = f"response.last={1.02 * LOW}"
@@ -166,7 +167,8 @@ def test_interrupted_processes_keep_their_curves(tmp_path: Path) -> None:
         if len(begun) == 2:
             raise KeyboardInterrupt
 
-    found = response(stored, say, state=tmp_path, workers=2)
+    with heard(say):
+        found = response(stored, state=tmp_path, workers=2)
     assert found.interrupted and len(found.curves) == 2
     for number, curve in enumerate(found.curves, 1):
         assert curve.pieces[-1].reason == "interrupted"
@@ -180,7 +182,8 @@ def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
     def is_checking() -> bool:
         return any("checking the curve" in line for line in lines)
 
-    found = response(oscillator("response.points=5"), lines.append, stop=is_checking)
+    with heard(lines.append):
+        found = response(oscillator("response.points=5"), stop=is_checking)
     assert is_checking() and found.interrupted
     assert len(found.curves[0].points) == 5 and not found.curves[0].checks
 
@@ -227,7 +230,7 @@ def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
         return start(stored, *arguments)
 
     monkeypatch.setattr(module, "start_motion", lost)
-    found = response(oscillator(FAMILY, SHORT), ignore)
+    found = response(oscillator(FAMILY, SHORT))
     assert [curve.value for curve in found.curves] == [DAMPING]
     assert isinstance(found.unfinished, ConvergenceError)
     assert len(found.warnings) == 1 and f"{2 * DAMPING:g}" in found.warnings[0]
@@ -289,7 +292,7 @@ def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) 
     from fenicsrom.post.curves.response_motion import marked_motions, write_motion_arrays
 
     stored = oscillator()
-    found = response(stored, ignore)
+    found = response(stored)
     motions = marked_motions(found, stored)
     assert set(motions) == {"largest", "fold_1", "fold_2"}
     (curve,) = found.curves

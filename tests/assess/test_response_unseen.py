@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import beam_scene, excited_stiffness
-from test_response import ignore
 from test_response_runs import assert_same, interrupted
 
 from fenicsrom.assess.curves.branches import Piece
@@ -45,7 +44,7 @@ def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
     tmp_path: Path,
 ) -> None:
     stored = excited()
-    whole = response(stored, ignore)
+    whole = response(stored)
     (curve,) = whole.curves
     assert [point.kind for point in curve.special] == ["branch point", "branch point"]
     (number,) = (k for k, point in enumerate(curve.points) if outside(point))
@@ -54,7 +53,7 @@ def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
         folder = tmp_path / str(calls)
         part = interrupted(stored, folder, calls)
         reached.add(any(outside(point) for point in part.curves[0].points))
-        assert_same(response(stored, ignore, resume=folder), whole)
+        assert_same(response(stored, resume=folder), whole)
     assert reached == {False, True}
 
 
@@ -86,7 +85,7 @@ def test_short_unstable_stretch_of_the_beam_is_found_with_the_default_steps() ->
     demo = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
     stored = build_model(read_scene(demo))
     changed = stored.with_overrides(["response.first=2.9", "response.last=3.6"])
-    (curve,) = response(changed, ignore).curves
+    (curve,) = response(changed).curves
     kinds = [point.kind for point in curve.special]
     assert kinds == ["first lift-off", "branch point", "branch point", "last lift-off"]
     ends = [point.parameter for point in curve.special if point.kind == "branch point"]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support import heard
 
 from fenicsrom import study
 from fenicsrom.scene import Scene, read_scene
@@ -172,6 +173,7 @@ def test_executed_stages_are_the_planned_ones(
         for item in study.plan(scene, modes_only)
         if isinstance(item, study.Stage) and item.needed
     ]
-    study.run(scene, say=say, folder=tmp_path, modes_only=modes_only)
+    with heard(say):
+        study.run(scene, folder=tmp_path, modes_only=modes_only)
     assert announced == planned
     assert worked == planned

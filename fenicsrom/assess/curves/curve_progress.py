@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.assess.curves.response_files import CurveFile, Stand
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.progress import duration
+from fenicsrom.progress import duration, log
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
 
@@ -111,16 +111,15 @@ class CurveWalk:
 
 
 class CurveProgress:
-    """Merges the progress of several curves into lines with the time that is left."""
+    """Logs the progress of several curves with the time that is left."""
 
-    def __init__(self, names: Sequence[str], say: Callable[[str], None]):
+    def __init__(self, names: Sequence[str]):
         """Begin.
 
         Args:
             names: beginnings of the lines, one for each curve.
-            say: receives the lines.
         """
-        self._names, self._say = names, say
+        self._names = names
         self._first: list[float | None] = [None] * len(names)
         self._now = [0.0] * len(names)
         self._begin = clock.perf_counter()
@@ -132,7 +131,7 @@ class CurveProgress:
             self._first[number] = fraction
         self._now[number] = fraction
         count = f"curve {number + 1} of {len(self._names)}, " if len(self._names) > 1 else ""
-        self._say(f"{count}{self._names[number]}{line}; {self.remaining()}")
+        log.info(f"  {count}{self._names[number]}{line}; {self.remaining()}")
 
     def finished(self, number: int) -> None:
         """Count a curve as done."""

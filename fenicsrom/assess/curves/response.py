@@ -64,7 +64,6 @@ class _Job:
 
 def response(
     stored: StoredModel,
-    say: Callable[[str], None],
     *,
     state: Path | None = None,
     resume: Path | None = None,
@@ -76,7 +75,6 @@ def response(
 
     Args:
         stored: the model; its scene has a table [response].
-        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
         state: folder of the files that keep what is done of each curve; None keeps nothing.
         resume: such a folder of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time. With several,
@@ -121,7 +119,7 @@ def response(
     ]
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
-    progress = CurveProgress([curve_title(scene, value) for value in values], say)
+    progress = CurveProgress([curve_title(scene, value) for value in values])
     try:
         for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
             if isinstance(outcome, ConvergenceError):

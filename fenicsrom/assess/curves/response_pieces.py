@@ -51,7 +51,7 @@ def follow_curve(
             start: PeriodicMotion | None = None
             if not earlier:
                 try:
-                    start = start_motion(stored, family, value, walk)
+                    start = _start(stored, family, value, walk)
                 except (ConvergenceError, AccuracyError) as problem:
                     error = problem
                     continue
@@ -75,6 +75,13 @@ def follow_curve(
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
         curve.seconds += working_time() - begin
+
+
+def _start(stored: StoredModel, family: Family, value: float, walk: CurveWalk) -> PeriodicMotion:
+    """The motion at an end of the range; errors as `start_motion`."""
+    place = in_words(stored.scene, response_table(stored.scene).parameter, value)
+    walk(f"start at {place}: a march, then Newton's method")
+    return start_motion(stored, family, value)
 
 
 def _follow_piece(
@@ -184,7 +191,7 @@ def _follow_more(
         progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
 
     def start(value: float) -> CurvePoint:
-        motion = start_motion(stored, family, value, progress)
+        motion = _start(stored, family, value, progress)
         return _first_point(_path(stored, family), motion, value, 1.0, stored.scene)
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 
@@ -142,9 +141,7 @@ def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooti
     return Shooting(family(response_table(stored.scene).high), periods)
 
 
-def start_motion(
-    stored: StoredModel, family: Family, value: float, say: Callable[[str], None]
-) -> PeriodicMotion:
+def start_motion(stored: StoredModel, family: Family, value: float) -> PeriodicMotion:
     """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
 
     Raises:
@@ -153,7 +150,6 @@ def start_motion(
     scene, problem = stored.scene, family(value)
     key, radius = response_table(scene).parameter, scene.time.spectral_radius
     place = in_words(scene, key, value)
-    say(f"start at {place}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
         periods=START_PERIODS,

@@ -120,7 +120,7 @@ def _from_heavy_damping(model: ReducedModel, scene: Scene) -> tuple[str, CurvePo
         model, replace(scene, response=table), scene.basis.method, (), 0, np.zeros(0), {}
     )
     try:
-        curves = response(stored, lambda line: None).curves
+        curves = response(stored).curves
     except (ConvergenceError, SceneError):
         curves = []
     points: list[CurvePoint] = [point for curve in curves for point in curve.points]

@@ -12,7 +12,6 @@ import json
 import os
 import platform
 import time as clock
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -30,6 +29,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene, scene_table
 
 if TYPE_CHECKING:
@@ -38,15 +38,12 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).parents[2]
 
 
-def full_motion(
-    body: Structure, scene: Scene, say: Callable[[str], None]
-) -> tuple[Motion, dict[str, Any]]:
+def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
     """The motion of the full model, from the cache if an equal scene ran before.
 
     Args:
         body: the solid or the beam.
         scene: its scene.
-        say: called with one line of progress at a time.
 
     Returns:
         The motion; when and where it ran, and whether it came from the cache.
@@ -57,11 +54,11 @@ def full_motion(
     found = read_cached(path, key) if kept and comm.rank == 0 else None
     found = comm.bcast(found)
     if found is not None:
-        say(f"full model: taken from {path}")
+        log.info(f"full model: taken from {path}")
         return found[0], found[1] | {"cached": True}
     from fenicsrom.fem.full.full import full_model  # slow to import
 
-    say("full model ..")
+    log.info("full model ..")
     last = clock.perf_counter()
 
     def progress(fraction: float, change: float) -> None:
@@ -69,7 +66,7 @@ def full_motion(
         if clock.perf_counter() - last > 5.0:
             last = clock.perf_counter()
             limit = f"at most {scene.time.periods} periods"
-            say(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
+            log.info(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
     model = full_model(body, scene)
     motion = simulate(model, scene, progress=progress)
@@ -82,7 +79,7 @@ def full_motion(
         try:
             write_cached(path, key, motion, note)
         except OSError as error:
-            say(f"the motion of the full model was not stored in the cache: {error}")
+            log.info(f"the motion of the full model was not stored in the cache: {error}")
     return motion, note | {"cached": False}
 
 

@@ -19,7 +19,6 @@ modes and then by the residual itself, and the next full period carries P' D alo
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +30,7 @@ from fenicsrom.fem.full.full_period import FullPeriodEnd, FullPeriodMap
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.state import Record
+from fenicsrom.progress import log
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.words import counted
 
@@ -93,7 +93,6 @@ def full_periodic_motion(
     *,
     tolerance: float = FULL_TOLERANCE,
     most_periods: int = MOST_PERIODS,
-    say: Callable[[str], None] = lambda line: None,
 ) -> FullPeriodicMotion:
     """Find the periodic motion of the full model near one of a reduced model.
 
@@ -105,7 +104,6 @@ def full_periodic_motion(
         reduced: the reduced motion.
         tolerance: tolerance of the residual relative to the variables, in the mass norm.
         most_periods: largest number of full periods.
-        say: called with a line of progress after each full period.
 
     Returns:
         The motion; it repeats within the tolerance.
@@ -128,7 +126,7 @@ def full_periodic_motion(
             raise _lost(residuals, str(error)) from error
         derived += block is not None
         residuals.append(problem.norm(end.z - z) / max(problem.norm(z), 1e-300))
-        say(f"full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
+        log.info(f"  full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
         return end
 
     z = problem.expanded(shooting.scaled(reduced.z))
