@@ -15,7 +15,7 @@ import numpy as np
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
-from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, Stand, curve_file, forget
+from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
 from fenicsrom.assess.curves.response_problem import check_response
 from fenicsrom.assess.curves.response_results import (
@@ -37,9 +37,7 @@ from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
-CLASSES = {
-    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
-}
+CLASSES = {kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check)}
 """The dataclasses of which a kept curve consists."""
 
 
@@ -238,10 +236,9 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
     outcome = _Outcome(curve)
     if job.kept is not None and job.kept.done:
         if job.state is not None:
-            job.state.save(curve, None, done=True)
+            job.state.save(curve, done=True)
         return outcome
     walk = CurveWalk(curve, stored.scene, report, job.state)
-    walk.stand = job.kept.stand if job.kept is not None else None
     try:
         follow_curve(stored, curve, walk, richer)
         walk.save(done=True)

@@ -92,12 +92,12 @@ def _follow_piece(
     piece: Piece,
     walk: CurveWalk,
 ) -> None:
-    """Follow one piece from a motion, or on from where it stands.
+    """Follow one piece from a motion, or on from its last point.
 
     Args:
         stored: the model.
         family: problems by the parameter.
-        start: the first motion; None continues from `walk.stand`.
+        start: the first motion; None continues from the last point of the piece.
         value: parameter at the first motion.
         piece: the piece.
         walk: reports and keeps what is done.
@@ -108,20 +108,17 @@ def _follow_piece(
     table, path = response_table(stored.scene), _path(stored, family)
     if start is not None:
         piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
-        walk.passed(path)
-    stand = walk.stand
-    assert stand is not None
-    path.size, path.least, path.shooting.guess = stand.size, stand.least, stand.guess
+        walk.passed()
+    else:
+        path.size = path.least = FIRST_SIZE * norm(piece.points[0].s) or 1.0
     path.run(
         piece.points[-1],
         None,
         curve=piece,
-        step=stand.step,
         points=table.points,
-        progress=lambda point: walk.passed(path),
+        progress=lambda point: walk.passed(),
     )
     _refine_largest(path, piece)
-    walk.stand = None
     walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
 
 
