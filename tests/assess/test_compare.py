@@ -471,7 +471,8 @@ def test_tiny_comparison_ranks_the_richer_basis_first(cache):
         )
     )
     said = []
-    found = compare.compare(scene, MPI.COMM_SELF, said.append)
+    with heard(said.append):
+        found = compare.compare(scene, MPI.COMM_SELF)
     plain, plain_projected, rich, rich_projected = found.outcomes
     assert all(len(outcome.online) == 5 for outcome in found.outcomes)
     assert set(rich.offline) == {

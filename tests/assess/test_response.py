@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, linear_model, loaded_duffing
+from support import beam_scene, first, heard, linear_model, loaded_duffing
 
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import check_response, family_of
@@ -126,9 +126,9 @@ def test_interrupt_keeps_the_part_that_is_done() -> None:
             raise KeyboardInterrupt
 
     patch = pytest.MonkeyPatch()
-    with patch.context() as context:
+    with patch.context() as context, heard(stop):
         context.setattr(module, "REPORT_INTERVAL", 0.0)
-        found = response(oscillator(), stop)
+        found = response(oscillator())
     assert found.interrupted
     (curve,) = found.curves
     assert len(curve.points) == 2
