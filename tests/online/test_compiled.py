@@ -13,6 +13,7 @@ from support import fixed_steps, one_contact, random_model
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels import compiled, dense, emission
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -23,7 +24,7 @@ def rubbing_motion() -> Motion:
     contacts = one_contact(
         preload=0.3, normal_stiffness=5.0, tangential_stiffness=8.0, friction=0.6
     )
-    return integrate(model, contacts, fixed_steps("discrete-gradient", 60, 12.0), None, dimension=2)
+    return integrate(Problem(model, contacts, fixed_steps("discrete-gradient", 60, 12.0), None))
 
 
 @pytest.mark.parametrize(

@@ -451,6 +451,7 @@ def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(
     from fenicsrom.post.base.style import new_figure
 
     monkeypatch.setattr(picture, "missing_renderer", lambda: "VTK finds no EGL")
+
     def drawn() -> Any:
         figure = new_figure(2.0, 2.0)
         figure.subplots()
