@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from support import heard
 
+from fenicsrom import progress as working
 from fenicsrom.assess.curves import curve_progress
 from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import CLEAR, refuse
@@ -48,7 +49,7 @@ def test_time_left_is_said_in_words() -> None:
 
 def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
     lines: list[str] = []
     watch = stopwatch.Stopwatch()
     with heard(lines.append), watch("derivatives"):
@@ -60,10 +61,28 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
     assert watch.seconds["derivatives"] == 20.0
 
 
+def test_time_left_of_a_stage_of_several_motions_is_that_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    with heard(lines.append), stopwatch.Stopwatch()("size"):
+        for seconds in (0.1, 2.0):
+            for k in range(100):
+                now += seconds
+                tell((k + 1) / 100)
+    assert lines[1] == "  size: 51 % of this motion, about 5 s left at most"
+    assert lines[-2:] == [
+        "  size: 95 % of this motion, about 10 s left at most",
+        "  size: 98 % of this motion, about 4 s left at most",
+    ]
+
+
 def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first of a thousand steps takes a minute, each of the others 0.1 s."""
     now = 100.0
-    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
     lines: list[str] = []
     with heard(lines.append), stopwatch.Stopwatch()("linear transient"):
         for k in tracked(range(1000)):
@@ -77,7 +96,7 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
 ) -> None:
     """The second of ten steps compiles for a minute; each takes 2 s."""
     now = 100.0
-    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
     compilation = Compilations()
     function: Any = SimpleNamespace(
         py_func=SimpleNamespace(__module__="kernels", __qualname__="march"),
@@ -94,16 +113,17 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
                 now += 60.0
                 compilation.on_end(event)
             now += 2.0
+    now += 4.0
     with heard(lines.append):
         motion(0.5, 1e-3)
-    assert lines[1] == "  selection: 20 %, about 16 s left at most"
-    assert lines[-1].endswith("at most 20 s left")
+    assert lines[1] == "  selection: 30 %, about 14 s left at most"
+    assert lines[-1].endswith("at most 24 s left")
     assert watch.seconds["selection"] == pytest.approx(20.0)
 
 
 def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
     lines: list[str] = []
     report = stopwatch.Stopwatch().progress("full", 1e-5)
     now += 3.0

@@ -91,7 +91,7 @@ def _curves(
     from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
     from fenicsrom.assess.curves.trust import richer_model
-    from fenicsrom.assess.errors.sizing import require_size, with_size
+    from fenicsrom.assess.errors.sizing import with_size
     from fenicsrom.files import atomic_write
 
     spare = spare_coordinates(source.stored)
@@ -101,7 +101,6 @@ def _curves(
         if {*labels} <= {*source.stored.labels, *source.stored.further}:
             source = source.with_model(source.stored.resized(labels), folder)
     elif (size := source.stored.scene.basis.size) is not None:
-        require_size(source.stored, size)
         source = source.with_model(with_size(source.stored, None, size), folder)
     while True:
         stored = source.stored

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,6 +9,7 @@ from fenicsrom.progress import duration, listening, log, time_left, working_time
 
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
+IN_PARTS = ("size", "checks")  # stages of several motions, each of which begins at 0 %
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
 
 
@@ -40,27 +40,31 @@ class Stopwatch:
         """Begin without a stage."""
         self.seconds: dict[str, float] = {}
         self.stage = ""
-        self._last = clock.perf_counter()
+        self._last = working_time()
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
         outer, self.stage = self.stage, stage
         log.info(f"{stage} ..")
-        self._last = clock.perf_counter()
-        work = working_time()
+        work = self._last = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
+        last = 0.0
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
-            nonlocal known
-            now, worked = clock.perf_counter(), working_time()
+            nonlocal known, last
+            now = working_time()
+            if fraction < last:  # another motion
+                known = now, fraction
+            last = fraction
             if known is None:
-                known = (work, 0.0) if fraction > FIRST_STEP else (worked, fraction)
+                known = (work, 0.0) if fraction > FIRST_STEP else (now, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                left = time_left(worked - known[0], (fraction - known[1]) / (1.0 - known[1]))
-                log.info(f"  {stage}: {100.0 * fraction:.0f} %, {left} at most")
+                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
+                of_it = " of this motion" if stage in IN_PARTS else ""
+                log.info(f"  {stage}: {100.0 * fraction:.0f} %{of_it}, {left} at most")
 
         try:
             with listening(report):
@@ -84,11 +88,11 @@ class Stopwatch:
         def report(fraction: float, change: float) -> None:
             nonlocal count
             count += 1
-            now = clock.perf_counter()
+            now = working_time()
             if now - self._last > PROGRESS_INTERVAL:
                 self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                left = duration((working_time() - begin) * (1.0 - fraction) / fraction)
+                left = duration((now - begin) * (1.0 - fraction) / fraction)
                 log.info(
                     f"  {model}: period {count}, {100.0 * fraction:.0f} % of the largest number, "
                     f"change {change:.1e}{goal}, at most {left} left"

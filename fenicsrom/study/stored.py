@@ -44,15 +44,8 @@ def rerun(
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
     from fenicsrom.assess.errors.plausibility import implausible_loads
-    from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.online.store.checkpoints import load_start
-    from fenicsrom.post.run.sentences import (
-        UNJUDGED,
-        UNJUDGED_MATRICES,
-        motion_warnings,
-        rerun_left_out,
-        rerun_warnings,
-    )
+    from fenicsrom.post.run.sentences import rerun_left_out, rerun_warnings
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
@@ -65,11 +58,6 @@ def rerun(
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)
-    if unfinished is None:
-        warnings += motion_warnings("reduced", motion, scene)
-        if stored.candidates is None:
-            imported = stored.method == SUPERELEMENT
-            warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
     left_out = rerun_left_out(stored, motion)
     found = Rerun(stored, motion, {}, unfinished, warnings, left_out=left_out)
     if unfinished is None:
@@ -104,12 +92,24 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
 
 def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
-    """Let the model take coordinates until its basis is accurate enough."""
+    """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
+    from fenicsrom.online.store.archive import SUPERELEMENT
+    from fenicsrom.post.run.sentences import (
+        UNJUDGED,
+        UNJUDGED_MATRICES,
+        motion_warnings,
+        rerun_left_out,
+    )
 
     chosen = fitted(found.stored, found.motion, stop, found.warnings)
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
+        found.left_out = rerun_left_out(found.stored, found.motion)
+    found.warnings += motion_warnings("reduced", found.motion, found.stored.scene)
+    if found.stored.candidates is None:
+        superelement = found.stored.method == SUPERELEMENT
+        found.warnings.append(UNJUDGED_MATRICES if superelement else UNJUDGED)
 
 
 def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:

@@ -22,6 +22,7 @@ from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.run.march import integrate
+from fenicsrom.progress import listening
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]
@@ -618,6 +619,15 @@ def test_progress_is_called_after_each_period() -> None:
     )
     assert [done for done, _ in told] == pytest.approx([1 / 3, 2 / 3, 1.0])
     assert all(change > 0 for _, change in told)
+
+
+def test_listener_hears_the_time_of_the_steps_and_nothing_of_the_equilibrium_before_them() -> None:
+    model, contacts = rubbing()
+    told: list[float] = []
+    time = Time.of(periods=4, steady_tolerance=0.0, steps_per_period=40)
+    with listening(told.append):
+        integrate(model, contacts, time, PERIOD, dimension=2)
+    assert told == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
 def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:

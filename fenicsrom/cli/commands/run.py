@@ -78,7 +78,7 @@ def _rerun(options: argparse.Namespace) -> int:
             stop=is_terminated,
             given=given_keys(options),
         )
-        sizes = {"reduced": stored.size}
+        sizes = {"reduced": found.stored.size}
         names = direction_names(current.scene, current.model.points)
         table = motion_table.response_table({"reduced": found.motion}, sizes, names, current.scene)
         lines = sentences.rerun_sentences(found)

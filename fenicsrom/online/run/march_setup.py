@@ -31,6 +31,7 @@ from fenicsrom.online.step.state import (
 )
 from fenicsrom.online.step.step import measure
 from fenicsrom.online.step.step_limits import landings, longest_step
+from fenicsrom.progress import listening
 
 ROWS = 4096  # of a record
 
@@ -181,7 +182,8 @@ def set_up_run(
         done = resume.spans if period is not None else 0
     else:
         if start is None:
-            q, buckled = equilibrium(problem)
+            with listening(None):  # its progress is no progress of the steps
+                q, buckled = equilibrium(problem)
             start = (q, np.zeros_like(q))
         state = initial_state(problem, plan, *start)
         state.scalars[STEP] = step

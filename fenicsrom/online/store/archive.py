@@ -1,7 +1,8 @@
 """Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
 
 With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
-points in d dimensions and v normal modes, the file holds these arrays of float64, in SI units:
+points in d dimensions, v normal modes, and c different cubic coefficients, the file holds these
+arrays of float64, in SI units:
 
     ==================== ============ ========== ================================================
     name                 shape        unit       meaning
@@ -11,7 +12,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     force                (n,)         N          elastic force at q = 0
     stiffness            (n, n)       N/m        K, the tangent at q = 0
     quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
-    cubic                (p, p)       N/m^3      B by pairs of pairs
+    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.unique_cubic`)
     velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
     loads                (n, loads)   1          projected unit loads, one column for each load
     contact_rows         (P d, n)     1          local contact displacement = rows q + offset
@@ -64,6 +65,7 @@ from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
@@ -76,7 +78,7 @@ from fenicsrom.scene.overrides import override_texts
 from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 7"
+FORMAT = "fenicsrom reduced model 8"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
@@ -153,6 +155,35 @@ class StoredModel:
         """The tables of the stresses and reactions for the coordinates of the model."""
         return None if self.tables is None else self.tables.of(range(self.size))
 
+    @property
+    def least_size(self) -> int:
+        """The fewest coordinates that the model may have: those of the contact and one more."""
+        labels = enumerate((*self.labels, *self.further))
+        return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
+
+    def require_size(self) -> None:
+        """Check the number of coordinates that the scene asks for.
+
+        Raises:
+            SceneError: the model has no such `basis.size`.
+        """
+        size, source = self.scene.basis.size, self.scene.source
+        least, known = self.least_size, self.size + len(self.further)
+        if size is None or (self.candidates is not None and least <= size < known):
+            return
+        allowed = (
+            f"must be from {least} to {known - 1}; the model holds {known} coordinates, and those "
+            "that it leaves out judge it"
+            if self.candidates is not None
+            else "not allowed: the model holds no coordinates besides its own"
+        )
+        raise SceneError(
+            f"{source}: basis.size = {size}: {allowed}",
+            kind=ErrorKind.RANGE,
+            key="basis.size",
+            source=source,
+        )
+
     def resized(self, chosen: int | Sequence[str]) -> StoredModel:
         """The model of other coordinates of those that the file holds, without a mesh.
 
@@ -188,7 +219,8 @@ class StoredModel:
             scene: a scene that agrees with the stored scene in all keys of the offline stage.
 
         Raises:
-            SceneError: the scenes do not agree; the error names the first key that differs.
+            SceneError: the scenes do not agree; the error names the first key that differs. Or the
+                model has no such `basis.size`.
         """
         return self._with_scene(scene, scene.source)
 
@@ -212,7 +244,9 @@ class StoredModel:
             name: None if model is None else model._replace(**changes)
             for name, model in models.items()
         }
-        return replace(self, scene=scene, **changed)
+        found = replace(self, scene=scene, **changed)
+        found.require_size()
+        return found
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
@@ -380,6 +414,7 @@ def _matrices(model: ReducedModel) -> dict[str, Array]:
         "mass": model.mass,
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
+        "cubic": unique_cubic(model.elastic.cubic, model.size),
         "loads": model.loads,
         "contact_rows": model.contact_rows,
         "probe": model.probe,
@@ -441,7 +476,12 @@ def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
     return reduced_model(
         data["mass"],
         float(data["damping"]),
-        ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
+        ElasticPolynomial(
+            data["force"],
+            data["stiffness"],
+            data["quadratic"],
+            paired_cubic(data["cubic"], len(data["mass"])),
+        ),
         data["loads"],
         load_histories(scene),
         ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
