@@ -237,11 +237,11 @@ def _nearby_motion(
     if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    fractions = motion.time[motion.last_period()] / scene.period if adaptive else None
+    steps = motion.time[motion.last_period()] / scene.period if adaptive else None
     shooting = Shooting(
         Problem.of(model, scene).settled(),
         motion.search.periods,
-        None if fractions is None else fractions - fractions[0],
+        None if steps is None else steps - steps[0],
     )
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
