@@ -79,7 +79,7 @@ from fenicsrom.scene.overrides import override_texts
 from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 8"
+FORMAT = "fenicsrom reduced model 7"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
