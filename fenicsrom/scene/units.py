@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from fenicsrom.scene.overrides import names_of, parsed_override
-from fenicsrom.scene.rules import is_number, is_sequence
+from fenicsrom.scene.rules import is_sequence
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import keys, table_kind
-from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, shifted, table_in_si
+from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, table_in_si
 from fenicsrom.scene.writing import toml_value
 
 ALONG = ("first", "last", "isolated", "full")
@@ -52,8 +52,7 @@ def given_unit_of(scene: Scene, path: str) -> str:
 
 def as_given(scene: Scene, path: str, value: Any) -> Any:
     """The value of a key of a scene in the units of its file; the scene itself is in SI units."""
-    power = scene.units.power(_whole_unit(scene, path))
-    return shifted(value, -power) if is_number(value) and power else value
+    return scene.units.from_si(value, _whole_unit(scene, path))
 
 
 def _whole_unit(scene: Scene, path: str) -> str:
