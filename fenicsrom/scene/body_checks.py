@@ -52,9 +52,6 @@ def attachment_problems(scene: Scene) -> Problems:
         if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
             allowed = "a mass, a stiffness or a damping above 0 must be given"
             yield Problem(f"{key}.mass", MISSING, allowed)
-        if found.mass and scene.rotation is not None:
-            allowed = "not allowed with [rotation]; model the mass by cells with a density"
-            yield Problem(f"{key}.mass", found.mass, allowed)
         point = found.place.node or found.place.nearest or found.place.at != "mean"
         for name in ("stiffness", "damping"):
             per_area = getattr(found, f"{name}_per_area")

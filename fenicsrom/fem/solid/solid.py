@@ -271,6 +271,7 @@ class Solid(ElasticBody):
             each *= np.tile(np.isin(axes, found.components or axes), len(shares))
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
             self.dashpots += (found.damping + found.damping_per_area * area) * each
+        self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
