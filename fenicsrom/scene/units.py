@@ -132,7 +132,7 @@ def column_name(scene: Scene, path: str, given: bool = False) -> str:
 
 def units_sentence(scene: Scene) -> str:
     """Say in which units the scene is written; "" if it is written in SI units."""
-    return "" if scene.units.is_si else f"units: the scene is in {scene.units.names}; results in SI"
+    return "" if scene.units.is_si else f"units of the scene: {scene.units.names}; results in SI"
 
 
 def _is_regional(scene: Scene, names: list[str]) -> bool:

@@ -387,8 +387,9 @@ def _contact_lines(
         stiffness, gap = STOP * mode.stiffness, 0.5 * mode.amplitude * towards
         limit = f"gap = {_two_digits(units, 'm', gap)} # {units.length}"
     size = f"{_two_digits(units, 'N/m', stiffness)} # {units.name_of('N/m')}"
+    kind = "a stop" if towards >= SLIDING else "a friction damper"
     return [
-        f"[[contacts]] # {'a stop' if template == 'rub' else 'a friction damper'}",
+        f"[[contacts]] # {kind}",
         place,
         f"normal = {_rounded(normal)} # {why}",
         limit,
