@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from fenicsrom.scene.overrides import names_of, parsed_override
-from fenicsrom.scene.rules import is_number, is_sequence
+from fenicsrom.scene.rules import is_sequence
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import keys, table_kind
-from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, shifted, table_in_si
+from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, table_in_si
 from fenicsrom.scene.writing import toml_value
 
 ALONG = ("first", "last", "isolated", "full")
@@ -52,8 +52,7 @@ def given_unit_of(scene: Scene, path: str) -> str:
 
 def as_given(scene: Scene, path: str, value: Any) -> Any:
     """The value of a key of a scene in the units of its file; the scene itself is in SI units."""
-    power = scene.units.power(_whole_unit(scene, path))
-    return shifted(value, -power) if is_number(value) and power else value
+    return scene.units.from_si(value, _whole_unit(scene, path))
 
 
 def _whole_unit(scene: Scene, path: str) -> str:
@@ -133,7 +132,7 @@ def column_name(scene: Scene, path: str, given: bool = False) -> str:
 
 def units_sentence(scene: Scene) -> str:
     """Say in which units the scene is written; "" if it is written in SI units."""
-    return "" if scene.units.is_si else f"units: the scene is in {scene.units.names}; results in SI"
+    return "" if scene.units.is_si else f"units of the scene: {scene.units.names}; results in SI"
 
 
 def _is_regional(scene: Scene, names: list[str]) -> bool:
