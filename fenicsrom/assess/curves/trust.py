@@ -129,6 +129,12 @@ class Richer:
     family: Family
     transfer: Array
 
+    def start(self, point: CurvePoint, shooting: Shooting) -> Array:
+        """The variables z (N',) of the richer basis at a point of the model."""
+        blocks, n = shooting.map.blocks, self.transfer.shape[1]
+        moved = (point.z[: blocks * n].reshape(blocks, n) @ self.transfer.T).ravel()
+        return np.concatenate([moved, point.z[blocks * n :]])
+
 
 def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     """The points of a curve at which its errors are estimated, each with its name."""
@@ -321,12 +327,9 @@ def _path(
 def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
-    n = richer.transfer.shape[1]
     model, contacts = problem.model, problem.contacts
     shooting = Shooting(model, contacts, settings, problem.period, point.periods)
-    blocks = shooting.map.blocks
-    moved = (point.z[: blocks * n].reshape(blocks, n) @ richer.transfer.T).ravel()
-    start = np.concatenate([moved, point.z[blocks * n :]])
+    start = richer.start(point, shooting)
     try:
         return periodic_motion(
             model, contacts, settings, problem.period, start, point.periods, tolerance=TOLERANCE

@@ -13,6 +13,7 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
+from fenicsrom.post.curves.peak_tables import optimum_sentences
 from fenicsrom.post.curves.response_figures import (
     direction_name,
     key_label,
@@ -55,6 +56,7 @@ def sentences(found: Response) -> list[str]:
                 f"{begin}At {counted(free, 'point')}, a contact point sticks all the time: the "
                 "position of its slider is not unique."
             )
+        lines += [f"{begin}{text}" for text in optimum_sentences(found, curve)]
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
     return lines
