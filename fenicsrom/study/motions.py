@@ -53,6 +53,8 @@ def integrate(run: Run, name: str) -> None:
         if not isinstance(error.partial, Motion):  # it failed before the first step
             return
         motion = error.partial
+    if name == "full" and not study.unfinished:
+        motion = _settled(study, motion)
     study.motions[name] = motion
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
@@ -63,6 +65,18 @@ def integrate(run: Run, name: str) -> None:
         return
     study.warnings.extend(motion_warnings(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
+
+
+def _settled(study: Study, full: Motion) -> Motion:
+    """The periodic motion of the full model where its march has not settled. Collective."""
+    from fenicsrom.assess.full.true_errors import settled_full_motion
+
+    if study.basis is None:
+        return full
+    vectors, motion = study.basis.vectors, study.motions["reduced"]
+    found, said = settled_full_motion(study.solid, vectors, study.model, study.scene, motion, full)
+    study.warnings.extend([said] if said else [])
+    return found
 
 
 def fit_size(run: Run) -> None:

@@ -13,9 +13,11 @@ from support import beam_scene, enriched, make_solid
 pytest.importorskip("dolfinx")
 
 from fenicsrom.assess.full.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
+from fenicsrom.assess.full.true_errors import settled_full_motion
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
@@ -90,11 +92,29 @@ def test_motion_equals_a_long_march(dissipative: Case) -> None:
     marched = simulate(FullModel(dissipative.solid), replace(scene, time=time))
     assert marched.steady and marched.periods > 100
     assert found.periods <= MOST
-    amplitude = np.ptp(marched.displacement[marched.last_period()], axis=0) / 2.0
-    np.testing.assert_allclose(found.amplitude, amplitude, atol=1e-6 * amplitude.max())
+    exact = np.ptp(marched.displacement[marched.last_period()], axis=0) / 2.0
+    np.testing.assert_allclose(found.amplitude, exact, atol=1e-6 * exact.max())
     assert set(np.unique(found.record.state)) >= {-1, 0}  # it lifts off and slips
-    error = np.abs(dissipative.reduced.amplitude - amplitude).max()
-    assert error > 1e-5 * amplitude.max()  # the reduced motion is another one
+    error = np.abs(dissipative.reduced.amplitude - exact).max()
+    assert error > 1e-5 * exact.max()  # the reduced motion is another one
+
+
+def test_march_that_does_not_settle_gives_way_to_the_periodic_motion(dissipative: Case) -> None:
+    """The march of ten periods misses the amplitude of the periodic motion; a settled one stays."""
+    solid, scene, basis = dissipative.solid, dissipative.scene, dissipative.basis
+    model = dissipative.shooting.model
+    motion = simulate(model, scene)
+    marched = simulate(FullModel(solid), replace(scene, time=scene.time.changed(periods=10)))
+    found, said = settled_full_motion(solid, basis, model, scene, motion, marched)
+    exact = dissipative.find().amplitude[0]
+    size = exact.max()
+    assert not marched.steady and found.steady and "Newton" in said
+    assert np.abs(amplitude(marched) - exact).max() > 1e-2 * size
+    np.testing.assert_allclose(amplitude(found), exact, atol=1e-5 * size)
+    assert found.periods > marched.periods and found.seconds > marched.seconds
+    assert settled_full_motion(solid, basis, model, scene, motion, found) == (found, "")
+    unsettled = replace(motion, steady=False)
+    assert settled_full_motion(solid, basis, model, scene, unsettled, marched) == (marched, "")
 
 
 @pytest.mark.parametrize(

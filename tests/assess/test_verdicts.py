@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -240,6 +241,26 @@ def test_distance_of_periods_counts_whole_where_the_peak_force_is_unresolved(
     found = estimates.step_errors(model, scene, touching)
     assert found.peak_force == pytest.approx(2.0 * (1.0 - peak))
     assert found.amplitude == pytest.approx(2.0 / (2**order - 1), rel=1e-6)
+
+
+@pytest.mark.parametrize(("closed", "error"), [(0.0, 0.2), (0.5, 0.0)])
+def test_peak_force_of_impacts_is_compared_with_a_third_run(
+    closed: float, error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run of twice the step agrees by chance; the run of four times the step does not. A
+    contact that stays closed needs no third run."""
+    model, scene, motion = oscillator()
+    force = np.full((motion.time.size, 1, 2), 1.0)
+    force[::2] = closed
+    touching = replace(motion, force=force)
+    steps = scene.time.stepping.steps_per_period
+
+    def check(model: Any, other: Any, motion: Any) -> Any:
+        longest = 4 * other.time.stepping.steps_per_period == steps
+        return replace(touching, force=1.2 * force) if longest else touching
+
+    monkeypatch.setattr(estimates, "check_motion", check)
+    assert estimates.step_errors(model, scene, touching).peak_force == pytest.approx(error)
 
 
 @pytest.mark.parametrize("settles", [True, False])

@@ -66,7 +66,7 @@ def larger_model(found: Response, stored: StoredModel, spare: int) -> StoredMode
         if whole is None:
             continue
         points.append((own, check.point, whole))
-        for label, size in candidate_energies(own, motion_of(whole)).items():
+        for label, size in candidate_energies(own, motion_of(whole.record, whole.period)).items():
             energies[label] = max(size, energies.get(label, 0.0))
     labels = sorted(energies, key=lambda label: -energies[label])[: len(energies) - spare]
     best = None

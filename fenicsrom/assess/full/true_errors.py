@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, distances
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.periodic_record import motion_of
+from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import with_time
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -59,6 +66,52 @@ def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motio
         start = reduction.basis.vectors @ q, reduction.basis.vectors @ v, sliders
         scene = with_time(scene, periods=FULL_PERIODS)
     return distances(motion, simulate(full_model(solid), scene, start=start))
+
+
+def settled_full_motion(
+    solid: Any, vectors: Array, model: ReducedModel, scene: Scene, motion: Motion, full: Motion
+) -> tuple[Motion, str]:
+    """The periodic motion of a full model whose march did not settle, and a sentence on it.
+
+    Newton's method starts it from the periodic motion of the reduced model
+    (`fenicsrom.assess.full.full_periodic`). Where the march decays slowly, for example near an
+    undamped mode, the march alone would compare a periodic motion with a transient.
+
+    Args:
+        solid: the solid.
+        vectors: (local, n) vectors of the reduced basis.
+        model: the reduced model.
+        scene: the scene of both motions.
+        motion: the motion of the reduced model.
+        full: the marched motion of the full model.
+
+    Returns:
+        The motion, and a sentence. The motion is the marched one, and the sentence is empty, if the
+        march has settled or Newton's method did not find the reduced motion.
+    """
+    from fenicsrom.assess.full.full_periodic import full_periodic_motion
+
+    if full.steady or motion.newton_from is None or not motion.steady or full.period is None:
+        return full, ""
+    assert motion.search is not None
+    contacts = settled_contacts(contacts_of(scene, model.points))
+    shooting = Shooting(model, contacts, scene.time, full.period, motion.search.periods)
+    begin = f"the march of the full model did not settle within {counted(full.periods, 'period')}"
+    try:
+        reduced = solve(shooting, shooting.scaled(start_variables(shooting, motion.end)))
+        found = full_periodic_motion(solid, vectors, shooting, reduced)
+    except ConvergenceError as error:
+        return full, f"{begin}; Newton's method did not find its periodic motion either: {error}"
+    periodic = replace(
+        motion_of(found.record, reduced.period),
+        seconds=full.seconds + found.seconds,
+        periods=full.periods + found.periods,
+    )
+    return periodic, (
+        f"{begin}; its periodic motion was found by Newton's method in "
+        f"{counted(found.periods, 'period')} from that of the reduced model, and its stability was "
+        "not examined"
+    )
 
 
 def missed(error: float, estimate: float) -> str:

@@ -10,7 +10,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.families import Problem
-from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
+from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.state import Record
 
@@ -34,9 +34,9 @@ def recorded_motion(problem: Problem, settings: Any, z: Array, m: int = 1) -> Mo
     return _motion(_with_start(end.record), m * problem.period)
 
 
-def motion_of(found: PeriodicMotion) -> Motion:
-    """The period that Newton's method ended with."""
-    return _motion(_with_start(found.record), found.period)
+def motion_of(record: Record, period: float) -> Motion:
+    """The motion of the rows of a period that Newton's method ended with."""
+    return _motion(_with_start(record), period)
 
 
 def _with_start(record: Record) -> Record:

@@ -354,8 +354,11 @@ def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:
         ("dashpot", attachment.damping, "N s/m"),
         ("dashpot", attachment.damping_per_area, per.replace("N", "N s")),
     )
+    along = " in each direction"
+    if attachment.components is not None:
+        along = f" along {', '.join(attachment.components)}"
     return [
-        (kind, f"{kind}, {size:g} {unit}{' in each direction' * (kind != 'mass')}")
+        (kind, f"{kind}, {size:g} {unit}{along * (kind != 'mass')}")
         for kind, size, unit in parts
         if size
     ]
