@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, linear_model
+from support import beam_scene, heard, linear_model
 from test_response import run, scene_with
 
 from fenicsrom.assess.curves.peaks import largest_peaks
@@ -121,7 +121,8 @@ def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Pat
         if count == 6:
             raise KeyboardInterrupt
 
-    assert response(damper(), say, state=tmp_path).interrupted
+    with heard(say):
+        assert response(damper(), state=tmp_path).interrupted
     again = response(damper(), resume=tmp_path)
     pairs = zip(*(largest_peaks(one.curves[0].peaks) for one in (again, found)), strict=True)
     for mine, its in pairs:
