@@ -98,7 +98,7 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
+    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
     if found is not None and found.stored is not stored:
         resize(study, found.stored)
         study.motions["reduced"] = found.motion
@@ -140,9 +140,8 @@ def _model(study: Study, name: str) -> Any:
     """Make the model with the given name."""
     if name == "full":
         from fenicsrom.fem.full.full import full_model
-        from fenicsrom.online.contact.points import contacts_of
 
-        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
+        return full_model(study.solid, study.scene)
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -215,7 +214,6 @@ def slower_than_solid(study: Study) -> list[str]:
 
     Only where the motion took long, and the full model did not run. Collective.
     """
-    from fenicsrom.online.contact.points import contacts_of
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import step_sentence
     from fenicsrom.scene.step_size import with_time
@@ -228,7 +226,7 @@ def slower_than_solid(study: Study) -> list[str]:
     period = with_time(scene, periods=1, steady="march")
     try:
         coarse = with_time(period, steps_per_period=TIMED_STEPS)
-        full = simulate(full_model(solid, contacts_of(scene, solid.points)), coarse)
+        full = simulate(full_model(solid, scene), coarse)
         reduced = simulate(study.model, period)
     except (AccuracyError, ConvergenceError, SceneError):  # the long steps cannot be taken
         return []

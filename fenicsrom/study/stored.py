@@ -24,7 +24,6 @@ def rerun(
     folder: Path,
     *,
     resume: Path | None = None,
-    say: Callable[[str], None] | None = None,
     stop: Callable[[], bool] = never,
     given: Collection[str] = (),
 ) -> Rerun:
@@ -34,7 +33,6 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         stop: called between stages and after each period; the run ends when it returns True.
         given: keys that the user gave, for the warning of keys without effect.
 
@@ -52,7 +50,7 @@ def rerun(
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
-    watch, model, scene = Stopwatch(say), stored.model, stored.scene
+    watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
@@ -80,7 +78,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     try:
         stop_where_asked(stop)
         with watch("size"):
-            _fit_size(found, watch, stop)
+            _fit_size(found, stop)
         stop_where_asked(stop)
         with watch("checks"):
             found.unfinished = _check(found)
@@ -93,7 +91,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         raise
 
 
-def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
+def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
     """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.online.store.archive import SUPERELEMENT
@@ -104,7 +102,7 @@ def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
         rerun_left_out,
     )
 
-    chosen = fitted(found.stored, found.motion, watch.say, stop, found.warnings)
+    chosen = fitted(found.stored, found.motion, stop, found.warnings)
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
         found.left_out = rerun_left_out(found.stored, found.motion)

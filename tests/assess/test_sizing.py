@@ -176,12 +176,12 @@ def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
     sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
     stored = stored_with(response=sweep)
     richer = richer_model(stored)
-    found = response(stored, lambda line: None, richer=richer)
+    found = response(stored, richer=richer)
     worst = max(check.basis_error or 0.0 for curve in found.curves for check in curve.checks)
     assert worst > 1e-3
     larger = larger_model(found, stored, spare_coordinates(stored))
     assert larger is not None and larger.labels == ("1V", "3V", "2V", "5V")
-    again = response(larger, lambda line: None, richer=richer_model(larger))
+    again = response(larger, richer=richer_model(larger))
     assert larger_model(again, larger, spare_coordinates(stored)) is None
     assert not any("basis.accuracy" in text for text in again.warnings)
     fixed = stored_with("basis.size=1", response=sweep)

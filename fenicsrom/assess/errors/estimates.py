@@ -10,8 +10,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -25,7 +25,7 @@ from fenicsrom.online.motion.measures import (
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import motion_of
-from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
+from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
@@ -239,10 +239,7 @@ def _nearby_motion(
     assert scene.period is not None and motion.search is not None
     steps = motion.time[motion.last_period()] / scene.period if adaptive else None
     shooting = Shooting(
-        model,
-        settled_contacts(contacts_of(scene, model.points)),
-        scene.time,
-        scene.period,
+        Problem.of(model, scene).settled(),
         motion.search.periods,
         None if steps is None else steps - steps[0],
     )

@@ -29,6 +29,7 @@ from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.words import counted
@@ -192,7 +193,6 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
 def fitted(
     stored: StoredModel,
     motion: Motion,
-    say: Callable[[str], None],
     stop: Callable[[], bool],
     warnings: list[str],
 ) -> Sized | None:
@@ -201,13 +201,12 @@ def fitted(
     Args:
         stored: the model under the scene.
         motion: its motion.
-        say: receives the coordinates of each larger model.
         stop: the run ends when it returns True.
         warnings: receives a sentence if the accuracy is not reached.
     """
 
     def run(larger: StoredModel) -> Motion:
-        say(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+        log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
         return simulate(larger.model, larger.scene, keep_coordinates=True, stop=stop)
 
     try:
