@@ -6,7 +6,7 @@ The page needs no network: it holds the data and the library that draws them, k3
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -128,10 +128,30 @@ def simplified(surface: PolyData) -> PolyData:
     return surface.decimate_pro(1.0 - MOST_TRIANGLES / surface.n_cells, preserve_topology=True)
 
 
-def turning_page(
+def turning_page(plot: Any, entries: Sequence[Mapping[str, Any]]) -> str:
+    """Compose the page, as HTML text, of what `turning_plot` gives."""
+    plot.snapshot_type, plot.menu_visibility = "full", False
+    return str(
+        plot.get_snapshot(9, additional_js_code=CONTROLS.replace("SHOWN", json.dumps(entries)))
+    )
+
+
+def turning_widget(plot: Any, entries: Sequence[Mapping[str, Any]]) -> Any:
+    """Compose a widget for notebooks, with the list above the plot."""
+    import ipywidgets
+
+    def choose(change: Mapping[str, Any]) -> None:
+        plot.time = float(change["new"])
+
+    found = ipywidgets.Dropdown(options=[(one["name"], one["first"]) for one in entries])
+    found.observe(choose, "value")
+    return ipywidgets.VBox([found, plot])
+
+
+def turning_plot(
     surface: PolyData, shown: Sequence[Shown], symbols: Sequence[Part], view: View
-) -> str:
-    """Compose the page.
+) -> tuple[Any, list[dict[str, Any]]]:
+    """Draw the body with k3d.
 
     Args:
         surface: the undeformed body.
@@ -140,13 +160,11 @@ def turning_page(
         view: the first projection.
 
     Returns:
-        The HTML text.
+        The plot, and the name, the note and the times of each entry.
     """
     import k3d
 
-    plot = k3d.plot(
-        grid_visible=False, menu_visibility=False, colorbar_object_id=0, camera_auto_fit=False
-    )
+    plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
     plot.lighting, plot.camera_fov = 0.3, 20.0
     middle = surface.points.mean(axis=0)
     plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
@@ -183,10 +201,7 @@ def turning_page(
         else:
             size = 0.012 * view.length
             plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
-    plot.snapshot_type = "full"
-    return str(
-        plot.get_snapshot(9, additional_js_code=CONTROLS.replace("SHOWN", json.dumps(entries)))
-    )
+    return plot, entries
 
 
 def _mesh(surface: PolyData, **look: Any) -> Any:
