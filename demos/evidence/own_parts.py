@@ -435,6 +435,8 @@ def take(part: Part, folder: Path) -> dict[str, Any]:
     """Take a part from its file to its curves."""
     scene, stem = str((folder / part.file).with_suffix(".toml")), Path(part.file).stem
     Path(scene).unlink(missing_ok=True)
+    os.environ["FENICSROM_CACHE"] = str(folder / "cache")
+    shutil.rmtree(folder / "cache", ignore_errors=True)
     options = ("--template", "rub", *part.init, "--output", scene)
     found: dict[str, Any] = {"what": part.what, "failed": [], "told": [], "seconds": {}}
     for name in ("init", "modes", "run", "response", "export"):

@@ -318,8 +318,11 @@ def _loads(deck: Deck, cells: str) -> Iterator[str]:
         for cell, face in zip(pressed.cells, pressed.faces, strict=True):
             yield f"{1 + cell}, P{1 + face}, {_number(pressed.size)}"
     if deck.omega_squared > 0.0:
-        numbers = (deck.omega_squared, *deck.axis.reshape(-1))
-        yield from ["*DLOAD", f"{cells}, CENTRIF, {', '.join(map(_number, numbers))}"]
+        numbers = ", ".join(map(_number, (deck.omega_squared, *deck.axis.reshape(-1))))
+        first = 1 + len(deck.mesh.blocks[0].nodes)  # the masses are the elements after the cells
+        masses = range(first, first + np.count_nonzero(deck.masses > 0.0))
+        yield "*DLOAD"
+        yield from (f"{elements}, CENTRIF, {numbers}" for elements in (cells, *masses))
 
 
 class _Names:

@@ -148,6 +148,8 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
         found.append("the damping is left out")
     if scene.rotation is not None and scene.rotation.coriolis:
         found.append("the Coriolis force is left out")
+    if scene.rotation is not None and any(attached.mass for attached in scene.attachments):
+        found.append("CalculiX has no spin softening of concentrated masses in its frequencies")
     if nodes.drops:
         found.append(
             "the elements lack the nodes inside faces and cells, so they are stiffer than the "

@@ -85,7 +85,7 @@ def with_physics(
         [0] + [len(block.nodes) for block in mesh.blocks if block.labels is not None]
     )
     state = _State(Collector(), nodes, cells, mesh, starts)
-    for keyword, scope in keywords:
+    for keyword, scope in sorted(keywords, key=lambda given: given[0].name != "ELEMENT"):
         try:
             taken = _take(state, keyword, scope)
         except (ValueError, IndexError):
@@ -120,10 +120,7 @@ def _take(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> bool:
             for node in nodes:
                 state.found.masses[int(node)] += float(rows[0][0])
     elif name == "SPRING":
-        component, stiffness = int(rows[0][0]) - 1, float(rows[1][0])
-        for nodes in state.points[keyword.parameters.get("ELSET", "").upper()]:
-            for node in nodes:
-                state.found.springs[int(node), component] += stiffness
+        _springs(state, keyword, rows)
     elif name in LOADS:
         if not (state.static and state.step == 1):
             state.found.leave(f"*{name} of a step that is not static, or not the first one")
@@ -145,6 +142,17 @@ def _material(state: _State, keyword: Keyword, rows: list[list[str]]) -> bool:
     if len(rows) > 1:
         state.found.leave(f"the temperatures of the material {state.material} after the first one")
     return True
+
+
+def _springs(state: _State, keyword: Keyword, rows: list[list[str]]) -> None:
+    """Take the stiffness of elements SPRING1; other springs are named as elements."""
+    own = state.points[keyword.parameters.get("ELSET", "").upper()]
+    if own and ({"NONLINEAR", "ORIENTATION"} & set(keyword.parameters) or int(rows[0][0]) > 3):
+        state.found.leave("*SPRING that is nonlinear, oriented or rotational")
+        return
+    for nodes in own:
+        for node in nodes:
+            state.found.springs[int(node), int(rows[0][0]) - 1] += float(rows[1][0])
 
 
 def _section(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> None:

@@ -60,7 +60,8 @@ class Archive:
         materials: number of the material of each element.
         reals: set of real constants of each element.
         constants: constants of each material by its number.
-        real_constants: first real constant of each set.
+        real_constants: real constants of each set.
+        options: the options KEYOPT of each type in the file, by their numbers.
         physics: supports and loads, by the numbers of the nodes.
     """
 
@@ -73,7 +74,8 @@ class Archive:
     materials: dict[int, int] = field(default_factory=dict)
     reals: dict[int, int] = field(default_factory=dict)
     constants: dict[int, dict[str, float]] = field(default_factory=dict)
-    real_constants: dict[int, float] = field(default_factory=dict)
+    real_constants: dict[int, list[float]] = field(default_factory=dict)
+    options: dict[int, dict[int, int]] = field(default_factory=dict)
     physics: list[tuple[str, int, str, float]] = field(default_factory=list)
     acceleration: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -120,17 +122,20 @@ def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
         widths = _widths(next(lines))
         while (row := [int(word) for word in _cut(next(lines), widths)])[0] > 0:
             archive.types[row[0]] = row[1]
+            archive.options[row[0]] = dict(enumerate(row[2:], 1))
     elif command in ("MP", "MPDATA"):
         _material(archive, words)
     elif command == "RLBLOCK":
         next(lines), next(lines)
         for _ in range(int(words[1])):
             row = next(lines).split()
-            archive.real_constants[int(row[0])] = float(row[2])
+            archive.real_constants[int(row[0])] = [float(word) for word in row[2:]]
             for _ in range(max(0, -(-(int(row[1]) - 6) // 7))):
                 next(lines)
     elif command == "R" and len(words) > 2 and words[1].isdigit():
-        archive.real_constants[int(words[1])] = float(words[2] or 0.0)
+        archive.real_constants[int(words[1])] = [float(word or 0.0) for word in words[2:]]
+    elif command in ("KEYOP", "KEYOPT") and len(words) > 3:
+        archive.options.setdefault(int(words[1]), {})[int(words[2])] = int(words[3])
     elif command in ("D", "F") and words[1:2] and words[1].isdigit() and len(words) > 2:
         value = float(words[3]) if len(words) > 3 and words[3] else 0.0
         archive.physics.append((command, int(words[1]), words[2].upper(), value))
@@ -239,15 +244,15 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
     if extra:
         notes = (middle_nodes_note(len(extra)),)
         points = np.concatenate([points, np.array(extra)])
-    unread = [counted(n, name) for name, n in left.items() if name != MASS]
+    unread = [counted(n, name) for name, n in left.items() if name not in ATTACHED]
     unread += [f"{n} {name}" for name, n in archive.other.items()]
     groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
     mesh = MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
     return _physics(archive, mesh, numbers)
 
 
-MASS = "type 21 element"
-"""Point masses, which are no cells."""
+ATTACHED = ("type 14 element", "type 21 element")
+"""Springs and point masses, which are no cells."""
 
 
 def _material(archive: Archive, words: list[str]) -> None:
@@ -295,11 +300,36 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         found.hold(name, np.array(nodes, dtype=int), set(components))
     for label, type_, nodes in archive.elements:
         if archive.types.get(type_) == 21 and nodes[0] in numbers:
-            found.masses[numbers[nodes[0]]] += archive.real_constants.get(archive.reals[label], 0.0)
+            constants = archive.real_constants.get(archive.reals[label], [0.0])
+            found.masses[numbers[nodes[0]]] += constants[0]
+        elif archive.types.get(type_) == 14:
+            spring = _stiffness(archive, (label, type_, nodes), held)
+            if spring is None:
+                found.leave("springs (type 14) but those along x, y or z to a held node")
+            else:
+                found.springs[numbers.get(spring[0], -1), spring[1]] += spring[2]
     if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
         vector = tuple(-value for value in archive.acceleration)
         found.others.append(DeckLoad("acceleration", vector))
     return found.finished(mesh)
+
+
+def _stiffness(
+    archive: Archive, element: tuple[int, int, list[int]], held: dict[int, set[int]]
+) -> tuple[int, int, float] | None:
+    """Free node, component and stiffness of a COMBIN14 along x, y or z, held at its other node.
+
+    KEYOPT(2) is the component, from 1, or 0 for the direction from node to node.
+    """
+    label, type_, nodes = element
+    stiffness, damping, *_ = [*archive.real_constants.get(archive.reals[label], []), 0.0, 0.0]
+    along = [archive.options.get(type_, {}).get(2, 0) - 1]
+    if along == [-1] and set(nodes) <= archive.nodes.keys():
+        along = np.flatnonzero(np.ptp([archive.nodes[node] for node in nodes], axis=0)).tolist()
+    free = [node for node in nodes if along[0] not in held.get(node, ())] if along else []
+    if len(free) != 1 or len(along) != 1 or along[0] not in (0, 1, 2) or damping:
+        return None
+    return free[0], along[0], stiffness
 
 
 def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:

@@ -78,13 +78,8 @@ class Collector:
 
         masses = [(place(n), mass) for n, mass in self.masses.items() if n in used and mass]
         self._leave_away("point mass", [n for n in self.masses if n not in used])
-        springs = []
-        for node in dict.fromkeys(node for node, _ in self.springs):
-            each = [self.springs.get((node, k), 0.0) for k in range(3)]
-            if node in used and each[0] == each[1] == each[2]:
-                springs.append((place(node), each[0]))
-            else:
-                self.leave("springs with different stiffnesses in x, y and z, or beside the solid")
+        springs = [(place(n), k, value) for (n, k), value in self.springs.items() if n in used]
+        self._leave_away("spring", [n for n, _ in self.springs if n not in used])
         loads = list(self.others)
         near = {node: force for node, force in self.forces.items() if force.any()}
         if len(near) > MOST_FORCES:

@@ -18,7 +18,10 @@ from fenicsrom.formats.text import numbers_between, read_lines
 SELECTED = {"SPC": "SPC", "SPC1": "SPC", "FORCE": "LOAD", "GRAV": "LOAD"}
 """The command of the case control that selects the sets of an entry."""
 
-TAKEN = ("MAT1", "PSOLID", "SPC", "SPC1", "CONM2", "CELAS2", "FORCE", "GRAV", "PARAM")
+TAKEN = (
+    *("MAT1", "PSOLID", "PELAS", "SPC", "SPC1", "CONM2", "CELAS1", "CELAS2", "FORCE", "GRAV"),
+    "PARAM",
+)
 """Entries from which something is taken."""
 
 
@@ -44,6 +47,12 @@ def with_physics(
             sets[SELECTED[card.name]].add(card.text(0))
     material_of = {card.text(0): card.text(1) for card in cards if card.name == "PSOLID"}
     _sections(found, mesh, material_of)
+    elastic = {
+        card.text(k): card.real(k + 1)
+        for card in cards
+        for k in (0, 4)
+        if card.name == "PELAS" and card.text(k)
+    }
     left: Counter[str] = Counter()
     for card in cards:
         command = SELECTED.get(card.name)
@@ -51,7 +60,7 @@ def with_physics(
             left[f"{card.name} of the set {card.text(0)}"] += 1
             continue
         try:
-            taken = _take(found, card, numbers, factor)
+            taken = _take(found, card, numbers, factor, elastic)
         except ValueError:
             taken = False
         if not taken:
@@ -84,7 +93,13 @@ def _sections(found: Collector, mesh: MeshFile, material_of: dict[str, str]) -> 
                 marks[number] |= cells
 
 
-def _take(found: Collector, card: Card, numbers: Mapping[int, int], factor: float) -> bool:
+def _take(
+    found: Collector,
+    card: Card,
+    numbers: Mapping[int, int],
+    factor: float,
+    elastic: Mapping[str, float],
+) -> bool:
     """Take what an entry says; whether all of it was understood."""
     if card.name == "MAT1":
         young, shear, poisson = (card.real(k) for k in (1, 2, 3))
@@ -102,10 +117,14 @@ def _take(found: Collector, card: Card, numbers: Mapping[int, int], factor: floa
         return not any(card.text(k) for k in range(4, 15)) or not any(
             card.real(k) for k in range(4, 15)
         )
-    elif card.name == "CELAS2":
-        if (card.text(4) and card.integer(4)) or not 1 <= card.integer(3) <= 3:
+    elif card.name in ("CELAS1", "CELAS2"):
+        (grid, component), *others = [
+            (card.integer(k), card.integer(k + 1)) for k in (2, 4) if card.integer(k)
+        ]
+        stiffness = elastic.get(card.text(1)) if card.name == "CELAS1" else card.real(1)
+        if others or component not in (1, 2, 3) or stiffness is None:
             return False
-        found.springs[numbers.get(card.integer(2), -1), card.integer(3) - 1] += card.real(1)
+        found.springs[numbers.get(grid, -1), component - 1] += stiffness
     elif card.name in ("FORCE", "GRAV"):
         return _load(found, card, numbers)
     return True

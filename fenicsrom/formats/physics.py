@@ -55,8 +55,7 @@ class Physics:
         materials: the materials of the cells.
         supports: components (0, 1, 2) that are held at each group of nodes or facets.
         masses: coordinates of a node and its mass.
-        springs: coordinates of a node, and the stiffness of its spring to the ground in each
-            direction.
+        springs: coordinates of a node, component, and stiffness of its spring to the ground.
         loads: static loads.
         not_taken: what a scene cannot state, each in a few words.
     """
@@ -64,6 +63,6 @@ class Physics:
     materials: tuple[DeckMaterial, ...] = ()
     supports: tuple[tuple[str, tuple[int, ...]], ...] = ()
     masses: tuple[tuple[tuple[float, ...], float], ...] = ()
-    springs: tuple[tuple[tuple[float, ...], float], ...] = ()
+    springs: tuple[tuple[tuple[float, ...], int, float], ...] = ()
     loads: tuple[DeckLoad, ...] = ()
     not_taken: tuple[str, ...] = ()

@@ -24,12 +24,8 @@ def material_problems(scene: Scene) -> Problems:
 
 def support_problems(scene: Scene) -> Problems:
     """Yield the problems of the components that the supports clamp."""
-    known = AXES[: scene.geometry.dimension]
     for index, support in enumerate(scene.supports):
-        for k, axis in enumerate(support.components or ()):
-            if axis not in known:
-                allowed = f"must be {' or '.join(known)} in {len(known)}D"
-                yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
+        yield from _component_problems(scene, f"supports[{index}]", support.components)
         for name in ("components", "normal"):
             if (value := getattr(support, name)) is not None and scene.reference.beam is not None:
                 allowed = "not allowed with reference.beam, whose end is clamped"
@@ -40,16 +36,22 @@ def support_problems(scene: Scene) -> Problems:
             )
 
 
+def _component_problems(scene: Scene, key: str, components: tuple[str, ...] | None) -> Problems:
+    known = AXES[: scene.geometry.dimension]
+    for k, axis in enumerate(components or ()):
+        if axis not in known:
+            allowed = f"must be {' or '.join(known)} in {len(known)}D"
+            yield Problem(f"{key}.components[{k}]", axis, allowed)
+
+
 def attachment_problems(scene: Scene) -> Problems:
     """Yield the problems of the masses, springs and dashpots."""
     for index, found in enumerate(scene.attachments):
         key = f"attachments[{index}]"
+        yield from _component_problems(scene, key, found.components)
         if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
             allowed = "a mass, a stiffness or a damping above 0 must be given"
             yield Problem(f"{key}.mass", MISSING, allowed)
-        if found.mass and scene.rotation is not None:
-            allowed = "not allowed with [rotation]; model the mass by cells with a density"
-            yield Problem(f"{key}.mass", found.mass, allowed)
         point = found.place.node or found.place.nearest or found.place.at != "mean"
         for name in ("stiffness", "damping"):
             per_area = getattr(found, f"{name}_per_area")

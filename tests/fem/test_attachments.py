@@ -68,14 +68,16 @@ def test_tip_mass_lowers_the_frequencies_as_in_the_closed_form() -> None:
     np.testing.assert_allclose(found, np.array(exact) * np.sqrt(stiffness / mass), rtol=1e-3)
 
 
-def test_tip_spring_carries_its_part_of_the_load() -> None:
-    """The deflection under a tip force is F / (3 E I / L³ + k)."""
+@pytest.mark.parametrize(("components", "along"), [(None, 1.0), (["y"], 1.0), (["x"], 0.0)])
+def test_tip_spring_carries_its_part_of_the_load(components: Any, along: float) -> None:
+    """The deflection under a tip force is F / (3 E I / L³ + k), and F L³ / 3 E I with k along x."""
     push = {"group": "tip", "direction": [0.0, 1.0], "force": 1.0}
     spring = {"node": [1.0, 0.0], "stiffness": 300.0}
+    spring |= {"components": components} if components else {}
     solid = cantilever([spring], "geometrically_nonlinear=false", loads=[push])
     stiffness, _ = bending(solid)
     tip = solid.place(solid.loads[0].place, "")[0] @ solid.equilibrium
-    assert tip[1] == pytest.approx(1.0 / (3.0 * stiffness + 300.0), rel=1e-3)
+    assert tip[1] == pytest.approx(1.0 / (3.0 * stiffness + 300.0 * along), rel=1e-3)
 
 
 def test_elastic_support_has_its_stiffness_per_area() -> None:

@@ -142,7 +142,7 @@ def test_keywords_hold_the_scene(tmp_path: Path) -> None:
         loads=[{"group": "tip", "direction": [0.0, 1.0, 0.0], "force": -7.0}],
         supports=[{"group": "root"}, {"group": "tip", "components": ["z"]}],
         rotation={"speed_rpm": 300.0, "axis": [0.0, 0.0, 2.0], "point": [-0.1, 0.2, 0.0]},
-        attachments=[{"node": [0.5, 0.0127, 0.0127], "stiffness": 30.0}],
+        attachments=[{"node": [0.5, 0.0127, 0.0127], "stiffness": 30.0, "mass": 2.0}],
     )
     found = written(scene_deck(scene), tmp_path)
     names = [word.name for word in found]
@@ -157,10 +157,13 @@ def test_keywords_hold_the_scene(tmp_path: Path) -> None:
     assert data(found, "DENSITY") == 1600.0
     forces = data(found, "CLOAD")
     assert np.all(forces[:, 1] == 2.0) and forces[:, 2].sum() == pytest.approx(-7.0)
-    (centrifugal,) = next(word.lines for word in found if word.name == "DLOAD")
-    numbers = [float(entry) for entry in centrifugal.split(",")[2:]]
+    centrifugal = next(word.lines for word in found if word.name == "DLOAD")
     omega = 10.0 * np.pi
-    np.testing.assert_allclose(numbers, [omega**2, -0.1, 0.2, 0, 0, 0, 1], rtol=1e-12)
+    for line in centrifugal:
+        numbers = [float(entry) for entry in line.split(",")[2:]]
+        np.testing.assert_allclose(numbers, [omega**2, -0.1, 0.2, 0, 0, 0, 1], rtol=1e-12)
+    mass = next(w for w in found if w.name == "ELEMENT" and w.parameters["TYPE"] == "MASS")
+    assert [line.split(",")[0] for line in centrifugal[1:]] == [mass.lines[0].split(",")[0]]
     solid = make_solid(scene)
     clamped = data(found, "BOUNDARY")
     assert len(clamped) == solid.clamped.size and np.all(clamped[:, 1] == clamped[:, 2])

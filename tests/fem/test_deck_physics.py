@@ -19,10 +19,11 @@ ABAQUS = (
 1, 1,2,3,4,5,6,7,8
 *ELEMENT, TYPE=MASS, ELSET=EM
 2, 7
+*SPRING, ELSET=SX
+1
+90.
 *ELEMENT, TYPE=SPRING1, ELSET=SX
 3, 6
-*ELEMENT, TYPE=SPRING1, ELSET=SY
-4, 6
 *ELEMENT, TYPE=SPRING1, ELSET=SZ
 5, 6
 *NSET, NSET=FIX
@@ -35,12 +36,6 @@ ABAQUS = (
 *SOLID SECTION, ELSET=EALL, MATERIAL=STEEL
 *MASS, ELSET=EM
 1e-4
-*SPRING, ELSET=SX
-1
-100.
-*SPRING, ELSET=SY
-2
-100.
 *SPRING, ELSET=SZ
 3
 100.
@@ -65,9 +60,9 @@ NASTRAN = (
 PSOLID,3,1
 MAT1,1,2.1+5,,.3,7.85-9
 CONM2,2,7,,1.-4
-CELAS2,3,100.,6,1
-CELAS2,4,100.,6,2
-CELAS2,5,100.,6,3
+CELAS1,3,8,6,1
+PELAS,7,80.,,,8,90.
+CELAS2,5,100.,,,6,3
 SPC1,1,123,1,4,5,8
 SPC1,1,3,2
 SPC1,2,3,3
@@ -78,7 +73,7 @@ ENDDATA
 )
 
 ANSYS = (
-    "/PREP7\nET,1,185\nET,2,21\nNBLOCK,6,SOLID\n(3i9,6e21.13e3)\n"
+    "/PREP7\nET,1,185\nET,2,21\nET,3,14\nKEYOP,3,2,1\nET,4,14\nNBLOCK,6,SOLID\n(3i9,6e21.13e3)\n"
     + "".join(
         f"{k:9d}{0:9d}{0:9d}{x:21.13E}{y:21.13E}{z:21.13E}\n"
         for k, (x, y, z) in enumerate(PLACES, 1)
@@ -87,6 +82,10 @@ ANSYS = (
     + "".join(f"{n:9d}" for n in (1, 1, 1, 1, 0, 0, 0, 0, 8, 0, 1, *range(1, 9)))
     + "\n"
     + "".join(f"{n:9d}" for n in (1, 2, 7, 1, 0, 0, 0, 0, 1, 0, 2, 7))
+    + "\n"
+    + "".join(f"{n:9d}" for n in (1, 3, 8, 1, 0, 0, 0, 0, 2, 0, 3, 1, 6))
+    + "\n"
+    + "".join(f"{n:9d}" for n in (1, 4, 9, 1, 0, 0, 0, 0, 2, 0, 4, 6, 2))
     + """
        -1
 MPTEMP,R5.0, 1, 1,  0.00000000    ,
@@ -94,6 +93,8 @@ MPDATA,R5.0, 1,EX  ,       1, 1,  210000.000    ,
 MPDATA,R5.0, 1,PRXY,       1, 1, 0.300000000    ,
 MPDATA,R5.0, 1,DENS,       1, 1, 7.850000000E-09,
 R,7,1e-4
+R,8,90.
+R,9,100.,0.
 D,       1,ALL ,  0.000000000    ,  0.000000000
 D,       4,ALL ,  0.000000000    ,  0.000000000
 D,       5,ALL ,  0.000000000    ,  0.000000000
@@ -123,8 +124,7 @@ def test_deck_brings_what_it_holds(tmp_path: Path, name: str, text: str) -> None
     held = {tuple(groups[name]): components for name, components in found.supports}
     assert held == {(0, 3, 4, 7): (0, 1, 2), (1,): (2,)}
     assert found.masses == (((1.0, 1.0, 1.0), 1e-4),)
-    if name != "a.cdb":
-        assert found.springs == (((1.0, 0.0, 1.0), 100.0),)
+    assert found.springs == (((1.0, 0.0, 1.0), 0, 90.0), ((1.0, 0.0, 1.0), 2, 100.0))
     assert DeckLoad("force", (0.0, -5.0, 0.0), (1.0, 1.0, 1.0)) in found.loads
     (gravity,) = [load for load in found.loads if load.kind == "acceleration"]
     assert np.allclose(gravity.vector, (0.0, 0.0, -9810.0))
@@ -147,7 +147,7 @@ def test_each_of_several_materials_has_a_group(tmp_path: Path) -> None:
 
 
 def test_what_a_scene_cannot_state_is_named(tmp_path: Path) -> None:
-    text = ABAQUS.replace("3\n100.", "3\n90.").replace("2, 3\n", "2, 3, 3, 0.1\n")
+    text = ABAQUS.replace("*SPRING, ", "*SPRING, NONLINEAR, ").replace("2, 3\n", "2, 3, 3, 0.1\n")
     text = text.replace("*STATIC\n", "*STATIC\n*DSLOAD\nTOP, TRVEC, 1.\n")
     found, _ = physics(tmp_path / "a.inp", text)
     assert len(found.not_taken) == 3 and not found.springs

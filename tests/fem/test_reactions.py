@@ -81,6 +81,23 @@ def test_reaction_of_spinning_bar_is_centrifugal_force() -> None:
     assert found.mismatch < 1e-9
 
 
+def test_tip_mass_that_turns_pulls_at_its_radius() -> None:
+    """m Ω² (L + u) of the mass at the tip of a bar without mass."""
+    solid = make_solid(
+        beam_scene(
+            3,
+            (*STOCKY, "material.poisson=0.0", "material.density=1e-6"),
+            contacts=None,
+            attachments=[{"group": "tip", "mass": 5.0}],
+            rotation={"speed_rpm": 3000.0, "axis": [0.0, 0.0, 1.0], "point": [-0.5, 0.0, 0.0]},
+        )
+    )
+    found = at_rest(solid)
+    tip = solid.inner(solid.point_masses[:, None] / 5.0, solid.equilibrium[:, None])[0, 0]
+    assert found.values[0, 0, 0] == pytest.approx(-5.0 * (100.0 * np.pi) ** 2 * (1.5 + tip))
+    assert found.mismatch < 1e-9
+
+
 def _mass_times(solid: Any, u: Array) -> Array:
     """M u with the rows of the clamped unknowns."""
     import ufl

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -450,14 +451,18 @@ def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(
     from fenicsrom.post.base.style import new_figure
 
     monkeypatch.setattr(picture, "missing_renderer", lambda: "VTK finds no EGL")
+
+    def drawn() -> Any:
+        figure = new_figure(2.0, 2.0)
+        figure.subplots()
+        return figure
+
     names = {"setup.png": True, "motion.png": False, "shapes.png": True}
-    listed = [
-        Picture(n, n, lambda: new_figure(1.0, 1.0), in_space=space) for n, space in names.items()
-    ]
+    listed = [Picture(n, n, drawn, in_space=space) for n, space in names.items()]
     notes = []
     written = picture.draw_pictures(listed, tmp_path, notes)
     assert notes == ["setup.png and shapes.png were not drawn: VTK finds no EGL"]
-    assert [drawn.path.name for drawn in written] == ["motion.png"]
+    assert [one.path.name for one in written] == ["motion.png"]
 
 
 def test_renderer_is_missing_where_vtk_falls_back_to_a_library_that_is_not_there(monkeypatch):

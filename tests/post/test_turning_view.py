@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser, changed, choose_shape, severe, turn
+from browser import browser, changed, choose_shape, picture, severe, turn
 from test_body_surface import beam_surface
 
 pytest.importorskip("pyvista")
@@ -18,6 +18,7 @@ from fenicsrom.post.base.html_page import Page, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import new_figure
 from fenicsrom.post.body.body_view import view_of
+from fenicsrom.post.body.group_drawing import group_page
 from fenicsrom.post.body.turning_view import (
     MOST_TRIANGLES,
     UNPAINTED,
@@ -108,6 +109,41 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     assert not severe(browser)
     loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")
     assert not [entry["name"] for entry in loaded_files if entry["name"].startswith("http")]
+
+
+@pytest.mark.slow
+def test_page_of_groups_names_the_face_under_the_pointer(tmp_path: Path, browser: Any) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    surface = beam_surface("hexahedron", LENGTH)
+    faces = surface.regular_faces.astype(int)
+    near = (surface.points[faces, 0] < 0.5 * LENGTH + 1e-9).all(axis=1)
+    groups = {"7": faces[near], "8": faces[~near], "held": np.unique(faces[near])}
+    page = tmp_path / "mesh.html"
+    page.write_text(group_page(surface.points, faces, groups))
+    browser.get(page.as_uri())
+    wait = WebDriverWait(browser, 60)
+    wait.until(lambda found: np.std(picture(found)[:, :, 0]) > 5.0)
+    seen = picture(browser)
+    body = np.argwhere(np.ptp(seen[:600], axis=2) > 40)  # above the axes x, y, z
+    ends = body[body[:, 1].argmin()], body[body[:, 1].argmax()]
+    middle = body.mean(axis=0)
+    canvas = browser.find_element(By.ID, "canvasTarget")
+    centre = np.array([canvas.size["height"], canvas.size["width"]]) / 2.0
+
+    def name_at(place: Any) -> str:
+        down, right = (place - centre).astype(int).tolist()
+        ActionChains(browser).move_to_element_with_offset(canvas, right, down).perform()
+        return str(browser.find_element(By.ID, "name").text)
+
+    names = {name_at(0.8 * end + 0.2 * middle) for end in ends}
+    assert names == {"held, 7", "8"} or names == {"7, held", "8"}
+    assert name_at(np.array([3.0, 3.0])) == ""
+    drag = ActionChains(browser).move_to_element_with_offset(canvas, 100, 100).click_and_hold()
+    drag.move_by_offset(120, 80).release().perform()
+    wait.until(lambda found: changed(seen, picture(found)) > 1000)  # the body turns
 
 
 def test_view_opens_the_report_or_names_its_address(

@@ -65,11 +65,9 @@ def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
     assert table == copy and scene_heading(again) == scene_heading(wanted)
     cells = [cell for row in origin_table(tmp_path) for cell in row]
     assert record["command"] in cells and "x=1" in cells
-    np.savez(
-        tmp_path / "reduced_model.npz", candidates_cubic=np.zeros(250_000), cubic=np.zeros(125_000)
-    )
+    np.savez(tmp_path / "reduced_model.npz", finer_cubic=np.zeros(250_000), mass=np.zeros(125_000))
     (size,) = [row[1] for row in origin_table(tmp_path) if row[0] == "reduced_model.npz"]
-    assert size == "3 MB: 2 MB the larger model that judges it, 1 MB itself"
+    assert size == "3 MB: 2 MB the model of finer elements, which judges the mesh, 1 MB the rest"
 
 
 def test_same_scene_replaces_its_results(tmp_path: Path) -> None:
@@ -322,8 +320,8 @@ WRITTEN = re.compile(r"[\w{}*]+\.(png|gif|html|csv|json|npz|pvd|vtu)")
 def test_names_that_the_program_writes_are_all_listed() -> None:
     """Every name of a result in the code of `post`, `study` and `cli`, and of its folders."""
     package = Path(fenicsrom.__file__).parent
-    # of the command mesh; the record itself; in the folder of the state
-    elsewhere = {"mesh.png", "provenance.json", "coordinates.json"}
+    # of the command inspect; the record itself; in the folder of the state
+    elsewhere = {"mesh.png", "mesh.html", "provenance.json", "coordinates.json"}
     found = set()
     for room in ("post", "study", "cli"):
         for path in (package / room).rglob("*.py"):

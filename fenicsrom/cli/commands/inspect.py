@@ -30,6 +30,7 @@ def inspect(options: argparse.Namespace) -> int:
         require_lasting(folder)
         picture = mesh_report.group_picture(found)
         files = [one.path for one in draw_pictures([picture], folder, warnings)]
+        files += mesh_report.write_group_page(found, folder, warnings)
     lines = mesh_report.lines(found, density)
     print_results(None, "\n".join(lines), warnings, files=files)
     if found.refusal is not None:

@@ -29,6 +29,7 @@ rows of K are those of the identity; the clamped rows of M are zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import basix.ufl
@@ -79,7 +80,6 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         inertia: the matrices of inertia forces.
-        rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
         pressures: the follower pressures; None without follower pressures.
@@ -135,7 +135,7 @@ class ElasticBody:
         self.inertia = Inertia(
             self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted
         )
-        self.rotation = self._rotating_frame(rotation)
+        self._turning = rotation
 
     @property
     def extent(self) -> float:
@@ -182,16 +182,18 @@ class ElasticBody:
         self._energy_form = compiled_form(0.5 * ufl.inner(s, strain) * self.dx)
         self._derivative_form = compiled_form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
 
-    def _rotating_frame(self, rotation: Rotation | None) -> RotatingFrame | None:
-        """The rotating frame of the body, or None without rotation."""
-        if rotation is None:
+    @cached_property
+    def rotation(self) -> RotatingFrame | None:
+        """The rotating frame of the body with its masses, or None without rotation."""
+        if self._turning is None:
             return None
         return RotatingFrame(
-            rotation,
+            self._turning,
             self.space,
             lambda form: self.density * form * self.dx,
             self.inertia.matrix,
             lambda form: self._vector(compiled_form(form)),
+            self.point_masses,
         )
 
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
@@ -256,7 +258,7 @@ class ElasticBody:
 
     def mass_matrix(self, diagonal: float) -> PETSc.Mat:
         """M, with `diagonal` on the diagonal of the clamped rows, kg."""
-        return self.inertia.matrix(np.eye(self.dimension), self.point_masses, diagonal)
+        return self.inertia.matrix(np.eye(self.dimension), diagonal)
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""

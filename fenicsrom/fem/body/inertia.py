@@ -3,10 +3,10 @@
 The density is the same in all directions, so that every matrix of inertia forces is a Kronecker
 product of the mass matrix m of one component with a small matrix A between the components,
 
-    m ⊗ A,    m_kl = ∫ ρ φ_k φ_l,    (1)
+    m ⊗ A,    m_kl = ∫ ρ φ_k φ_l + δ_kl m_k,    (1)
 
-with A = I for the mass matrix. `fem.body.rotation` has others. The pattern of (1) is part of
-that of a stiffness matrix, which couples all components of two nodes.
+with concentrated masses m_k, and with A = I for the mass matrix. `fem.body.rotation` has others.
+The pattern of (1) is part of that of a stiffness matrix, which couples all components of two nodes.
 """
 
 from __future__ import annotations
@@ -61,14 +61,19 @@ class Inertia:
         matrix.destroy()
         self._comm, self._clamped, self._slanted = space.mesh.comm, clamped, slanted
 
-    def matrix(
-        self, between: Array, extra: Array | None = None, diagonal: float = 0.0
-    ) -> PETSc.Mat:
+    def add_point_masses(self, masses: Array) -> None:
+        """Add concentrated masses (nodes,) of the nodes of this rank to m, kg."""
+        first = self._comm.exscan(masses.size) or 0
+        places = np.arange(masses.size)
+        self._nodes = self._nodes + scipy.sparse.csr_array(
+            (masses, (places, first + places)), self._nodes.shape
+        )
+
+    def matrix(self, between: Array, diagonal: float = 0.0) -> PETSc.Mat:
         """The matrix (1), without the part that the supports hold.
 
         Args:
             between: (d, d) A.
-            extra: (local,) added to the diagonal, or None.
             diagonal: what stands on the diagonal of the clamped rows; of nodes that are held along
                 a direction, see `Slanted.project_matrix`.
 
@@ -92,8 +97,8 @@ class Inertia:
         free.array[self._clamped] = 0.0
         found.diagonalScale(free, free)
         free.destroy()
-        added = np.zeros(local) if extra is None else extra.copy()
-        added[self._clamped] += diagonal
+        added = np.zeros(local)
+        added[self._clamped] = diagonal
         add_to_diagonal(found, added)
         if self._slanted is not None:
             self._slanted.project_matrix(found, diagonal)

@@ -11,7 +11,8 @@ with
 
     v · G w = 2 Ω ∫ ρ v · (e × w),    (3)
 
-which is skew, so the force does no work. For a beam: Wright et al., J. Appl. Mech. 49, 1982.
+which is skew, so the force does no work. The integrals contain
+concentrated masses, too. For a beam: Wright et al., J. Appl. Mech. 49, 1982.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class RotatingFrame:
         omega_squared: Ω² of the centrifugal force, rad²/s²; load steps vary it between two speeds.
         mass: Q of (2), the mass matrix of the motion normal to the axis, kg.
         unit_centrifugal_force: (local,) c of (2), kg m.
+        point_force: (local,) the part of c by concentrated masses, kg m.
         arm: X − a of (2), a UFL expression.
     """
 
@@ -47,6 +49,7 @@ class RotatingFrame:
         density: Any,
         inertia_matrix: Callable[[Array], PETSc.Mat],
         assemble_vector: Callable[[Any], Array],
+        point_masses: Array,
     ):
         """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
 
@@ -57,6 +60,7 @@ class RotatingFrame:
                 integrates it.
             inertia_matrix: `fenicsrom.fem.body.inertia.Inertia.matrix`.
             assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
+            point_masses: (local,) concentrated mass at each unknown, zero where it is clamped.
         """
         d = space.mesh.geometry.dim
         test = ufl.TestFunction(space)
@@ -65,13 +69,18 @@ class RotatingFrame:
         if rotation.axis is not None:
             self._axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
         self.arm = ufl.SpatialCoordinate(space.mesh) - point
-        self.unit_centrifugal_force = assemble_vector(density(self.out_of_axis(self.arm, test)))
         across, turning = np.eye(d), np.array([[0.0, -1.0], [1.0, 0.0]])
         if rotation.axis is not None:
             axis = np.array(rotation.axis)
             across, turning = across - np.outer(axis, axis), np.cross(axis, np.eye(d)).T
         self.mass = inertia_matrix(across)
         self._unit = inertia_matrix(2.0 * turning) if rotation.coriolis else None
+        nodes = space.tabulate_dof_coordinates()[: point_masses.size // d, :d]
+        self._masses, self._across, self._turning = point_masses, across, 2.0 * turning
+        self.point_force = self._of_masses(across, (nodes - point.value).reshape(-1))
+        self.unit_centrifugal_force = self.point_force + assemble_vector(
+            density(self.out_of_axis(self.arm, test))
+        )
         self._comm = space.mesh.comm
         self.set_speed(rotation.omega)
 
@@ -90,6 +99,20 @@ class RotatingFrame:
         """The integrand 2 v · (e × w) of (3) for two UFL vectors, without ρ and Ω."""
         turned = ufl.as_vector([-w[1], w[0]]) if self._axis is None else ufl.cross(self._axis, w)
         return 2.0 * ufl.dot(turned, v)
+
+    def _of_masses(self, between: Array, block: Array) -> Array:
+        """The masses m_k times A b_k of the nodes, of a block (local,) or (local, k)."""
+        nodes = block.reshape(-1, between.shape[0], *block.shape[1:])
+        found = np.einsum("ij,nj...->ni...", between, nodes).reshape(block.shape)
+        return np.asarray((self._masses * found.T).T)
+
+    def point_mass_times(self, block: Array) -> Array:
+        """The part of Q times a block (local, k) by concentrated masses."""
+        return self._of_masses(self._across, block)
+
+    def point_coriolis_times(self, block: Array) -> Array:
+        """The part of G / Ω times a block (local, k) by concentrated masses."""
+        return self._of_masses(self._turning, block)
 
     def set_speed(self, omega: float) -> None:
         """Set the angular velocity, rad/s."""

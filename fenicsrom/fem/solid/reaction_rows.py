@@ -169,11 +169,14 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
         arm = solid.assembled(
             compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
         )
+        arm += frame.point_force
         centrifugal = products(frame.out_of_axis(w, test), fields)
+        centrifugal += solid.inner(tests, frame.point_mass_times(fields))
         centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]
         centrifugal *= frame.omega_squared
         if solid.gyroscopic is not None:
-            velocity += frame.omega * products(frame.coriolis(test, w), vectors)
+            turned = solid.inner(tests, frame.point_coriolis_times(vectors))
+            velocity += frame.omega * (products(frame.coriolis(test, w), vectors) + turned)
     static = springs - centrifugal
     if (viscous := solid.viscous) is not None:
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)

@@ -61,6 +61,7 @@ from fenicsrom.scene import (
     Support,
 )
 from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.scene.places import AXES
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""
@@ -266,8 +267,11 @@ class Solid(ElasticBody):
             if not self.comm.allreduce(bool(each.any())):
                 raise self._places.clamped(f"attachments[{k}]")
             self.point_masses += found.mass * each
+            axes = AXES[: self.dimension]
+            each *= np.tile(np.isin(axes, found.components or axes), len(shares))
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
             self.dashpots += (found.damping + found.damping_per_area * area) * each
+        self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""

@@ -14,6 +14,7 @@ from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.post.body.body_surface import is_flat
 from fenicsrom.post.body.body_view import END_ON, View, frame_of, is_seen, view_of
 from fenicsrom.post.body.rendering import ABOVE, GREY, Part, show
+from fenicsrom.post.body.turning_view import named_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,6 +101,38 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
         handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     return figure
+
+
+def group_page(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> str:
+    """A page that turns the body, and names the groups of the facet under the pointer.
+
+    Arguments as for `group_figure`; a facet is in a group of nodes with all its corners.
+    """
+    from pyvista import PolyData
+
+    colours = dict(zip(groups, MORE_COLOURS, strict=False))
+    names = np.full(len(boundary), "", dtype=object)
+    painted = np.full(len(boundary), GREY, dtype=object)
+    for name in sorted(groups, key=lambda name: -len(groups[name])):
+        inside = _inside(boundary, groups[name])
+        names[inside] += np.where(names[inside] != "", ", ", "") + name
+        painted[inside] = colours.get(name, GREY)
+    parts = {}
+    for name in dict.fromkeys(names):
+        own = names == name
+        mesh = PolyData.from_regular_faces(points, boundary[own]).clean()
+        parts[name or "no group"] = Part(mesh, {"color": painted[own][0]})
+    body = PolyData.from_regular_faces(points, boundary).triangulate().clean()
+    return named_page(parts, view_of(body, oblique=END_ON))
+
+
+def _inside(boundary: Ints, members: Ints) -> NDArray[np.bool_]:
+    """Which facets (k, corners) of the boundary are in a group of facets, or of nodes (m,)."""
+    if members.ndim == 1:
+        return np.asarray(np.isin(boundary, members).all(axis=1))
+    rows = np.sort(np.concatenate([boundary, members]), axis=1)
+    numbers = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    return np.isin(numbers[: len(boundary)], numbers[len(boundary) :])
 
 
 def _named_places(

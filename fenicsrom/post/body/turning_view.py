@@ -65,6 +65,23 @@ list.onchange = () => { begin = performance.now(); };
 A shape swings between its frames as a cosine; a motion runs through them."""
 
 
+NAMES = """
+const found = document.createElement("div"), look = "position:absolute;z-index:10;padding:2px 6px;";
+found.id = "name";
+found.style = look + "font:bold 16px sans-serif;background:white;pointer-events:none";
+document.body.append(found);
+addEventListener("pointermove", (event) => {
+  found.textContent = "";
+  found.style.left = event.clientX + 14 + "px";
+  found.style.top = event.clientY + 14 + "px";
+}, true);
+K3DInstance.on(K3DInstance.events.OBJECT_HOVERED, (hit) => {
+  found.textContent = K3DInstance.getWorld().ObjectsListJson[hit.K3DIdentifier].name;
+});
+"""
+"""What the page of named surfaces adds to k3d: the name of the surface under the pointer."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """One entry of the list.
@@ -130,10 +147,7 @@ def simplified(surface: PolyData) -> PolyData:
 
 def turning_page(plot: Any, entries: Sequence[Mapping[str, Any]]) -> str:
     """Compose the page, as HTML text, of what `turning_plot` gives."""
-    plot.snapshot_type, plot.menu_visibility = "full", False
-    return str(
-        plot.get_snapshot(9, additional_js_code=CONTROLS.replace("SHOWN", json.dumps(entries)))
-    )
+    return _page(plot, CONTROLS.replace("SHOWN", json.dumps(entries)))
 
 
 def turning_widget(plot: Any, entries: Sequence[Mapping[str, Any]]) -> Any:
@@ -164,10 +178,7 @@ def turning_plot(
     """
     import k3d
 
-    plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
-    plot.lighting, plot.camera_fov = 0.3, 20.0
-    middle = surface.points.mean(axis=0)
-    plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
+    plot = _plot(surface, view)
     finest = 2.0 ** np.floor(np.log2(FINE * view.length))
     entries: list[dict[str, Any]] = []
     vertices: dict[str, Any] = {}
@@ -202,6 +213,50 @@ def turning_plot(
             size = 0.012 * view.length
             plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
     return plot, entries
+
+
+def named_page(parts: Mapping[str, Part], view: View) -> str:
+    """Compose a page with surfaces, and with the name of the one under the pointer.
+
+    Args:
+        parts: the surfaces, each in one colour, by their names.
+        view: the first projection.
+
+    Returns:
+        The HTML text.
+    """
+    import k3d
+    import pyvista
+
+    plot = _plot(pyvista.merge([part.mesh for part in parts.values()]), view)
+    for name, part in parts.items():
+        colour = int(str(part.look["color"])[1:], 16)
+        body = _mesh(part.mesh.triangulate(), color=colour, name=name)
+        body.hover_callback = print  # the page answers; k3d wants to know that something does
+        plot += body
+        border = part.mesh.extract_feature_edges(manifold_edges=False, feature_edges=False)
+        pairs = np.array(border.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
+        look = {"indices_type": "segment", "shader": "simple", "color": INK}
+        plot += k3d.lines(_floats(border.points), pairs, **look)
+    plot.mode = "callback"
+    return _page(plot, NAMES)
+
+
+def _plot(surface: PolyData, view: View) -> Any:
+    """A plot in k3d that looks at a surface."""
+    import k3d
+
+    plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
+    plot.lighting, plot.camera_fov = 0.3, 20.0
+    middle = surface.points.mean(axis=0)
+    plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
+    return plot
+
+
+def _page(plot: Any, script: str) -> str:
+    """A page with a plot, and what the script adds to it."""
+    plot.snapshot_type, plot.menu_visibility = "full", False
+    return str(plot.get_snapshot(9, additional_js_code=script))
 
 
 def _mesh(surface: PolyData, **look: Any) -> Any:

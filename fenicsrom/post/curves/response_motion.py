@@ -89,7 +89,7 @@ def _motion(
     if families is not None:
         stored = stored.with_overrides([f"{families.key}={curve.value!r}"])
     problem = family_of(stored)(point.parameter)
-    motion = recorded_motion(problem, stored.scene.time, point.z, point.periods)
+    motion = recorded_motion(problem, point.z, point.periods)
     return MarkedMotion(point.parameter, motion, problem.contacts)
 
 

@@ -259,9 +259,16 @@ def _attached(attachment: Any, per: str) -> list[tuple[str, str]]:
     """The kinds and the labels of the parts of an attachment."""
     parts = (
         ("mass", attachment.mass, "kg"),
-        ("spring", attachment.stiffness, "N/m in each direction"),
-        ("spring", attachment.stiffness_per_area, f"N/m{per} in each direction"),
-        ("dashpot", attachment.damping, "N s/m in each direction"),
-        ("dashpot", attachment.damping_per_area, f"N s/m{per} in each direction"),
+        ("spring", attachment.stiffness, "N/m"),
+        ("spring", attachment.stiffness_per_area, f"N/m{per}"),
+        ("dashpot", attachment.damping, "N s/m"),
+        ("dashpot", attachment.damping_per_area, f"N s/m{per}"),
     )
-    return [(kind, f"{kind}, {size:g} {unit}") for kind, size, unit in parts if size]
+    along = " in each direction"
+    if attachment.components is not None:
+        along = f" along {', '.join(attachment.components)}"
+    return [
+        (kind, f"{kind}, {size:g} {unit}{along * (kind != 'mass')}")
+        for kind, size, unit in parts
+        if size
+    ]

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.inspection import Group, Inspection
 from fenicsrom.formats.physics import AXES, Physics
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.picture import Picture, softly
 from fenicsrom.post.base.tables import text_table
-from fenicsrom.post.body.group_drawing import group_figure
+from fenicsrom.post.base.writers import write_text
+from fenicsrom.post.body.group_drawing import group_figure, group_page
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
+
+PAGE = "mesh.html"
+"""The page on which the body turns."""
 
 COLOURED = 12
 """Largest number of groups that the picture colours; the largest ones of all facets and nodes."""
@@ -108,17 +114,34 @@ def _point(place: Array) -> str:
 
 def group_picture(found: Inspection) -> Picture:
     """The picture of a mesh that can be used, with its groups coloured."""
+    return Picture("Mesh", "mesh.png", lambda: group_figure(*_drawn(found)), in_space=True)
 
-    def draw() -> Figure:
-        assert found.points is not None and found.boundary is not None
-        small = sorted(_shown(found), key=lambda group: group.number)
-        few, more = small[:COLOURED], small[COLOURED:]
-        few.sort(key=lambda group: (group.name.zfill(9), group.name))
-        chosen = [*few, *(group for group in more if group.kind == "facets")]
-        members = {group.name: np.asarray(group.members) for group in chosen}
-        return group_figure(found.points, found.boundary, members)
 
-    return Picture("Mesh", "mesh.png", draw, in_space=True)
+def write_group_page(found: Inspection, folder: Path, notes: list[str]) -> list[Path]:
+    """Write the page of a body in space to turn, or a note why it cannot be written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if found.geometry.dimension != 3:
+        return []
+    if reason := missing_module("k3d", "pyvista"):
+        notes.append(f"{PAGE} was not written: {reason}")
+        return []
+    with softly(PAGE, notes):
+        return [write_text(folder / PAGE, group_page(*_drawn(found)))]
+    return []
+
+
+def _drawn(found: Inspection) -> tuple[Array, Any, dict[str, Any]]:
+    """Points, boundary and members of the groups that are drawn, the coloured ones first."""
+    assert found.points is not None and found.boundary is not None
+    small = sorted(_shown(found), key=lambda group: group.number)
+    few, more = small[:COLOURED], small[COLOURED:]
+    few.sort(key=lambda group: (group.name.zfill(9), group.name))
+    chosen = [*few, *(group for group in more if group.kind == "facets")]
+    members = {group.name: np.asarray(group.members) for group in chosen}
+    return found.points, found.boundary, members
 
 
 def _shown(found: Inspection) -> list[Group]:

@@ -15,7 +15,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
-from fenicsrom.formats.physics import DeckLoad, DeckMaterial
+from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
 from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units, shifted
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
@@ -200,7 +200,7 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
         for name, components in found.physics.supports:
             lines += ["[[supports]] # of the file", f"group = {_quoted(name)}"]
             if len(components) < found.geometry.dimension:
-                lines.append(f"components = {json.dumps(['xyz'[k] for k in components])}")
+                lines.append(f"components = {json.dumps([AXES[k] for k in components])}")
     elif likely:
         lines.append(f"group = {_quoted(likely[0].name)}")
         others.remove(likely[0].name)
@@ -270,10 +270,14 @@ def _end_box(found: Inspection) -> list[list[float]]:
 def _attachment_lines(found: Inspection) -> list[str]:
     """The tables of point masses and springs of the file."""
     lines: list[str] = []
-    for key, entries in (("mass", found.physics.masses), ("stiffness", found.physics.springs)):
-        for point, value in entries:
-            place = list(point[: found.geometry.dimension])
-            lines += ["", "[[attachments]]", f"node = {place}", f"{key} = {value!r}"]
+    d, springs = found.geometry.dimension, found.physics.springs
+    for point, mass in found.physics.masses:
+        lines += ["", "[[attachments]]", f"node = {list(point[:d])}", f"mass = {mass!r}"]
+    for point, stiffness in dict.fromkeys((point, value) for point, _, value in springs):
+        along = [AXES[k] for at, k, value in springs if (at, value) == (point, stiffness)]
+        lines += ["", "[[attachments]]", f"node = {list(point[:d])}", f"stiffness = {stiffness!r}"]
+        if len(along) < d:
+            lines.append(f"components = {json.dumps(along)}")
     return lines
 
 
