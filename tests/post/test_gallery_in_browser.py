@@ -35,7 +35,7 @@ PAGES: dict[str, tuple[str, ...]] = {
         "sweep",
         "open_2d.toml",
         "--over",
-        "loads.0.force=10,20",
+        "loads.0.force=[10,20]",
         "time.periods=6",
     ),
 }

@@ -55,7 +55,7 @@ def contact_axis(points: ContactPoints | None, count: int) -> ContactAxis:
 
     In space, nodes lie on a line if the sum of their lengths is that of the path through them.
     """
-    numbers = ContactAxis(np.linspace(1.0, count, count), "contact point", np.ones(count), "N")
+    numbers = ContactAxis(np.cumsum(np.ones(count)), "contact point", np.ones(count), "N")
     if points is None or count < 2 or len(points.contact) != count or points.contact.any():
         return numbers
     if np.all(points.tributary_area == 1.0):
