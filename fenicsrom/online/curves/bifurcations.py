@@ -31,7 +31,7 @@ from fenicsrom.online.periodic.shooting import STABLE_WITHIN
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
-MOST_EVENTS = 8  # in one step of a curve: 84 points that begin to slip together took half a minute
+MOST_EVENTS = 8  # contact events in one step of a curve that are located, one by one
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
 REAL = 1e-6  # angle of a multiplier below which it counts as real
