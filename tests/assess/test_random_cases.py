@@ -71,7 +71,7 @@ def test_command_refuses_random_variants_on_an_axis(tmp_path: Path) -> None:
 def test_random_variant_is_compared_with_the_full_model() -> None:
     pytest.importorskip("dolfinx")
     changes = ["time.steps_per_period=40", "geometry.parameters.elements_along=6", "reference={}"]
-    matrix = stability.stability(SCENE, changes, lambda _: None, workers=1, variants=2, seed=1)
+    matrix = stability.stability(SCENE, changes, workers=1, variants=2, seed=1)
     assert len(matrix.findings) == 2 and not matrix.count(stability.Verdict.WRONG)
     for finding in matrix.findings:
         assert finding.basis_error is not None and finding.basis_estimate is not None

@@ -30,7 +30,7 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.fem.full.full import FullModel
-from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import (
     amplitude,
     out_of_reach,
@@ -529,7 +529,7 @@ def test_equilibrium_in_overlapping_casing_is_found_by_load_steps(
     """At speed the blade grows into its casing; the equilibrium is found by load steps from zero
     pressure to the full one."""
     solid, made, _ = stored
-    problem = _Statics(made.model, contacts_of(scene_of(solid), made.model.points), 3)
+    problem = _Statics(Problem.of(made.model, scene_of(solid)))
     q = np.zeros(made.model.size)
     assert problem.touches(q) and problem.pressed.sum() > 100.0
     found = []

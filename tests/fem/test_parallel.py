@@ -247,7 +247,7 @@ def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
         reader = pyvista.get_reader(folder / "contact_points" / "contact_points.pvd")
         reader.set_active_time_value(reader.time_values[20])
         frames.append(reader.read()[0])
-        assert len(list((folder / "motion").glob("*_p1.vtu"))) == (60 if ranks == 2 else 0)
+        assert len(list((folder / "motion").glob("*_p1.vtu"))) == (30 if ranks == 2 else 0)
         assert (folder / "motion.gif").read_bytes().startswith(b"GIF89a")
     for name in frames[0].point_data:
         np.testing.assert_allclose(frames[1][name], frames[0][name], rtol=1e-6, atol=1e-8)

@@ -626,7 +626,7 @@ def test_listener_hears_the_time_of_the_steps_and_nothing_of_the_equilibrium_bef
     told: list[float] = []
     time = Time.of(periods=4, steady_tolerance=0.0, steps_per_period=40)
     with listening(told.append):
-        integrate(model, contacts, time, PERIOD, dimension=2)
+        integrate(Problem(model, contacts, time, PERIOD))
     assert told == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 

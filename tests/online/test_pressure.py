@@ -25,6 +25,7 @@ from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.pressure import PressurePolynomial, unit_force, unit_tangent
 from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.periodic.families import damping_family, force_family, frequency_family
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run.march import integrate
@@ -219,9 +220,16 @@ def scene_with(*overrides: str) -> Scene:
 
 @pytest.fixture
 def stored() -> StoredModel:
-    scene = scene_with()
+    scene, made = scene_with(), pressed(depth=0)
+    cubic = paired_cubic(unique_cubic(made.elastic.cubic, 3), 3)  # symmetric, as a file stores it
     model = StoredModel(
-        pressed(depth=0), scene, "rubin", ("1V", "2V", "3V"), 9, np.array([1.0, 2.0]), {}
+        made._replace(elastic=made.elastic._replace(cubic=cubic)),
+        scene,
+        "rubin",
+        ("1V", "2V", "3V"),
+        9,
+        np.array([1.0, 2.0]),
+        {},
     )
     return model.with_scene(scene)
 
