@@ -25,6 +25,7 @@ from fenicsrom.online.contact.surfaces import planes
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import elastic_polynomial
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.reduction.strain_products import strain_products
@@ -107,7 +108,7 @@ def random_run(n: int, points: int) -> tuple[ReducedModel, Callable[[], Motion]]
     settings = Time().changed(steps_per_period=300, periods=periods, steady_tolerance=0.0)
 
     def run() -> Motion:
-        return integrate(model, contacts, settings, 2.0 * np.pi, dimension=2)
+        return integrate(Problem(model, contacts, settings, 2.0 * np.pi))
 
     return model, run
 

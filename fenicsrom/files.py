@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import re
@@ -165,8 +166,19 @@ def write_archive(
         OSError: the file cannot be written.
     """
     write = np.savez_compressed if compress else np.savez
+    content = {"header": np.array(json.dumps(header)), **arrays}
     with atomic_write(path) as temporary, open(temporary, "wb") as file:
-        write(file, header=np.array(json.dumps(header)), **arrays)
+        write(file, digest=np.array(_digest(content)), **content)
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the names, types, shapes and numbers of arrays."""
+    digest = hashlib.sha256()
+    for name, array in sorted(content.items()):
+        array = np.asarray(array)
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 @contextmanager
@@ -175,8 +187,9 @@ def read_archive(
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     """Read a file that `write_archive` wrote; the content is not trusted, and pickles are refused.
 
-    The body turns header and arrays into an object. Any error in the body means that the file is
-    damaged.
+    The body turns header and arrays into an object. The file holds a digest of its content, so that
+    the body finds the arrays as they were written. Any other error in the body means that the file
+    is damaged.
 
     Args:
         path: the file.
@@ -201,7 +214,8 @@ def read_archive(
                 raw.seek(0)
                 with np.load(raw, allow_pickle=False) as file:
                     arrays = {name: np.array(file[name]) for name in file.files}
-            header = json.loads(str(arrays.pop("header")[()]))
+            digest = str(arrays.pop("digest", None))
+            header = json.loads(str(arrays["header"][()]))
         if earlier and str(header.get("format")).startswith(earlier) and header["format"] != form:
             raise _damaged(
                 path,
@@ -210,6 +224,9 @@ def read_archive(
             )
         if header.get("format") != form:
             raise _damaged(path, f"{path}: format = {header.get('format')!r}: must be {form!r}")
+        if digest != _digest(arrays):
+            raise _damaged(path, f"{path}: the content was changed: the file is damaged")
+        del arrays["header"]
         yield header, arrays
     except FileNotFoundError:
         raise SceneError(

@@ -5,6 +5,7 @@ The loops do not know who listens, and nobody needs to: without a listener they 
 
 from __future__ import annotations
 
+import logging
 import time as clock
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,9 @@ from typing import TypeVar
 
 T = TypeVar("T")
 Listener = Callable[[float], None]
+
+log = logging.getLogger("fenicsrom")
+"""Receives the lines on the progress, at the level INFO."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 

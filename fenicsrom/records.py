@@ -91,7 +91,7 @@ class Study:
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
         pictures: the written pictures, as `fenicsrom.post.base.picture.Drawn`.
-        view: the projection of the body in all pictures; None before the first one is made.
+        body: what the pictures of the body show, or None, in a tuple; None before the first one.
     """
 
     scene: Scene
@@ -119,7 +119,7 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[Any] = field(default_factory=list)
-    view: Any = None
+    body: Any = None
 
     @property
     def warnings(self) -> list[str]:

@@ -3,6 +3,7 @@ ranks."""
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import shutil
@@ -28,6 +29,7 @@ from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial, pairs
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.progress import log
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
@@ -548,3 +550,17 @@ def arrays_of_one_and_two_ranks(
             found.append({name: file[name] for name in file.files})
         assert int(found[-1].pop("ranks")) == ranks
     return found[0], found[1]
+
+
+@contextmanager
+def heard(hear: Callable[[str], None]) -> Iterator[None]:
+    """Pass the messages of the logger `fenicsrom` in the body to a function."""
+    handler = logging.Handler(logging.INFO)
+    handler.emit = lambda record: hear(record.getMessage())  # type: ignore[method-assign]
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(logging.NOTSET)

@@ -28,7 +28,6 @@ import fenicsrom
 from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.fem.full.full import full_model
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
@@ -151,7 +150,7 @@ def examine(scene: Scene, longest: float) -> dict[str, Any]:
             start = study.basis.vectors @ q, study.basis.vectors @ v, sliders
             scene = with_time(scene, periods=FULL_PERIODS)
         signal.setitimer(signal.ITIMER_VIRTUAL, longest)
-        full = simulate(full_model(solid, contacts_of(scene, solid.points)), scene, start=start)
+        full = simulate(full_model(solid, scene), scene, start=start)
         error = distances(motion, full)
         found |= {"error": error.largest, "full_step": full.seconds / full.steps}
         found["full_settled"] = has_settled(full)

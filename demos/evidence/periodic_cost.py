@@ -73,9 +73,9 @@ class Case:
         """Find the periodic motion."""
         self.stored = stored
         self.family = family_of(stored)
-        self.problem = problem = self.family(frequency)
-        self.motion = start_motion(stored, self.family, frequency, lambda line: None)
-        self.shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+        problem = self.family(frequency)
+        self.motion = start_motion(stored, self.family, frequency)
+        self.shooting = Shooting(problem)
         self.s = self.shooting.scaled(self.motion.z)
         overrides = (f"time.periods={PERIODS}", "time.steady_tolerance=0.0", *MARCHED)
         self.marched = stored.with_overrides(overrides)
@@ -127,9 +127,6 @@ def curve_row() -> list[str]:
 
     def curve(**options: Any) -> Curve:
         return follow(
-            case.problem.model,
-            case.problem.contacts,
-            case.stored.scene.time,
             case.family,
             case.motion,
             table.first,
@@ -185,7 +182,7 @@ def figure_4_rows() -> list[list[str]]:
         gap = f"{CONTACT}gap={0.0 if preload else 1.0}"
         table = f"response={{first={low}, last={high}, points=1000}}"
         at = stored.with_overrides([table, f"{CONTACT}preload={preload}", gap])
-        curves += seconds(lambda at=at: response(at, lambda line: None))
+        curves += seconds(lambda at=at: response(at))
         frequencies = np.arange(low, high + 0.5 * step, step)
         for order in (frequencies, frequencies[::-1]):
             marches = march_along(at, order, EACH if order is frequencies else 0)
@@ -232,7 +229,7 @@ def march_along(stored: StoredModel, frequencies: Any, each: int = 0) -> Marches
         settled = march(stored, frequency, 1e-4, last)
         found.loose += clock.process_time() - begin
         if each and number % each == each // 2:
-            motion = start_motion(stored, family, frequency, lambda line: None)
+            motion = start_motion(stored, family, frequency)
             rate = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
             if motion.stable:
                 begin = clock.process_time()

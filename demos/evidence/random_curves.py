@@ -122,20 +122,15 @@ def confirmed(path: Continuation, point: CurvePoint, settings: Any) -> bool:
     problem, shooting, size = path.family(point.parameter), path.shooting, norm(point.s)
     if not point.stable:
         steps = 2 * settings.steps_per_period
-        fine = Shooting(
-            problem.model,
-            problem.contacts,
-            settings.changed(steps_per_period=steps),
-            problem.period,
-        )
+        fine = Shooting(problem._replace(time=settings.changed(steps_per_period=steps)))
         near = Continuation(fine, path.family, 0.0, point.parameter, size)
         other = near.at_parameter(fine.scaled(point.z), point.parameter)
         top = float(point.amplitude.max())
         return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
     s = (1.0 + BESIDE) * point.s
-    begin = norm(shooting.march(s, *problem, derive=False)[0]) + BESIDE * size
+    begin = norm(shooting.march(s, problem, derive=False)[0]) + BESIDE * size
     for _ in range(PERIODS):
-        found = shooting.march(s, *problem, derive=False)
+        found = shooting.march(s, problem, derive=False)
         if found is None:
             return False
         s = s + found[0]
@@ -169,7 +164,7 @@ def follow_curve(stored: StoredModel) -> Followed:
     """
     table = response_table(stored.scene)
     begin, family = clock.process_time(), family_of(stored)
-    motion = start_motion(stored, family, table.first, lambda line: None)
+    motion = start_motion(stored, family, table.first)
     shooting = shooting_of(stored, family)
     s = shooting.scaled(motion.z)
     path = Continuation(shooting, family, table.low, table.high, norm(s))

@@ -12,6 +12,7 @@ processes need about an hour.
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 import tempfile
 import time as clock
@@ -390,10 +391,7 @@ def main() -> int:
     options = parser.parse_args()
     table, scene = load(SCENE, options.set)
     begin = clock.perf_counter()
-
-    def say(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
-
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
     with tempfile.TemporaryDirectory(prefix="fenicsrom_") as folder:
         wanted = [
             case
@@ -401,7 +399,7 @@ def main() -> int:
             if (not options.axis or case.axis in options.axis)
             and (not options.unsteady or is_unsteady(case))
         ]
-        findings = run_all(wanted, table, scene.source, SCENE.parent, say, WORKERS)
+        findings = run_all(wanted, table, scene.source, SCENE.parent, WORKERS)
     matrix = Matrix(scene, findings, clock.perf_counter() - begin)
     found = report(matrix)
     print("\n".join([found.text(), *map(str, found.write(options.output))]))

@@ -60,11 +60,7 @@ def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
         kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis.")))
     )
     workshop = Workshop(body(kind, of), of, {}, max(of.compare.modes))
-    return tuple(
-        compare_bases(
-            workshop, of, reference, lambda line: print(kind, line, flush=True), timing=False
-        )
-    )
+    return tuple(compare_bases(workshop, of, reference, timing=False))
 
 
 def error(outcome: Outcome) -> str:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
-from fenicsrom.cli.printing import progress
+from fenicsrom.cli.printing import logged_progress
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene
 
 CONTAINER = "FENICSROM_CONTAINER"  # variable that is set where only mounted folders outlive a run
@@ -36,7 +37,8 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
     try:
         with (
             study.output_folder(folder, scene, comm, _origin(options, folder), options.force),
-            announced((lambda line: None) if quiet else progress),
+            logged_progress(quiet),
+            announced(log.info),
         ):
             yield folder
     except KeyboardInterrupt:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from fenicsrom.cli.ranks import CLEAR, all_ranks, end_progress
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import printable
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene, scene_heading
 from fenicsrom.scene.units import units_sentence
 
@@ -27,6 +30,27 @@ def progress(line: str) -> None:
         return
     width = shutil.get_terminal_size().columns - 1
     print(f"{CLEAR}{printable(line.strip())[:width]}", end="", file=sys.stderr, flush=True)
+
+
+class _Shown(logging.Handler):
+    """Shows messages as progress."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a message."""
+        progress(record.getMessage())
+
+
+@contextmanager
+def logged_progress(quiet: bool) -> Iterator[None]:
+    """Show the messages of the logger `fenicsrom` in the body, on stderr; none if `quiet`."""
+    handler, level = logging.NullHandler() if quiet else _Shown(logging.INFO), log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def print_results(

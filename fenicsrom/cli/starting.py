@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.cli.printing import progress
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.overrides import names_of
@@ -50,8 +49,8 @@ def require_scene(options: argparse.Namespace) -> None:
     raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
 
 
-def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
-    """Give the communicator, the progress callback and the scene.
+def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Scene]:
+    """Give the communicator and the scene.
 
     A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
     MPI starts first, so that only one rank prints an error in the scene.
@@ -60,12 +59,7 @@ def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any
 
     comm = MPI.COMM_WORLD
     scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
-
-    def say(line: str) -> None:
-        if comm.rank == 0:
-            progress(line)
-
-    return comm, say, scene
+    return comm, scene
 
 
 def ranks() -> Any:
@@ -86,8 +80,8 @@ def changed_model(options: argparse.Namespace, stored: Any) -> Any:
     return stored.with_overrides(options.overrides)
 
 
-def source(options: argparse.Namespace) -> tuple[Any, Any, Any, Scene]:
-    """Give the communicator, the progress callback, a scene or a stored model, and its scene.
+def source(options: argparse.Namespace) -> tuple[Any, Any, Scene]:
+    """Give the communicator, a scene or a stored model, and its scene.
 
     A stored model needs no MPI, and has no communicator.
     """
@@ -95,10 +89,10 @@ def source(options: argparse.Namespace) -> tuple[Any, Any, Any, Scene]:
         from fenicsrom.online.store import archive
 
         current = changed_model(options, archive.load_model(Path(options.stored)))
-        return None, progress, current, current.scene
+        return None, current, current.scene
     require_scene(options)
-    comm, say, scene = start(options)
-    return comm, say, scene, scene
+    comm, scene = start(options)
+    return comm, scene, scene
 
 
 def given_keys(options: argparse.Namespace) -> set[str]:

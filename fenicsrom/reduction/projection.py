@@ -16,6 +16,7 @@ from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.protocols import Structure
 
@@ -43,6 +44,8 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
     pressure = None
     if nonlinear:
         elastic = structure.elastic_polynomial(r)
+        n = r.shape[1]  # exactly symmetric, as the file of the model stores it
+        elastic = elastic._replace(cubic=paired_cubic(unique_cubic(elastic.cubic, n), n))
         pressure = structure.pressure_polynomial(r)
     else:
         force = structure.inner(r, structure.rest_force[:, None])[:, 0]

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.families import frequency_family
-from fenicsrom.online.periodic.shooting import settled_contacts
 from fenicsrom.online.run.march import integrate
-from fenicsrom.online.run.simulate import checked_contacts
+from fenicsrom.online.run.simulate import checked_problem
 from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
@@ -215,26 +214,15 @@ def linear_snapshots(
     scene = replace(scene, time=transient_time(scene))
     require_bounded(model, scene)
     if frequency is None:
-        moving, contacts, period = model, checked_contacts(model, scene), scene.period
+        problem = checked_problem(model, scene)
     else:
-        settled = settled_contacts(contacts_of(scene, model.points))
-        spin = bool(np.any(settled.height))
-        assert scene.period is not None
-        problem = frequency_family(model, settled, scene.period, spin=spin)(frequency)
-        moving, contacts, period = problem.model, problem.contacts, problem.period
+        settled = Problem.of(model, scene).settled()
+        problem = frequency_family(settled, spin=bool(np.any(settled.contacts.height)))(frequency)
 
     def march(time: Time, resume: Checkpoint | None) -> Motion:
-        return integrate(
-            moving,
-            contacts,
-            time,
-            period,
-            dimension=scene.geometry.dimension,
-            resume=resume,
-            keep_coordinates=True,
-        )
+        return integrate(problem._replace(time=time), resume=resume, keep_coordinates=True)
 
-    motion = in_pieces(scene.time, period, march)
+    motion = in_pieces(scene.time, problem.period, march)
     assert motion.coordinates is not None
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)

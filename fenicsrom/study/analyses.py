@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.study.execution import all_ranks
-from fenicsrom.study.stopwatch import log, never
+from fenicsrom.study.stopwatch import never
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 def statics(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
     stop: Callable[[], bool] = never,
@@ -30,7 +29,6 @@ def statics(
     Args:
         scene: a scene with static loads and a table [statics].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         stop: asked at each equilibrium; the path ends where it returns True.
 
@@ -45,7 +43,7 @@ def statics(
     from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
 
     comm = comm or all_ranks()
-    found = equilibrium_path(scene, comm, say, stop)
+    found = equilibrium_path(scene, comm, stop)
     if folder is not None and found.points:
         from fenicsrom.post.curves import equilibrium_report
         from fenicsrom.post.run.body_pictures import setup_pictures
@@ -60,7 +58,6 @@ def statics(
 def campbell(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Campbell:
@@ -69,7 +66,6 @@ def campbell(
     Args:
         scene: a scene with the tables [rotation] and [campbell].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Returns:
@@ -83,7 +79,7 @@ def campbell(
     from fenicsrom.assess.rotation import campbell as diagram
 
     comm = comm or all_ranks()
-    found = diagram.campbell(scene, comm, say)
+    found = diagram.campbell(scene, comm)
     if folder is not None:
         from fenicsrom.post.run.body_pictures import setup_pictures
         from fenicsrom.post.studies.campbell_report import report
@@ -97,7 +93,6 @@ def campbell(
 def compare(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Comparison:
@@ -106,7 +101,6 @@ def compare(
     Args:
         scene: a scene with a table [compare].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Raises:
@@ -117,7 +111,7 @@ def compare(
     from fenicsrom.assess.studies import compare as comparison
 
     comm = comm or all_ranks()
-    found = comparison.compare(scene, comm, say)
+    found = comparison.compare(scene, comm)
     if folder is not None and comm.rank == 0:
         from fenicsrom.post.studies.compare_report import report
 
@@ -128,7 +122,6 @@ def compare(
 def stability(
     scene: Path,
     overrides: Overrides = (),
-    say: Callable[[str], None] = log.info,
     *,
     axes: Sequence[str] = (),
     variants: int = 0,
@@ -140,7 +133,6 @@ def stability(
     Args:
         scene: the scene file.
         overrides: changes of the scene, as texts "KEY=VALUE" or as values by their keys.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         axes: names of the axes that are run; by default all.
         variants: number of random variants, which run instead of the axes.
         seed: seed of the random variants.
@@ -153,9 +145,7 @@ def stability(
     from fenicsrom.assess.studies import stability as extremes
     from fenicsrom.scene import override_texts
 
-    found = extremes.stability(
-        scene, override_texts(overrides), say, axes, variants=variants, seed=seed
-    )
+    found = extremes.stability(scene, override_texts(overrides), axes, variants=variants, seed=seed)
     if folder is not None:
         from fenicsrom.post.studies.stability_report import report
 

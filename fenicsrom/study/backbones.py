@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 def backbone(
     given: Scene | StoredModel,
     comm: Any = None,
-    say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
     stop: Callable[[], bool] = never,
@@ -29,7 +28,6 @@ def backbone(
     Args:
         given: a scene with a table [backbone], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         stop: asked between the offline stages; the run ends where it returns True.
         fresh: compute all offline results, also those that the cache has.
@@ -48,13 +46,13 @@ def backbone(
     from fenicsrom.post.reports import report
 
     modes.check_backbone(scene_of(given))
-    watch = Stopwatch(say)
+    watch = Stopwatch()
     source = source_of(given, comm, watch, folder, stop, fresh)
     if scene_of(given).basis.adapts and scene_of(given).period is not None:
         with watch("size"):
-            source = source.fitted(watch, folder, stop)
+            source = source.fitted(folder, stop)
     with watch("nonlinear mode"):
-        found = modes.backbone(source.stored, lambda line: watch.say(f"  {line}"))
+        found = modes.backbone(source.stored)
     found.warnings[:0] = source.warnings
     if folder is not None and found.points and source.first:
         found.files = report(found).write(folder)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.progress import log
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def solid(run: Run) -> None:
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
     if body.flutters:
-        run.watch.say(f"  warning: {body.warnings[-1]}")
+        log.info(f"  warning: {body.warnings[-1]}")
     run.study.deformation = equilibrium_deformation(body, run.study.scene)
     body.warnings += equilibrium_warnings(run.study.deformation)
     if body.loaded and len(body.probe_rows):

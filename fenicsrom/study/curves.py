@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.progress import log
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.words import counted
@@ -24,7 +25,6 @@ COORDINATES = "coordinates.json"  # file in this folder with the labels of the c
 def response(
     given: Scene | StoredModel,
     comm: Any = None,
-    say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
     resume: Path | None = None,
@@ -37,7 +37,6 @@ def response(
     Args:
         given: a scene with a table [response], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
@@ -59,7 +58,7 @@ def response(
     check_response(scene_of(given))
     if resume is not None:
         check_folder(resume)
-    watch = Stopwatch(say)
+    watch = Stopwatch()
     source = source_of(given, comm, watch, folder, stop, fresh)
     found, source = _curves(source, watch, folder, resume, workers, stop)
     found.warnings[:0] = source.warnings
@@ -74,7 +73,7 @@ def response(
         assert source.study is not None and source.study.basis is not None
         vectors = source.study.basis.vectors
         with watch("full model"):
-            add_full_points(found, source.stored, source.study.solid, vectors, watch.say)
+            add_full_points(found, source.stored, source.study.solid, vectors)
     if folder is not None and found.curves:
         found.files = write(found, source.stored, folder, source.study)
     return found
@@ -92,7 +91,7 @@ def _curves(
     from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
     from fenicsrom.assess.curves.trust import richer_model
-    from fenicsrom.assess.errors.sizing import require_size, with_size
+    from fenicsrom.assess.errors.sizing import with_size
     from fenicsrom.files import atomic_write
 
     spare = spare_coordinates(source.stored)
@@ -102,7 +101,6 @@ def _curves(
         if {*labels} <= {*source.stored.labels, *source.stored.further}:
             source = source.with_model(source.stored.resized(labels), folder)
     elif (size := source.stored.scene.basis.size) is not None:
-        require_size(source.stored, size)
         source = source.with_model(with_size(source.stored, None, size), folder)
     while True:
         stored = source.stored
@@ -112,7 +110,6 @@ def _curves(
         with watch("response curves"):
             found = curves.response(
                 stored,
-                lambda line: watch.say(f"  {line}"),
                 state=state,
                 resume=resume,
                 workers=workers if source.ranks == 1 else 1,
@@ -122,5 +119,5 @@ def _curves(
         larger = None if found.interrupted else larger_model(found, stored, spare)
         if larger is None:
             return found, source
-        watch.say(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+        log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
         source, resume = source.with_model(larger, folder), None

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 def run(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
     resume: Path | None = None,
@@ -41,7 +40,6 @@ def run(
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stages and the full model; by default all ranks.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
@@ -65,7 +63,7 @@ def run(
     if resume is not None:
         _require_resumable(resume, scene)
     comm = comm or all_ranks()
-    run = Run(Study(scene), comm, Stopwatch(say), folder, resume, stop, mesh)
+    run = Run(Study(scene), comm, Stopwatch(), folder, resume, stop, mesh)
     guarded = (
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
     )
@@ -108,9 +106,7 @@ def offline(
     return run.study
 
 
-def setup_picture(
-    scene: Scene, name: str, say: Callable[[str], None] | None = None
-) -> tuple[Picture, list[str]]:
+def setup_picture(scene: Scene, name: str) -> tuple[Picture, list[str]]:
     """Make the mesh of a scene and find its places, for the picture of its set-up. On one rank.
 
     No equilibrium is computed: the picture shows the undeformed body.
@@ -118,7 +114,6 @@ def setup_picture(
     Args:
         scene: the scene.
         name: name of the file of the picture.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The picture, not drawn yet, and the warnings of the mesh and the places.
@@ -129,7 +124,7 @@ def setup_picture(
     from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
     from fenicsrom.post.run import body_pictures
 
-    watch = Stopwatch(say)
+    watch = Stopwatch()
     with watch("mesh"):
         mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
     with watch("supports, loads and contacts"):

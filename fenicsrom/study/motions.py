@@ -21,15 +21,9 @@ TIMED_STEPS = 10
 
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
-    from fenicsrom.assess.errors.plausibility import (
-        implausible_loads,
-        implausible_motion,
-        is_explained,
-    )
-    from fenicsrom.online.motion.measures import out_of_reach
+    from fenicsrom.assess.errors.plausibility import implausible_loads, is_explained
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.run.simulate import simulate
-    from fenicsrom.post.run.sentences import motion_warnings
 
     study, scene = run.study, run.study.scene
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
@@ -56,6 +50,22 @@ def integrate(run: Run, name: str) -> None:
     if name == "full" and not study.unfinished:
         motion = _settled(study, motion)
     study.motions[name] = motion
+    if study.unfinished or name != "reduced" or not scene.basis.adapts:
+        _describe(study, name)  # of a motion that the size stage may replace, that stage does it
+
+
+def _describe(study: Study, name: str) -> None:
+    """Note the run time of a motion, what never touches, and what limits its meaning. Collective.
+
+    Args:
+        study: the record.
+        name: the model: "reduced", "full" or "beam".
+    """
+    from fenicsrom.assess.errors.plausibility import implausible_motion, is_explained
+    from fenicsrom.online.motion.measures import out_of_reach
+    from fenicsrom.post.run.sentences import motion_warnings
+
+    scene, motion = study.scene, study.motions[name]
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
     if name == "reduced" and not is_explained(study.warnings):
@@ -80,7 +90,7 @@ def _settled(study: Study, full: Motion) -> Motion:
 
 
 def fit_size(run: Run) -> None:
-    """Let the reduced model take coordinates until its basis is accurate enough."""
+    """Let the reduced model take coordinates until its basis is accurate enough. Collective."""
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
@@ -88,14 +98,13 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
-    if found is None or found.stored is stored:
-        return
-    resize(study, found.stored)
-    study.motions["reduced"] = found.motion
-    study.seconds["reduced motion"] = found.motion.seconds
-    if run.folder is not None and run.comm.rank == 0:
-        save_model(run.folder / MODEL, found.stored)
+    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
+    if found is not None and found.stored is not stored:
+        resize(study, found.stored)
+        study.motions["reduced"] = found.motion
+        if run.folder is not None and run.comm.rank == 0:
+            save_model(run.folder / MODEL, found.stored)
+    _describe(study, "reduced")
 
 
 def _strain_warnings(study: Study, motion: Motion) -> list[str]:
@@ -131,9 +140,8 @@ def _model(study: Study, name: str) -> Any:
     """Make the model with the given name."""
     if name == "full":
         from fenicsrom.fem.full.full import full_model
-        from fenicsrom.online.contact.points import contacts_of
 
-        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
+        return full_model(study.solid, study.scene)
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -145,7 +153,8 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     """Load what the run resumes from, write the model, and prepare the next checkpoints.
 
     Raises:
-        SceneError: the checkpoint does not belong to this model and scene.
+        SceneError: the checkpoint does not belong to this model and scene, or the model has no
+            such `basis.size`.
         OSError: a file cannot be written.
     """
     from fenicsrom.online.model.model import ReducedModel
@@ -158,10 +167,11 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     if not isinstance(study.model, ReducedModel):
         return {}
     options: dict[str, Any] = {}
+    stored = stored_model(study)
     if run.resume is not None:
         beside = run.resume.parent / MODEL  # it says which coordinates joined the first ones
         if beside.exists():
-            labels, stored = load_model(beside).labels, stored_model(study)
+            labels = load_model(beside).labels
             if set(labels) <= {*stored.labels, *stored.further}:
                 resize(study, stored.resized(labels))
         options["resume"] = load_start(run.resume, study.model, study.scene)
@@ -204,7 +214,6 @@ def slower_than_solid(study: Study) -> list[str]:
 
     Only where the motion took long, and the full model did not run. Collective.
     """
-    from fenicsrom.online.contact.points import contacts_of
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import step_sentence
     from fenicsrom.scene.step_size import with_time
@@ -217,7 +226,7 @@ def slower_than_solid(study: Study) -> list[str]:
     period = with_time(scene, periods=1, steady="march")
     try:
         coarse = with_time(period, steps_per_period=TIMED_STEPS)
-        full = simulate(full_model(solid, contacts_of(scene, solid.points)), coarse)
+        full = simulate(full_model(solid, scene), coarse)
         reduced = simulate(study.model, period)
     except (AccuracyError, ConvergenceError, SceneError):  # the long steps cannot be taken
         return []

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ErrorKind, SceneError
+from fenicsrom.progress import log
 from fenicsrom.study import building, result_cache
 from fenicsrom.study.late_solid import LateInverse, LateSolid
 from fenicsrom.study.offline_key import keys_of
@@ -73,7 +74,7 @@ class OfflineCache:
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
         names = ", ".join(self._needed())
-        self._run.watch.say(f"taken from an earlier run: {names} (--fresh computes them again)")
+        log.info(f"taken from an earlier run: {names} (--fresh computes them again)")
         self._run.study.left_out.append(
             f"{names}: taken from an earlier run; --fresh computes them again"
         )
@@ -213,8 +214,7 @@ def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
     )
     run.study.solid, run.study.deflection = solid, arrays.get("deflection")
     if "deformation" in arrays:
-        d = scene.geometry.dimension
-        run.study.deformation = Deformation.of_array(arrays["deformation"], d)
+        run.study.deformation = Deformation.of_array(arrays["deformation"])
     building.set_modes(run, found)
 
 
@@ -289,7 +289,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
 
     user = f'the stage "{run.watch.stage}" needs the body' if run.watch.stage else "they are used"
     kept = "; the equilibrium is the earlier one" if run.study.solid.loaded else ""
-    run.watch.say(f"{BODY}: made again, because {user}{kept}")
+    log.info(f"{BODY}: made again, because {user}{kept}")
     left_out = run.study.left_out
     left_out[:] = [line.removeprefix(f"{BODY}, ") for line in left_out]
     with run.watch("mesh"):

@@ -57,7 +57,7 @@ class Source:
                 save_model(folder / MODEL, stored)
         return replace(self, stored=stored)
 
-    def fitted(self, watch: Stopwatch, folder: Path | None, stop: Callable[[], bool]) -> Source:
+    def fitted(self, folder: Path | None, stop: Callable[[], bool]) -> Source:
         """The source with the coordinates that the forced motion of its scene needs.
 
         Raises:
@@ -73,7 +73,7 @@ class Source:
         except (AccuracyError, ConvergenceError) as error:
             self.warnings.append(f"the first coordinates are kept: no forced motion: {error}")
             return self
-        found = fitted(stored, motion, watch.say, stop, self.warnings)
+        found = fitted(stored, motion, stop, self.warnings)
         return self if found is None else self.with_model(found.stored, folder)
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import logging
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from fenicsrom.progress import duration, listening, time_left, working_time
+from fenicsrom.progress import duration, listening, log, time_left, working_time
 
-log = logging.getLogger("fenicsrom")  # receives the progress, unless the caller does
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
+IN_PARTS = ("size", "checks")  # stages of several motions, each of which begins at 0 %
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
 
 
@@ -31,40 +29,42 @@ def stop_where_asked(stop: Callable[[], bool]) -> None:
 
 
 class Stopwatch:
-    """Times stages, and announces each stage.
+    """Times stages, and logs their progress.
 
     Attributes:
-        say: receives one line at a time.
         seconds: stage -> run time without the compilation of kernels, s.
         stage: name of the stage that runs; "" between stages.
     """
 
-    def __init__(self, say: Callable[[str], None] | None = None):
-        """Announce stages through `say`; by default by the logger, at the level INFO."""
-        self.say: Callable[[str], None] = say if say is not None else log.info
+    def __init__(self) -> None:
+        """Begin without a stage."""
         self.seconds: dict[str, float] = {}
         self.stage = ""
-        self._last = clock.perf_counter()
+        self._last = working_time()
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
         outer, self.stage = self.stage, stage
-        self.say(f"{stage} ..")
-        self._last = clock.perf_counter()
-        work = working_time()
+        log.info(f"{stage} ..")
+        work = self._last = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
+        last = 0.0
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
-            nonlocal known
-            now, worked = clock.perf_counter(), working_time()
+            nonlocal known, last
+            now = working_time()
+            if fraction < last:  # another motion
+                known = now, fraction
+            last = fraction
             if known is None:
-                known = (work, 0.0) if fraction > FIRST_STEP else (worked, fraction)
+                known = (work, 0.0) if fraction > FIRST_STEP else (now, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                left = time_left(worked - known[0], (fraction - known[1]) / (1.0 - known[1]))
-                self.say(f"  {stage}: {100.0 * fraction:.0f} %, {left} at most")
+                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
+                of_it = " of this motion" if stage in IN_PARTS else ""
+                log.info(f"  {stage}: {100.0 * fraction:.0f} %{of_it}, {left} at most")
 
         try:
             with listening(report):
@@ -88,12 +88,12 @@ class Stopwatch:
         def report(fraction: float, change: float) -> None:
             nonlocal count
             count += 1
-            now = clock.perf_counter()
+            now = working_time()
             if now - self._last > PROGRESS_INTERVAL:
                 self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                left = duration((working_time() - begin) * (1.0 - fraction) / fraction)
-                self.say(
+                left = duration((now - begin) * (1.0 - fraction) / fraction)
+                log.info(
                     f"  {model}: period {count}, {100.0 * fraction:.0f} % of the largest number, "
                     f"change {change:.1e}{goal}, at most {left} left"
                 )

@@ -24,7 +24,6 @@ def rerun(
     folder: Path,
     *,
     resume: Path | None = None,
-    say: Callable[[str], None] | None = None,
     stop: Callable[[], bool] = never,
     given: Collection[str] = (),
 ) -> Rerun:
@@ -34,7 +33,6 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         stop: called between stages and after each period; the run ends when it returns True.
         given: keys that the user gave, for the warning of keys without effect.
 
@@ -46,20 +44,13 @@ def rerun(
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
     from fenicsrom.assess.errors.plausibility import implausible_loads
-    from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.online.store.checkpoints import load_start
-    from fenicsrom.post.run.sentences import (
-        UNJUDGED,
-        UNJUDGED_MATRICES,
-        motion_warnings,
-        rerun_left_out,
-        rerun_warnings,
-    )
+    from fenicsrom.post.run.sentences import rerun_left_out, rerun_warnings
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
-    watch, model, scene = Stopwatch(say), stored.model, stored.scene
+    watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
@@ -67,11 +58,6 @@ def rerun(
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)
-    if unfinished is None:
-        warnings += motion_warnings("reduced", motion, scene)
-        if stored.candidates is None:
-            imported = stored.method == SUPERELEMENT
-            warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
     left_out = rerun_left_out(stored, motion)
     found = Rerun(stored, motion, {}, unfinished, warnings, left_out=left_out)
     if unfinished is None:
@@ -92,7 +78,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     try:
         stop_where_asked(stop)
         with watch("size"):
-            _fit_size(found, watch, stop)
+            _fit_size(found, stop)
         stop_where_asked(stop)
         with watch("checks"):
             found.unfinished = _check(found)
@@ -105,13 +91,25 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         raise
 
 
-def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
-    """Let the model take coordinates until its basis is accurate enough."""
+def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
+    """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
+    from fenicsrom.online.store.archive import SUPERELEMENT
+    from fenicsrom.post.run.sentences import (
+        UNJUDGED,
+        UNJUDGED_MATRICES,
+        motion_warnings,
+        rerun_left_out,
+    )
 
-    chosen = fitted(found.stored, found.motion, watch.say, stop, found.warnings)
+    chosen = fitted(found.stored, found.motion, stop, found.warnings)
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
+        found.left_out = rerun_left_out(found.stored, found.motion)
+    found.warnings += motion_warnings("reduced", found.motion, found.stored.scene)
+    if found.stored.candidates is None:
+        superelement = found.stored.method == SUPERELEMENT
+        found.warnings.append(UNJUDGED_MATRICES if superelement else UNJUDGED)
 
 
 def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:

@@ -14,11 +14,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.progress import working_time
+from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
-from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, log, never
+from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def sweep(
     *,
     folder: Path | None = None,
     workers: int = 1,
-    say: Callable[[str], None] = log.info,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values of its keys.
 
@@ -44,7 +43,6 @@ def sweep(
         over: the values of each key, such as `{"loads.0.force": [50.0, 100.0]}`.
         folder: folder of the output files; None keeps no files.
         workers: largest number of processes.
-        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The sweep: its `rows` hold the values and the results of each run.
@@ -69,7 +67,6 @@ def sweep(
             axes,
             Path(place),
             stored=stored,
-            say=say,
             workers=workers,
         )
     if folder is None:
@@ -85,7 +82,6 @@ def run_sweep(
     *,
     stored: Path | None = None,
     comm: Any = None,
-    say: Callable[[str], None] = log.info,
     workers: int = 1,
     resume: bool = False,
     stop: Callable[[], bool] = never,
@@ -100,7 +96,6 @@ def run_sweep(
         folder: folder of the output files, of the reduced models and of the results.
         stored: file of the reduced model of all runs; by default the models are built.
         comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
-        say: receives the progress, one line at a time.
         workers: largest number of processes; with several ranks there are no processes.
         resume: keep the results that an earlier sweep left in the folder.
         stop: asked often; the sweep ends where it returns True.
@@ -125,10 +120,10 @@ def run_sweep(
         results = {run.number: done for run in runs if (done := kept(run)) is not None}
         found.reused = len(results)
         if results and first:
-            say(f"done already: {len(results)} of {counted(len(rows), 'run')}")
+            log.info(f"done already: {len(results)} of {counted(len(rows), 'run')}")
     pending = [run for run in runs if run.number not in results]
     wanted = {run.model for run in pending}
-    jobs = _Jobs(comm, workers, stop, say)
+    jobs = _Jobs(comm, workers, stop)
     try:
         build = [(model, path, fresh) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
@@ -233,11 +228,9 @@ def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) 
 class _Jobs:
     """Computes jobs on all ranks, in processes or in this process, with one progress."""
 
-    def __init__(
-        self, comm: Any, workers: int, stop: Callable[[], bool], say: Callable[[str], None]
-    ):
+    def __init__(self, comm: Any, workers: int, stop: Callable[[], bool]):
         """Store the ranks or the number of processes; arguments as `sweep`."""
-        self._comm, self._workers, self._stop, self._say = comm, workers, stop, say
+        self._comm, self._workers, self._stop = comm, workers, stop
 
     def __call__(
         self, function: Callable[..., Any], jobs: Sequence[Any], noun: str
@@ -249,7 +242,7 @@ class _Jobs:
         """
         from fenicsrom.assess.processes import run_jobs, run_jobs_on_ranks
 
-        tell = _Progress(noun, len(jobs), self._say)
+        tell = _Progress(noun, len(jobs))
         if self._comm is not None and self._comm.size > 1:
             results = self._comm.bcast(list(run_jobs_on_ranks(function, jobs, tell, self._comm)))
             yield from results
@@ -260,9 +253,9 @@ class _Jobs:
 class _Progress:
     """Lines on how many jobs are done, with the time that is left."""
 
-    def __init__(self, noun: str, count: int, say: Callable[[str], None]):
+    def __init__(self, noun: str, count: int):
         """Begin to count."""
-        self._noun, self._count, self._say = noun, count, say
+        self._noun, self._count = noun, count
         self._done = 0
         self._begin, self._said = working_time(), clock.perf_counter()
 
@@ -274,4 +267,4 @@ class _Progress:
             return
         self._said = now
         left = (working_time() - self._begin) * (self._count - self._done) / self._done
-        self._say(f"  {self._noun} {self._done} of {self._count}; about {left:.0f} s left")
+        log.info(f"  {self._noun} {self._done} of {self._count}; about {left:.0f} s left")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, loaded_duffing, unexplained
+from support import beam_scene, heard, loaded_duffing, unexplained
 
 from fenicsrom.assess.curves import backbone as module
 from fenicsrom.assess.curves.backbone import backbone, check_backbone
@@ -47,10 +47,6 @@ def oscillator(*overrides: str) -> StoredModel:
     return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([0.5 / np.pi]), {})
 
 
-def ignore(line: str) -> None:
-    """Drop a line of progress."""
-
-
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     path = tmp_path / "reduced_model.npz"
@@ -65,7 +61,7 @@ def run(model: Path, folder: Path, *overrides: str) -> int:
 
 
 def test_curve_spans_the_amplitudes_of_the_probe() -> None:
-    found = backbone(oscillator(), ignore)
+    found = backbone(oscillator())
     assert found.reason == "end of the range" and found.direction == 0
     begin, end = found.points[0], found.points[-1]
     assert begin.linear_amplitude == pytest.approx(0.1, rel=1e-9)
@@ -79,7 +75,7 @@ def test_curve_spans_the_amplitudes_of_the_probe() -> None:
 
 
 def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
-    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert [error.point for error in found.step_errors] == [
         0,
         len(found.points) // 2,
@@ -91,7 +87,7 @@ def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
 
 
 def test_forced_peaks_lie_on_the_backbone() -> None:
-    found = backbone(oscillator(), ignore)
+    found = backbone(oscillator())
     assert [peak.factor for peak in found.peaks] == [0.5, 1.0] and not found.warnings
     assert all(peak.ends == ("fallen", "fallen") for peak in found.peaks)
     amplitudes = [point.amplitude[0] for point in found.points]
@@ -107,7 +103,7 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
 def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """The amplitude does not fall to a thousandth within the range of the search."""
     monkeypatch.setattr("fenicsrom.online.curves.forced_peak.FALLEN", 1e-3)
-    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert found.peaks[0].ends == ("end of the range", "end of the range")
     assert len(found.warnings) == 1 and found.unfinished is None
 
@@ -115,7 +111,7 @@ def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) 
 def test_search_without_a_peak_says_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The range of the search is too narrow to hold the peak of a motion that hardens."""
     monkeypatch.setattr("fenicsrom.online.curves.forced_peak.WINDOW", 1.001)
-    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert found.unfinished is not None and not found.peaks
     assert "end of the range" in str(found.unfinished)
 
@@ -124,10 +120,11 @@ def test_interrupt_keeps_the_points_that_are_done(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(module, "REPORT_INTERVAL", 0.0)
 
     def stop(line: str) -> None:
-        if line.startswith("3 points"):
+        if line.startswith("  3 points"):
             raise KeyboardInterrupt
 
-    found = backbone(oscillator(), stop)
+    with heard(stop):
+        found = backbone(oscillator())
     assert found.interrupted and found.reason == "interrupted"
     assert len(found.points) == 3
 
@@ -179,7 +176,7 @@ def test_scene_without_load_factors_is_read_again() -> None:
 
 def test_mode_that_the_model_does_not_have_is_refused(model: Path, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
-        backbone(oscillator("backbone.mode=2"), ignore)
+        backbone(oscillator("backbone.mode=2"))
     assert (caught.value.key, caught.value.kind) == ("backbone.mode", ErrorKind.RANGE)
     assert run(model, tmp_path / "out", "backbone.mode=2") == 2
     assert not (tmp_path / "out" / "backbone.json").exists()

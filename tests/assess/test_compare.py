@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, contact_points, make_solid
+from support import STOCKY, beam_scene, contact_points, heard, make_solid
 
 from fenicsrom.assess.errors import agreement, residual
 from fenicsrom.assess.full import full_cache
@@ -282,8 +282,8 @@ def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
         return simulate(*args, **kwargs)
 
     monkeypatch.setattr(full_cache, "simulate", counted)
-    first, note = full_cache.full_motion(solid, scene, str)
-    second, again = full_cache.full_motion(solid, scene, str)
+    first, note = full_cache.full_motion(solid, scene)
+    second, again = full_cache.full_motion(solid, scene)
     assert len(runs) == 1 and not note["cached"] and again["cached"]
     assert again["machine"] == full_cache.machine()
     assert np.array_equal(first.displacement, second.displacement) and second.state.dtype == np.int8
@@ -294,19 +294,19 @@ def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
     )
     (entry,) = cache.iterdir()
     monkeypatch.setenv("FENICSROM_CACHE", "off")
-    assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
+    assert not full_cache.full_motion(solid, scene)[1]["cached"]
     monkeypatch.delenv("FENICSROM_CACHE")
     assert full_cache.read_cached(entry, "another key") is None
     # a damaged file is no file
     content = bytearray(entry.read_bytes())
     for damage in (content[: len(content) // 2], b"", b"PK\3\4 no archive"):
         entry.write_bytes(damage)
-        assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
-        assert full_cache.full_motion(solid, scene, str)[1]["cached"]
+        assert not full_cache.full_motion(solid, scene)[1]["cached"]
+        assert full_cache.full_motion(solid, scene)[1]["cached"]
     middle = len(content) // 2
     content[middle : middle + 64] = bytes(64)
     entry.write_bytes(content)
-    assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
+    assert not full_cache.full_motion(solid, scene)[1]["cached"]
 
 
 def test_key_changes_with_scene_and_mesh_only_where_they_matter(tmp_path):
@@ -359,7 +359,8 @@ def test_unwritable_cache_is_reported_and_ignored(tmp_path, monkeypatch):
     monkeypatch.delenv("FENICSROM_CACHE")
     scene = beam_scene(overrides=QUICK)
     said = []
-    found, _ = full_cache.full_motion(make_solid(scene), scene, said.append)
+    with heard(said.append):
+        found, _ = full_cache.full_motion(make_solid(scene), scene)
     assert found.steps > 0 and any("not stored" in line for line in said)
 
 
@@ -470,7 +471,8 @@ def test_tiny_comparison_ranks_the_richer_basis_first(cache):
         )
     )
     said = []
-    found = compare.compare(scene, MPI.COMM_SELF, said.append)
+    with heard(said.append):
+        found = compare.compare(scene, MPI.COMM_SELF)
     plain, plain_projected, rich, rich_projected = found.outcomes
     assert all(len(outcome.online) == 5 for outcome in found.outcomes)
     assert set(rich.offline) == {
@@ -533,7 +535,7 @@ def test_comparison_without_acting_load_has_no_indicator():
         probe={"group": "tip"},
         time={"periods": 2},
     )
-    (outcome,) = compare.compare(scene, MPI.COMM_WORLD, lambda line: None).outcomes
+    (outcome,) = compare.compare(scene, MPI.COMM_WORLD).outcomes
     assert not outcome.failure and outcome.motion is not None
     assert outcome.indicator is None and outcome.residual is None
 
@@ -553,7 +555,7 @@ def test_sizes_of_the_new_selection_are_an_axis_of_the_comparison(cache):
             "basis.accuracy=1e-4",
         )
     )
-    found = compare.compare(scene, MPI.COMM_SELF, lambda line: None)
+    found = compare.compare(scene, MPI.COMM_SELF)
     free, seven, nine, paired = found.outcomes
     assert [len(seven.labels), len(nine.labels)] == [7, 9] and not free.failure
     assert [o.combination.size for o in found.outcomes] == [None, 7, 9, None]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, enriched, make_solid
+from support import beam_scene, enriched, heard, make_solid
 
 pytest.importorskip("dolfinx")
 
@@ -16,13 +16,12 @@ from fenicsrom.assess.full.full_periodic import FullPeriodicMotion, _Problem, fu
 from fenicsrom.assess.full.true_errors import settled_full_motion
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full.full import FullModel
-from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
     periodic_motion,
-    settled_contacts,
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
@@ -71,12 +70,10 @@ def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 6
     solid = make_solid(scene)
     basis = enriched(solid)[2]
     model = project(solid, basis)
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    period = scene.period
-    assert period is not None
+    problem = Problem.of(model, scene).settled()
     end = simulate(model, scene).end
-    reduced = periodic_motion(model, contacts, scene.time, period, end, tolerance=1e-8)
-    shooting = Shooting(model, contacts, scene.time, period)
+    reduced = periodic_motion(problem, end, tolerance=1e-8)
+    shooting = Shooting(problem)
     return Case(scene, solid, basis.vectors, shooting, reduced)
 
 
@@ -102,7 +99,7 @@ def test_motion_equals_a_long_march(dissipative: Case) -> None:
 def test_march_that_does_not_settle_gives_way_to_the_periodic_motion(dissipative: Case) -> None:
     """The march of ten periods misses the amplitude of the periodic motion; a settled one stays."""
     solid, scene, basis = dissipative.solid, dissipative.scene, dissipative.basis
-    model = dissipative.shooting.model
+    model = dissipative.shooting.problem.model
     motion = simulate(model, scene)
     marched = simulate(FullModel(solid), replace(scene, time=scene.time.changed(periods=10)))
     found, said = settled_full_motion(solid, basis, model, scene, motion, marched)
@@ -127,14 +124,13 @@ def test_motion_without_numerical_damping_repeats(scheme: str, dimension: int) -
     assert found.periods <= MOST and found.derived > 0
     n, d = found_case.solid.local, dimension
     shooting = found_case.shooting
-    sliders = np.zeros(shooting.contacts.preload.size * d)
+    sliders = np.zeros(shooting.problem.contacts.preload.size * d)
     sliders[shooting.map.memory] = found.z[shooting.map.blocks * n :]
     again = integrate(
-        FullModel(found_case.solid),
-        shooting.contacts,
-        found_case.scene.time.changed(periods=3, steady_tolerance=0.0),
-        shooting.period,
-        dimension=d,
+        shooting.problem._replace(
+            model=FullModel(found_case.solid),
+            time=found_case.scene.time.changed(periods=3, steady_tolerance=0.0),
+        ),
         start=(found.z[:n], found.z[n : 2 * n], sliders.reshape(-1, d)),
     )
     steps = (again.time.size - 1) // 3
@@ -167,7 +163,7 @@ def test_derivatives_along_directions_match_differences(scheme: str) -> None:
 
 def test_motion_that_is_not_found_keeps_its_residuals(dissipative: Case) -> None:
     lines: list[str] = []
-    with pytest.raises(ConvergenceError) as caught:
-        dissipative.find(tolerance=0.0, most_periods=2, say=lines.append)
+    with heard(lines.append), pytest.raises(ConvergenceError) as caught:
+        dissipative.find(tolerance=0.0, most_periods=2)
     assert len(caught.value.partial) == len(lines) == 2
     assert all(0.0 < residual < 1.0 for residual in caught.value.partial)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, linear_model, loaded_duffing
+from support import beam_scene, first, heard, linear_model, loaded_duffing
 
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import check_response, family_of
@@ -63,13 +63,9 @@ def fold_frequencies() -> NDArray[np.float64]:
     return np.sort(upper[turns]) / (2.0 * np.pi)
 
 
-def ignore(line: str) -> None:
-    """Drop a line of progress."""
-
-
 @pytest.fixture(scope="module")
 def found() -> Response:
-    return response(oscillator(), ignore)
+    return response(oscillator())
 
 
 def test_duffing_folds_are_where_the_first_harmonic_has_them(found: Response) -> None:
@@ -111,7 +107,7 @@ def test_force_curve_with_families_passes_the_same_motions(found: Response) -> N
         f"response.last={FORCE}",
         f'response.families={{key="material.mass_damping", values=[{DAMPING}, {2 * DAMPING}]}}',
     )
-    both = response(stored, ignore)
+    both = response(stored)
     assert [curve.value for curve in both.curves] == [DAMPING, 2 * DAMPING]
     same, damped = (curve.points[-1] for curve in both.curves)
     assert same.parameter == pytest.approx(FORCE, rel=1e-12)
@@ -130,9 +126,9 @@ def test_interrupt_keeps_the_part_that_is_done() -> None:
             raise KeyboardInterrupt
 
     patch = pytest.MonkeyPatch()
-    with patch.context() as context:
+    with patch.context() as context, heard(stop):
         context.setattr(module, "REPORT_INTERVAL", 0.0)
-        found = response(oscillator(), stop)
+        found = response(oscillator())
     assert found.interrupted
     (curve,) = found.curves
     assert len(curve.points) == 2
@@ -336,7 +332,7 @@ def test_curve_out_of_points_says_what_to_do_and_exits_1(model: Path, tmp_path: 
 
 
 def test_range_from_above_gives_the_same_curve(found: Response) -> None:
-    down = response(oscillator(f"response.first={HIGH}", f"response.last={LOW}"), ignore)
+    down = response(oscillator(f"response.first={HIGH}", f"response.last={LOW}"))
     (curve,), (other,) = found.curves, down.curves
     assert other.points[0].parameter == pytest.approx(HIGH, rel=1e-12)
     assert other.pieces[0].reason == "end of the range" and len(other.pieces) == 1

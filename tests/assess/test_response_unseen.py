@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import beam_scene, excited_stiffness
-from test_response import ignore
-from test_response_runs import assert_same, interrupted
+from test_response_runs import assert_continued, interrupted
 
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
@@ -41,11 +40,9 @@ def excited() -> StoredModel:
     return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([0.3, 0.15]), {})
 
 
-def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
-    tmp_path: Path,
-) -> None:
+def test_curve_interrupted_at_a_short_unstable_stretch_continues(tmp_path: Path) -> None:
     stored = excited()
-    whole = response(stored, ignore)
+    whole = response(stored)
     (curve,) = whole.curves
     assert [point.kind for point in curve.special] == ["branch point", "branch point"]
     (number,) = (k for k, point in enumerate(curve.points) if outside(point))
@@ -54,7 +51,7 @@ def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
         folder = tmp_path / str(calls)
         part = interrupted(stored, folder, calls)
         reached.add(any(outside(point) for point in part.curves[0].points))
-        assert_same(response(stored, ignore, resume=folder), whole)
+        assert_continued(response(stored, resume=folder), part, whole)
     assert reached == {False, True}
 
 
@@ -62,17 +59,16 @@ def test_instability_that_long_steps_have_moved_is_contradicted_by_half_the_step
     """The tongue of the first mode is narrower than its shift by the midpoint rule."""
     steps, e = 40, 1e-4
     stored = excited().with_overrides([f"time.steps_per_period={steps}"])
-    family, settings = family_of(stored), stored.scene.time
+    family = family_of(stored)
     centre = (1.0 + 2.0 * e - (2.0 * np.pi / steps) ** 2 / 12.0) / (2.0 * np.pi)
-    problem = family(centre)
-    shooting = Shooting(problem.model, problem.contacts, settings, problem.period)
+    shooting = Shooting(family(centre))
     path = Continuation(shooting, family, 0.1, 0.2, 1.0)
     points = [
         path.at_parameter(np.zeros(shooting.map.size), centre * (1.0 + share * e))
         for share in (-0.4, -0.2, 0.0, 0.2, 0.4)
     ]
     assert not any(point.stable for point in points)
-    found = checks([Piece(points)], family, settings)
+    found = checks([Piece(points)], family)
     assert all(check.finer_verdict == "stable" for check in found)
     assert all(check.contradicted_by_step for check in found)
     (said,) = contradictions(found, stored.scene, "frequency")
@@ -87,7 +83,7 @@ def test_short_unstable_stretch_of_the_beam_is_found_with_the_default_steps() ->
     demo = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
     stored = build_model(read_scene(demo))
     changed = stored.with_overrides(["response.first=2.9", "response.last=3.6"])
-    (curve,) = response(changed, ignore).curves
+    (curve,) = response(changed).curves
     kinds = [point.kind for point in curve.special]
     assert kinds == ["first lift-off", "branch point", "branch point", "last lift-off"]
     ends = [point.parameter for point in curve.special if point.kind == "branch point"]

@@ -12,13 +12,16 @@ from support import beam_scene, linear_model, refusal
 from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
+from fenicsrom.assess.errors import estimates, sizing
 from fenicsrom.assess.errors.estimates import distances, nested_motion
 from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
 
 LOADS = [1.0, 0.02, 0.3, 1e-4, 0.01, 2e-3, 1e-5, 1e-5, 1e-5, 1e-5]
 
@@ -143,16 +146,42 @@ def test_model_of_all_coordinates_has_no_judge_and_is_refused(size: int) -> None
         sized(stored, run(stored), run)
 
 
+def test_size_that_a_model_does_not_have_is_refused_before_it_moves() -> None:
+    with refusal(ErrorKind.RANGE, "basis.size"):
+        stored_with().with_overrides("basis.size=10")
+    alone = replace(stored_with(), candidates=None, further=())
+    with refusal(ErrorKind.RANGE, "basis.size"):
+        alone.with_overrides("basis.size=1")
+
+
+def test_motion_that_does_not_settle_is_judged_by_a_march_and_takes_all_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stored = stored_with("time.periods=4")
+    motion, asked = run(stored), []
+
+    def simulated(model: Any, scene: Scene, **options: Any) -> Motion:
+        asked.append(scene.time.steady)
+        return simulate(model, scene, **options)
+
+    monkeypatch.setattr(estimates, "simulate", simulated)
+    monkeypatch.setattr(sizing, "UNSETTLED_BASIS_ERROR", 1e-6)
+    assert is_unsteady(motion) and stored.scene.time.steady == "newton"
+    found = sized(stored, motion, run)
+    assert found is not None and found.stored.size == 1 + int(0.7 * 9)
+    assert asked == ["march", "march"] and found.sizes == []
+
+
 def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
     sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
     stored = stored_with(response=sweep)
     richer = richer_model(stored)
-    found = response(stored, lambda line: None, richer=richer)
+    found = response(stored, richer=richer)
     worst = max(check.basis_error or 0.0 for curve in found.curves for check in curve.checks)
     assert worst > 1e-3
     larger = larger_model(found, stored, spare_coordinates(stored))
     assert larger is not None and larger.labels == ("1V", "3V", "2V", "5V")
-    again = response(larger, lambda line: None, richer=richer_model(larger))
+    again = response(larger, richer=richer_model(larger))
     assert larger_model(again, larger, spare_coordinates(stored)) is None
     assert not any("basis.accuracy" in text for text in again.warnings)
     fixed = stored_with("basis.size=1", response=sweep)

@@ -204,14 +204,9 @@ def test_model_with_odd_or_missing_array_is_refused(stored: Path, data: st.DataO
     name = data.draw(st.sampled_from(sorted(found)))
     if data.draw(st.booleans()):
         odd = data.draw(ODD)
-        fits = (
-            odd.shape == found[name].shape
-            and odd.dtype == found[name].dtype
-            and np.all(np.isfinite(odd))
-        )
-        frequencies = name == "frequencies_hz" and odd.ndim == 1 and odd.dtype == np.float64
-        if (fits and name not in ("mass", "damping")) or frequencies:
-            return  # other numbers of the right shape are another model
+        same = odd.dtype == found[name].dtype and odd.shape == found[name].shape
+        if same and odd.tobytes() == found[name].tobytes():
+            return
         found[name] = odd
     else:
         del found[name]
@@ -230,9 +225,7 @@ JSON = st.recursive(
 
 
 @drawn(60, 1000, data=st.data())
-def test_model_with_changed_header_is_refused_or_keeps_its_arrays(
-    stored: Path, data: st.DataObject
-) -> None:
+def test_model_with_changed_header_is_refused(stored: Path, data: st.DataObject) -> None:
     found = arrays(stored)
     header = json.loads(str(found["header"]))
     branch, depth = header, data.draw(st.integers(0, 3))
@@ -249,10 +242,7 @@ def test_model_with_changed_header_is_refused_or_keeps_its_arrays(
     text = data.draw(st.sampled_from([json.dumps(header)] * 9 + [json.dumps(header)[:-5]]))
     path = stored.with_name("header.npz")
     np.savez(path, **{**found, "header": np.array(text)})
-    if sentence(path) is None:
-        again, first = load_model(path), load_model(stored)
-        assert again.model.elastic.stiffness.shape == first.model.elastic.stiffness.shape
-        assert again.labels and len(again.labels) == again.size
+    assert (sentence(path) is None) == (text == str(found["header"]))
 
 
 def test_model_with_other_version_or_pickle_is_refused(stored: Path, tmp_path: Path) -> None:
@@ -264,7 +254,7 @@ def test_model_with_other_version_or_pickle_is_refused(stored: Path, tmp_path: P
     assert refusal.value.kind is ErrorKind.FORMAT
     assert refusal.value.source == str(tmp_path / "version.npz")
     named = re.findall(r"fenicsrom reduced model \d", str(refusal.value))
-    assert named == ["fenicsrom reduced model 9", "fenicsrom reduced model 6"]  # found, readable
+    assert named == ["fenicsrom reduced model 9", "fenicsrom reduced model 7"]  # found, readable
 
     class Attack:
         def __reduce__(self) -> tuple[object, tuple[str]]:

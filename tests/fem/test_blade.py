@@ -454,7 +454,7 @@ def test_points_out_of_reach_are_reported_with_smallest_gap() -> None:
     )
     from mpi4py import MPI
 
-    found = run(scene, MPI.COMM_WORLD, lambda line: None)
+    found = run(scene, MPI.COMM_WORLD)
     motion = found.motions["reduced"]
     (sentence,) = [line for line in found.left_out if line.startswith("contacts[0]")]
     least = 1e3 * motion.gap.min()
@@ -603,7 +603,7 @@ def test_demo_rubs_to_a_steady_state() -> None:
     about forty revolutions."""
     from mpi4py import MPI
 
-    found = run(blade("time.steady='march'"), MPI.COMM_WORLD, lambda line: None)
+    found = run(blade("time.steady='march'"), MPI.COMM_WORLD)
     motion = found.motions["reduced"]
     assert found.unfinished is None and motion.steady and 30 < motion.periods < 60
     assert found.errors["time step"].amplitude < 0.02 and found.errors["basis"].amplitude < 0.01

@@ -53,7 +53,7 @@ def block(folder: Path, size: float = 0.25, **tables: Any) -> Scene:
 
 def follow(scene: Scene, **options: Any) -> EquilibriumPath:
     """The path of a scene, on this rank."""
-    return equilibrium_path(scene, MPI.COMM_SELF, lambda line: None, **options)
+    return equilibrium_path(scene, MPI.COMM_SELF, **options)
 
 
 def force(stretch: Any) -> Any:
@@ -377,7 +377,7 @@ from mpi4py import MPI
 from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
 from fenicsrom.scene import read_scene
 scene = read_scene(sys.argv[1], sys.argv[3:])
-found = equilibrium_path(scene, MPI.COMM_WORLD, lambda line: None)
+found = equilibrium_path(scene, MPI.COMM_WORLD)
 if MPI.COMM_WORLD.rank == 0:
     np.savez(sys.argv[2], factors=[point.load_factor for point in found.points])
 """

@@ -15,7 +15,6 @@ from fenicsrom import study
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.full import full as module
 from fenicsrom.fem.full.full import full_model
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.run import sentences
 from fenicsrom.study import motions
@@ -67,8 +66,7 @@ def run(solid: Any, monkeypatch: pytest.MonkeyPatch, known: bool = True) -> tupl
     scene = scene_of(solid)
     with monkeypatch.context() as patch:
         patch.setattr(Factorisation, "update", counted)
-        contacts = contacts_of(scene, solid.points) if known else None
-        motion = simulate(full_model(solid, contacts), scene)
+        motion = simulate(full_model(solid, scene if known else None), scene)
     return motion, count
 
 
@@ -125,7 +123,7 @@ def test_full_model_moves_the_same_by_mumps_and_by_petsc(
             )
         )
         scene = scene_of(solid)
-        motion = simulate(full_model(solid, contacts_of(scene, solid.points)), scene)
+        motion = simulate(full_model(solid, scene), scene)
         assert solid.points.contact.size == int(touching)
         found.append(motion.displacement)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9 * np.abs(found[1]).max())

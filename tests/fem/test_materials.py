@@ -127,7 +127,7 @@ def test_bimaterial_bar_under_tension_extends_as_two_springs_in_series(tmp_path:
     reactions = equilibrium_reactions(found.reactions, scene_of(solid))
     assert reactions.values[0, 0, 0] == pytest.approx(-force, rel=1e-9)
     assert reactions.mismatch < 1e-9
-    read = read_recovery(recovery_arrays(found), scene_of(solid), 0)
+    read = read_recovery(recovery_arrays(found), scene_of(solid))
     assert read is not None
     np.testing.assert_array_equal(read.stress.stress(np.zeros(0))[:, 0], stress)
 

@@ -22,7 +22,7 @@ from fenicsrom.scene import Scene, make_scene
 
 def follow(scene: Scene, **options: Any) -> EquilibriumPath:
     """The path of a scene, on this rank."""
-    return equilibrium_path(scene, MPI.COMM_SELF, lambda line: None, **options)
+    return equilibrium_path(scene, MPI.COMM_SELF, **options)
 
 
 @pytest.mark.parametrize(("follower", "factor"), [(True, 3.0), (False, 4.0 * OUTSIDE**2)])

@@ -385,7 +385,7 @@ def test_whirling_shaft_splits_its_frequencies_by_the_speed(tmp_path: Path) -> N
     sizes = ("geometry.parameters.elements_along=10",)
     table = {"speeds_rpm": [0.0, 40.0, 80.0, 120.0, 160.0], "modes": 2, "engine_orders": [1]}
     scene = beam_scene(3, sizes, contacts=None, rotation=still, campbell=table)
-    found = diagram.campbell(scene, world(), lambda line: None)
+    found = diagram.campbell(scene, world())
     first = found.frequencies_hz[0, 0]
     assert first == pytest.approx(found.frequencies_hz[0, 1], rel=1e-6)
     assert 60.0 * first > 160.0
@@ -477,7 +477,6 @@ def test_crossing_modes_are_followed() -> None:
     found = diagram.campbell(
         beam_scene(3, sizes, contacts=None, rotation=spin, campbell=table),
         world(),
-        lambda line: None,
     )
     flap, lag = found.frequencies_hz.T
     assert flap[0] < lag[0] and flap[-1] > lag[-1]
@@ -509,7 +508,7 @@ def test_critical_speeds_of_blade_from_two_speeds_agree_with_nine() -> None:
         changes = (f"campbell.speeds_rpm={speeds}", "campbell.modes=3", "rotation.speed_rpm=3000")
         scene = read_scene(demo, [*coarse, *changes])
         assert scene.rotation.axis == (0.0, 1.0, 0.0)
-        found.append(diagram.campbell(scene, world(), lambda line: None))
+        found.append(diagram.campbell(scene, world()))
     two, nine = found
     assert two.names == nine.names == ["1F", "2F", "1T"]
     assert len(two.critical) == len(nine.critical) >= 5
@@ -541,7 +540,7 @@ def test_modes_and_campbell_warn_of_a_block_that_is_crushed_at_speed(
     )
     modes = run(scene, modes_only=True).warnings
     assert len(modes) == bool(said) and all(said in text for text in modes)
-    found = diagram.campbell(scene, world(), lambda line: None)
+    found = diagram.campbell(scene, world())
     warnings = [text for text in found.warnings if "Kirchhoff" in text]
     assert len(warnings) == bool(said)
     assert all(said in text and f" at {speed_rpm:g} rpm" in text for text in warnings)
@@ -560,7 +559,7 @@ def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
     scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
     )
-    found = diagram.campbell(scene, world(), lambda line: None)
+    found = diagram.campbell(scene, world())
     if coriolis:
         assert found.speeds_rpm.tolist() == [0.0, 500.0]
         assert "at 5000 rpm: complex modes: the equilibrium is unstable" in str(found.unfinished)
@@ -817,7 +816,7 @@ scene = rotating_scene(
 solid = make_solid(scene)
 modes, _, basis = enriched(solid, "rubin", 2)
 model = project(solid, basis)
-found = campbell.campbell(scene, comm, lambda line: None)
+found = campbell.campbell(scene, comm)
 gyroscopic = projected_gyroscopic(solid, basis.vectors)
 energy = solid.energy(0.5 * solid.equilibrium)
 largest = solid.largest(solid.equilibrium[:, None])

@@ -20,6 +20,7 @@ from support import beam_scene, enriched, make_solid
 
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Time
@@ -50,17 +51,18 @@ def flap(eta: float) -> tuple[float, float]:
     solid = make_solid(beam_scene(3, sizes, contacts=None, probe=probe, rotation=rotation))
     _, _, basis = enriched(solid, "rubin", 1)
     model = project(solid, basis)
-    mode = linear_modes(model, no_contacts(3))[0]
+    problem = Problem(model, no_contacts(3), SETTINGS, None)
+    mode = linear_modes(problem)[0]
     tip = np.abs(model.probe @ mode.shape)
     assert int(np.argmax(tip)) == 2  # along the axis
     first, last = (part * LENGTH / tip[2] for part in (SMALL, LARGE))
-    path = ModeContinuation(model, no_contacts(3), SETTINGS, mode, first, last)
+    path = ModeContinuation(problem, mode, first, last)
     found = []
     for value in (path.low, path.high):
         point = path.at_parameter(path.linear_start(), value)
         assert point is not None
         assert abs(path.damping_ratio(point)) < 1e-6
-        motion = recorded_motion(path.problem_at(point.s, point.parameter), SETTINGS, point.z)
+        motion = recorded_motion(path.problem_at(point.s, point.parameter), point.z)
         assert motion.coordinates is not None
         tip_amplitude = float(np.ptp(motion.coordinates @ model.probe[2])) / 2.0
         found.append((path.frequency(point), tip_amplitude / LENGTH))

@@ -89,18 +89,24 @@ def test_scene_with_another_probe_is_refused(stored: StoredModel) -> None:
         stored.simulate(beam_scene(2, SHORT, contacts=None, probe={"group": "load"}))
 
 
-@pytest.mark.parametrize("name", ["mass", "stiffness"])
-def test_stored_matrix_that_is_not_symmetric_is_refused(
+@pytest.mark.parametrize("name", ["mass", "frequencies_hz", "header"])
+def test_model_whose_file_was_changed_is_refused(
     stored: StoredModel, tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "model.npz"
     save_model(path, stored)
     with np.load(path) as file:
         arrays = dict(file)
-    matrix = arrays[name].copy()
-    matrix[0, 1] += 1e-7 * matrix.max()
-    np.savez(path, **arrays | {name: matrix})
-    with refusal(ErrorKind.FORMAT, file=path.name, names=name):
+    other = np.append(arrays[name].ravel(), arrays[name].ravel())
+    if name == "mass":
+        other = np.nextafter(arrays[name], 9.0)
+    if name == "header":
+        other = np.array(str(arrays[name]).replace("rubin", "robin"))
+    np.savez(path, **arrays | {name: other})
+    with refusal(ErrorKind.FORMAT, file=path.name):
+        load_model(path)
+    np.savez(path, **{key: array for key, array in arrays.items() if key != "digest"})
+    with refusal(ErrorKind.FORMAT, file=path.name):
         load_model(path)
 
 
@@ -174,19 +180,6 @@ def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
     assert other.finer is not None and other.finer.damping == 50.0
 
 
-@pytest.mark.parametrize("name", ["mass", "loads"])
-def test_model_with_too_few_coordinates_in_its_file_is_refused(
-    judged: StoredModel, tmp_path: Path, name: str
-) -> None:
-    path = tmp_path / "model.npz"
-    save_model(path, judged)
-    with np.load(path) as file:
-        arrays = dict(file)
-    np.savez(path, **arrays | {name: arrays[name][:2, :2]})
-    with refusal(ErrorKind.FORMAT, file=path.name, names=name):
-        load_model(path)
-
-
 CRUSHED = Deformation(0.8, np.array([0.25, 0.0]), 0.85, 1.1)
 
 
@@ -199,12 +192,6 @@ def test_deformation_of_the_equilibrium_is_stored_with_the_model(
     assert found is not None
     np.testing.assert_array_equal(found.as_array(), CRUSHED.as_array())
     assert found.smallest_stretch == 0.85 and found.position.tolist() == [0.25, 0.0]
-    with np.load(path) as file:
-        arrays = dict(file)
-    for wrong in (arrays["deformation"][:-1], np.full(5, np.nan)):
-        np.savez(path, **arrays | {"deformation": wrong})
-        with refusal(ErrorKind.FORMAT, file=path.name, names="deformation"):
-            load_model(path)
 
 
 def test_run_of_a_stored_model_warns_of_its_crushed_equilibrium(

@@ -23,9 +23,9 @@ from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import (
     Family,
-    excitation_family,
     force_family,
     frequency_family,
 )
@@ -57,7 +57,7 @@ def oscillator(
 
 def shooting(model: ReducedModel, period: float, m: int = 1, steps: int = 200) -> Shooting:
     settings = Time.of(scheme="discrete-gradient", periods=1, steps_per_period=steps)
-    return Shooting(model, no_contacts(), settings, period, m)
+    return Shooting(Problem(model, no_contacts(), settings, period), m)
 
 
 def path_at(
@@ -81,7 +81,7 @@ HOLMES = (2.0, 3.0, 1.0)
 def holmes() -> tuple[Family, Continuation, Curve]:
     """The motions in one well over the force."""
     model, period = oscillator(0.3, HOLMES, 1.0, 1.2)
-    family = force_family(model, no_contacts(), period)
+    family = force_family(Problem(model, no_contacts(), None, period))
     path, start = path_at(np.zeros(2), family, 0.05, (0.05, 0.32))
     return family, path, path.run(start, 1.0, points=300, largest_step=0.03)
 
@@ -139,8 +139,8 @@ LOWER = np.array([-0.24849689, 0.02338837])
 def through_load(steps: int) -> list[CurvePoint]:
     """The motions that are connected with the lower one through the load."""
     model, period = oscillator(0.05, (1.0, 0.0, 1.0), 0.3, 1.5)
-    problem = frequency_family(model, no_contacts(), period)(1.0 / period)
-    _, lower = path_at(LOWER, excitation_family(problem), 1.0, (0.01, 4.0), steps=steps)
+    problem = frequency_family(Problem(model, no_contacts(), None, period))(1.0 / period)
+    _, lower = path_at(LOWER, force_family(problem), 1.0, (0.01, 4.0), steps=steps)
     equation = shooting(problem.model, problem.period, steps=steps)
     return sorted(motions_through_load(equation, problem, lower.s), key=lambda p: p.amplitude.max())
 
@@ -177,7 +177,7 @@ def test_saddle_is_reached_through_the_fold() -> None:
     limits = []
     for steps in (400, 800):
         model, period = oscillator(0.05, (1.0, 0.0, 1.0), 0.3, 1.0)
-        family = frequency_family(model, no_contacts(), period)
+        family = frequency_family(Problem(model, no_contacts(), None, period))
         low, high, value = 0.1, 0.4, 1.5 / (2.0 * np.pi)
         path, start = path_at(np.array([0.4, 0.0]), family, low, (low, high), steps=steps)
         curve = path.run(start, 1.0, points=400)
@@ -200,7 +200,7 @@ def test_isolated_curve_closes() -> None:
     # over the force the upper motion and the saddle at omega = 1.5 join at a fold; a force that
     # is just above that fold in a window of the parameter makes them a closed curve
     model, period = oscillator(0.05, (1.0, 0.0, 1.0), 1.0, 1.5)
-    by_force = force_family(model, no_contacts(), period)
+    by_force = force_family(Problem(model, no_contacts(), None, period))
     path, start = path_at(np.array([1.30722027, 0.87306771]), by_force, 0.3, (0.01, 0.4))
     down = path.run(start, -1.0, points=300, largest_step=0.03)
     fold = next(point for point in down.special if point.kind == "fold").parameter

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from support import fixed_steps, one_contact, random_model
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.kernels import compiled, dense, emission
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -22,7 +24,7 @@ def rubbing_motion() -> Motion:
     contacts = one_contact(
         preload=0.3, normal_stiffness=5.0, tangential_stiffness=8.0, friction=0.6
     )
-    return integrate(model, contacts, fixed_steps("discrete-gradient", 60, 12.0), None, dimension=2)
+    return integrate(Problem(model, contacts, fixed_steps("discrete-gradient", 60, 12.0), None))
 
 
 @pytest.mark.parametrize(
@@ -196,3 +198,33 @@ def test_error_of_a_compiled_function_is_raised_without_another_compilation(
     monkeypatch.setattr(root.entry, "recompile", lambda: pytest.fail("compiled again"))
     with pytest.raises(ValueError, match="negative"):
         root(-1.0)
+
+
+@compiled.kernel
+def _double(out: Array) -> None:
+    out *= 2.0
+
+
+@compiled.kernel
+def _double_or_not(out: Array, yes: bool) -> None:
+    if yes:
+        _double(out)
+
+
+def test_part_is_linked_though_one_of_its_callers_never_calls_it() -> None:
+    """Each literal has a caller of its own; LLVM drops the call from that of False."""
+
+    @compiled.kernel
+    def first_not(out: Array) -> None:
+        _double_or_not(out, False)
+        _double_or_not(out, True)
+
+    @compiled.kernel
+    def last_not(out: Array) -> None:
+        _double_or_not(out, True)
+        _double_or_not(out, False)
+
+    out = np.ones(2)
+    first_not(out)
+    last_not(out)
+    assert list(out) == [4.0, 4.0]

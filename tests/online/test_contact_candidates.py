@@ -21,6 +21,7 @@ from fenicsrom.online.contact.problem import solve_contact
 from fenicsrom.online.contact.state import OPEN, Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run import march
@@ -73,7 +74,7 @@ def walls(gap: float = 0.02, preload: float = 0.0) -> Contacts:
 
 def shaken(scheme_name: str, *, compiled: bool = True, steps: int = 80) -> Motion:
     settings = period_steps(steps, scheme_name).changed(periods=2, steady_tolerance=0.0)
-    return integrate(edge(), walls(), settings, PERIOD, dimension=2, compiled=compiled)
+    return integrate(Problem(edge(), walls(), settings, PERIOD), compiled=compiled)
 
 
 @pytest.mark.parametrize("name", ["discrete-gradient", "average-acceleration"])
@@ -153,7 +154,7 @@ def test_contact_problem_in_coordinates_has_the_solution_of_the_formed_one() -> 
 
 def test_equilibrium_under_preload_of_many_points_balances() -> None:
     model, contacts = edge(), walls(preload=0.3)._replace(radius=np.zeros(POINTS))
-    q, _ = equilibrium(model, contacts, 2)
+    q, _ = equilibrium(Problem(model, contacts, None, None))
     x = model.contact_displacement(q).reshape(POINTS, 2)
     force = np.zeros((POINTS, 2))
     force[:, 0] = np.maximum(contacts.preload + contacts.normal_stiffness * x[:, 0], 0.0)
@@ -169,19 +170,15 @@ def test_monodromy_with_more_touching_directions_than_coordinates_matches_differ
     contacts = contacts._replace(
         normal_stiffness=10.0 * contacts.normal_stiffness, radius=0.1 * contacts.radius
     )
-    pmap = PeriodMap(
-        model, contacts, scheme("discrete-gradient", model), 2, np.linspace(0.0, 1.0, 41)
-    )
+    problem = Problem(model, contacts, None, PERIOD)
+    pmap = PeriodMap(problem, scheme("discrete-gradient", model), np.linspace(0.0, 1.0, 41))
     z = np.zeros(pmap.size)
-    z = pmap(model, contacts, PERIOD, z, derive=False)[1].z
-    found = pmap(model, contacts, PERIOD, z)[1]
+    z = pmap(problem, z, derive=False)[1].z
+    found = pmap(problem, z)[1]
     touching = np.sum(found.record.mean_force[:, :, 0] != 0.0, axis=1)
     assert touching.max() > SIZE // 2 and touching.min() == 0
     direction = np.random.default_rng(1).standard_normal(pmap.size)
-    ends = [
-        pmap(model, contacts, PERIOD, z + change * direction, derive=False)[1].z
-        for change in (-1e-6, 1e-6)
-    ]
+    ends = [pmap(problem, z + change * direction, derive=False)[1].z for change in (-1e-6, 1e-6)]
     expected = (ends[1] - ends[0]) / 2e-6
     np.testing.assert_allclose(
         found.matrix @ direction, expected, rtol=0, atol=2e-6 * np.abs(expected).max()

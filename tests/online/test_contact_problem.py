@@ -27,6 +27,7 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.run.march import integrate
 
 Array = NDArray[np.float64]
@@ -245,7 +246,7 @@ def slide(
     stop = SPEED / (FRICTION * GRAVITY)
     start = np.zeros(2), np.array([0.0, SPEED])
     motion = integrate(
-        block, floor, fixed_steps(scheme, steps, 1.3 * stop), None, dimension=2, start=start
+        Problem(block, floor, fixed_steps(scheme, steps, 1.3 * stop), None), start=start
     )
     assert np.all(motion.force[:, 0, 0] == pytest.approx(MASS * GRAVITY))
     return float(motion.displacement[:, 0, 1].max()), float(motion.friction_dissipation[-1])
@@ -285,7 +286,7 @@ def test_impact_inside_a_step_has_friction_in_proportion(stiffness: float, share
     )
     start = np.zeros(2), np.ones(2)
     motion = integrate(
-        mass, wall, fixed_steps("discrete-gradient", 40, 0.4), None, dimension=2, start=start
+        Problem(mass, wall, fixed_steps("discrete-gradient", 40, 0.4), None), start=start
     )
     normal, friction = np.diff(motion.time) @ motion.mean_force[1:, 0]
     assert normal > 0.99

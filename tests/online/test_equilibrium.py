@@ -16,6 +16,7 @@ from support import linear_model, one_contact
 from fenicsrom.assess.studies import stability
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.run import simulate as online
 from fenicsrom.online.step import equilibrium as statics
 from fenicsrom.scene import Scene
@@ -49,7 +50,7 @@ def press(model: Any, preload: float, *changes: str) -> tuple[Array, int, Array]
     """The equilibrium, the number of unstable directions of the straight state, and the
     displacement of the tip."""
     wanted = scene(preload, *changes)
-    q, buckled = statics.equilibrium(model, contacts_of(wanted, model.points), 2)
+    q, buckled = statics.equilibrium(Problem(model, contacts_of(wanted, model.points), None, None))
     return q, buckled, model.contact_displacement(q).copy()
 
 
@@ -76,7 +77,7 @@ def test_unstable_directions_are_those_of_the_stiffness_with_the_springs(seed: i
     contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
     normals = rows[::2]
     whole = np.linalg.eigvalsh(stiffness + normals.T @ np.diag(springs) @ normals)
-    problem = statics._Statics(model, contacts, 2)
+    problem = statics._Statics(Problem(model, contacts, None, None))
     assert problem.unstable(np.zeros(6)) == np.sum(whole < 0.0)
 
 
@@ -90,7 +91,9 @@ def test_softest_direction_is_lowest_mode_with_the_springs(lowest: float) -> Non
     stiffness = whole - rows[::2].T @ np.diag(springs) @ rows[::2]
     model = linear_model(mass, stiffness, masters=4)._replace(contact_rows=rows)
     contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
-    shape, rate = statics._Statics(model, contacts, 2)._soften(np.zeros(6), np.ones(6))
+    shape, rate = statics._Statics(Problem(model, contacts, None, None))._soften(
+        np.zeros(6), np.ones(6)
+    )
     assert rate == pytest.approx(lowest, rel=1e-6)
     assert abs(shape @ mass @ modes[:, 0]) == pytest.approx(1.0, rel=1e-6)
 
@@ -100,7 +103,8 @@ def test_response_to_loads_is_not_overwritten_by_next_solve() -> None:
     model = linear_model(
         np.eye(2), np.diag([4.0, 5.0]), loads=[[1.0], [0.0]], load_histories=load, masters=2
     )
-    problem = statics._Statics(model, one_contact(preload=1.0, normal_stiffness=1.0), 2)
+    contacts = one_contact(preload=1.0, normal_stiffness=1.0)
+    problem = statics._Statics(Problem(model, contacts, None, None))
     response, force = problem._seed(np.zeros(2))
     problem._soften(np.zeros(2), np.ones(2))
     np.testing.assert_allclose(response, [0.5, 0.0])
@@ -112,7 +116,9 @@ def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
     rows = np.eye(4)
     rows[2] = -rows[0]  # the second spring is opposite to the first one
     contacts = one_contact(preload=[0.4, 0.4], normal_stiffness=[6.0, 6.0])
-    q, unstable = statics.equilibrium(model._replace(contact_rows=rows), contacts, 2)
+    q, unstable = statics.equilibrium(
+        Problem(model._replace(contact_rows=rows), contacts, None, None)
+    )
     assert unstable == 0
     np.testing.assert_allclose(q, 0.0, atol=1e-12)
 
@@ -145,7 +151,7 @@ def test_beam_beyond_buckling_load_matches_elastica(
     assert preload + CONTACT * x[0] == pytest.approx(force, rel=0.003)
     # a minimum of the energy: below the straight state, and above nothing near it
     contacts = contacts_of(scene(preload), model.points)
-    problem = statics._Statics(model, contacts, 2)
+    problem = statics._Statics(Problem(model, contacts, None, None))
     straight = problem.newton(np.zeros_like(q), 1.0, 0.0)
     assert straight is not None and problem.unstable(straight) == 1 and problem.unstable(q) == 0
     here = energy(model, q, preload)
@@ -213,6 +219,8 @@ def test_contact_without_preload_keeps_beam_at_rest() -> None:
     """A contact with a gap, and one whose preload a linear spring carries."""
     model = linear_model(np.eye(2), np.diag([3.0, 2.0]), masters=2)
     for preload, gap, moved in ((0.0, 0.1, 0.0), (6.0, 0.0, -6.0 / (3.0 + 1.0))):
-        q, buckled = statics.equilibrium(model, one_contact(preload=preload, gap=gap), 2)
+        q, buckled = statics.equilibrium(
+            Problem(model, one_contact(preload=preload, gap=gap), None, None)
+        )
         np.testing.assert_allclose(q, [moved, 0.0], atol=1e-14)
         assert buckled == 0

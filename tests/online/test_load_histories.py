@@ -26,6 +26,7 @@ from fenicsrom.online.model.loads import (
     of_loads,
     quarter_period,
 )
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.store.scene_changes import changed_key
@@ -136,7 +137,7 @@ def test_steps_end_at_corners_and_respect_the_longest_step() -> None:
 # ------------------------------------------------------------------ motions
 
 DAMPING, STIFFNESS = 0.4, 50.0
-FREE = no_contacts()
+FREE = no_contacts(1)
 
 
 def oscillator(found: LoadHistories) -> Any:
@@ -163,7 +164,7 @@ def duhamel(force: Any, times: Array, breaks: list[float]) -> Array:
 
 
 def run(found: LoadHistories, **time: Any) -> Motion:
-    return integrate(oscillator(found), FREE, Time.of(**time), None, dimension=1)
+    return integrate(Problem(oscillator(found), FREE, Time.of(**time), None))
 
 
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"tolerance": 1e-5}])
@@ -223,19 +224,21 @@ def test_response_to_harmonics_is_the_sum_of_single_responses() -> None:
     orders = ((1, 1.0, 0.2), (2, -0.5, 0.0), (5, 0.25, 1.0))
     time = {"steps_per_period": 200, "periods": 3, "steady_tolerance": 0.0}
     whole = integrate(
-        oscillator(of_loads([load(frequency=0.7, harmonics=orders)])),
-        FREE,
-        Time.of(**time),
-        1 / 0.7,
-        dimension=1,
-    )
-    parts = [
-        integrate(
-            oscillator(harmonic(3 * a, n * 0.7 * 2 * np.pi, phase)),
+        Problem(
+            oscillator(of_loads([load(frequency=0.7, harmonics=orders)])),
             FREE,
             Time.of(**time),
             1 / 0.7,
-            dimension=1,
+        )
+    )
+    parts = [
+        integrate(
+            Problem(
+                oscillator(harmonic(3 * a, n * 0.7 * 2 * np.pi, phase)),
+                FREE,
+                Time.of(**time),
+                1 / 0.7,
+            )
         )
         for n, a, phase in orders
     ]

@@ -19,8 +19,10 @@ from fenicsrom.online.model.dense_model import DenseModel
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.run.march import integrate
+from fenicsrom.progress import listening
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]
@@ -78,9 +80,7 @@ def oscillate(scheme: str, steps: int, duration: float = 4.0) -> Motion:
     sin."""
     model = linear_model(2.0 * np.eye(2), 2.0 * OMEGA**2 * np.eye(2))
     start = np.array([1.0, 0.0]), np.array([0.0, OMEGA])
-    return integrate(
-        model, FREE, fixed_steps(scheme, steps, duration), None, dimension=2, start=start
-    )
+    return integrate(Problem(model, FREE, fixed_steps(scheme, steps, duration), None), start=start)
 
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
@@ -114,10 +114,10 @@ def test_generalised_alpha_decays_with_its_spectral_radius(radius: float) -> Non
     settings = fixed_steps("generalised-alpha", 60, 60.0, radius)
     start = np.array([1.0, 0.0]), np.zeros(2)
     if radius == 1.0:
-        motion = integrate(model, FREE, settings, None, dimension=2, start=start)
+        motion = integrate(Problem(model, FREE, settings, None), start=start)
     else:
         with pytest.raises(AccuracyError, match="energy ledger is off by") as refused:
-            integrate(model, FREE, settings, None, dimension=2, start=start)
+            integrate(Problem(model, FREE, settings, None), start=start)
         motion = refused.value.partial
     late = np.abs(motion.displacement[40:, 0, 0])
     if radius == 0.0:
@@ -137,7 +137,7 @@ def test_momentum_equals_impulse_of_the_loads(scheme: str) -> None:
     model = linear_model(
         4.0, 0.0, loads=[[1.0, 1.0]], load_histories=harmonic(amplitude, omega, phase), probes=1
     )
-    motion = integrate(model, FREE, fixed_steps(scheme, 50, 1.0), None, dimension=1)
+    motion = integrate(Problem(model, no_contacts(1), fixed_steps(scheme, 50, 1.0), None))
     time = motion.time
     load = 3.0 * np.sin(5.0 * time + 0.7) - 2.0
     impulse = np.sum(0.5 * (load[1:] + load[:-1]) * np.diff(time))
@@ -162,7 +162,7 @@ def forced(scheme: str = "discrete-gradient", **settings: Any) -> tuple[Motion, 
     )
     period = 2 * np.pi / omega
     motion = integrate(
-        model, FREE, Time.of(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2
+        Problem(model, FREE, Time.of(scheme=scheme, spectral_radius=0.8, **settings), period)
     )
     w = omega
     if settings.get(
@@ -222,12 +222,7 @@ def test_energy_over_ten_thousand_steps_is_constant() -> None:
     model = random_model(3, seed=3)
     start = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
     motion = integrate(
-        model,
-        FREE,
-        fixed_steps("discrete-gradient", 10_000, 2000.0),
-        None,
-        dimension=2,
-        start=start,
+        Problem(model, FREE, fixed_steps("discrete-gradient", 10_000, 2000.0), None), start=start
     )
     energy = total(motion)
     assert np.abs(energy / energy[0] - 1).max() < 1e-10
@@ -243,7 +238,7 @@ def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
     model = random_model(3, seed=3)
     for step in (0.05, 0.2):
         settings = fixed_steps("discrete-gradient", 100_000, 1e5 * step)
-        motion = integrate(model, FREE, settings, None, dimension=2, start=START)
+        motion = integrate(Problem(model, FREE, settings, None), start=START)
         energy = total(motion)
         assert motion.steps == 100_000 and np.abs(energy / energy[0] - 1).max() < 1e-10
         assert np.ptp(motion.kinetic) > 0.3 * energy[0]
@@ -263,9 +258,7 @@ def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None
         2 * 20.0 / model.mass[first, first]
     )  # 20 J: the tip swings as far as in the paper
     settings = fixed_steps("discrete-gradient", 100_000, 500 / 3.28)
-    motion = integrate(
-        model, off(beam2d), settings, None, dimension=2, start=(np.zeros(basis.size), v)
-    )
+    motion = integrate(Problem(model, off(beam2d), settings, None), start=(np.zeros(basis.size), v))
     energy = total(motion)
     assert energy[0] == pytest.approx(20.0)
     assert np.abs(motion.displacement[:, 0, 1]).max() > 0.1
@@ -320,7 +313,7 @@ def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
     steps = np.array([200, 400, 800])
     errors = []
     for n in steps:
-        motion = integrate(model, FREE, fixed_steps(scheme, n, 6.0), None, dimension=2, start=START)
+        motion = integrate(Problem(model, FREE, fixed_steps(scheme, n, 6.0), None), start=START)
         errors.append(np.abs(end(motion) - exact).max())
     assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.15)
     assert errors[-1] < 2e-3
@@ -340,9 +333,7 @@ def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
     steps = np.array([300, 420, 600, 850, 1200, 1700, 2400])
     errors = []
     for n in steps:
-        motion = integrate(
-            model, contacts, fixed_steps(scheme, n, 6.0), None, dimension=2, start=START
-        )
+        motion = integrate(Problem(model, contacts, fixed_steps(scheme, n, 6.0), None), start=START)
         assert np.count_nonzero(np.diff(motion.state[:, 0] == OPEN)) >= 4
         errors.append(np.abs(end(motion) - exact).max())
     assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.25)
@@ -357,7 +348,7 @@ def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
     )
     contacts = one_contact(gap=0.05, normal_stiffness=stiffness)
     settings = fixed_steps("discrete-gradient", steps, duration)
-    return integrate(model, contacts, settings, None, dimension=2, start=(np.zeros(2), np.zeros(2)))
+    return integrate(Problem(model, contacts, settings, None), start=(np.zeros(2), np.zeros(2)))
 
 
 def test_contact_too_stiff_for_the_step_does_not_ring() -> None:
@@ -402,13 +393,11 @@ def test_compiled_loop_equals_plain_python(scheme: str, settings: dict[str, Any]
     """Compiled, in plain Python, and in plain Python on a dense model."""
     model, contacts = rubbing()
     time = Time.of(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
-    fast = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
+    fast = integrate(Problem(model, contacts, time, PERIOD), keep_coordinates=True)
     assert {OPEN, SLIP, STICK} == set(fast.state.ravel())
     for slow in (
-        integrate(
-            model, contacts, time, PERIOD, dimension=2, keep_coordinates=True, compiled=False
-        ),
-        integrate(dense_twin(model), contacts, time, PERIOD, dimension=2, keep_coordinates=True),
+        integrate(Problem(model, contacts, time, PERIOD), keep_coordinates=True, compiled=False),
+        integrate(Problem(dense_twin(model), contacts, time, PERIOD), keep_coordinates=True),
     ):
         assert (slow.steps, slow.rejected, slow.periods) == (
             fast.steps,
@@ -439,7 +428,7 @@ def ledger(scheme: str, steps: int) -> float:
     time = Time.of(
         scheme=scheme, periods=2, steady_tolerance=0.0, steps_per_period=steps, spectral_radius=0.8
     )
-    motion = integrate(model, contacts, time, PERIOD, dimension=2)
+    motion = integrate(Problem(model, contacts, time, PERIOD))
     assert {OPEN, SLIP, STICK} == set(motion.state.ravel())
     assert (
         motion.friction_dissipation[-1] > 0.05 * motion.kinetic.max()
@@ -472,12 +461,12 @@ def test_ledger_of_other_schemes_closes_with_the_step(scheme: str) -> None:
 def test_kept_coordinates_cover_the_last_period() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
-    motion = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
+    motion = integrate(Problem(model, contacts, time, PERIOD), keep_coordinates=True)
     assert motion.coordinates.shape == (41, 3)
     span = motion.last_period()
     np.testing.assert_array_equal(motion.coordinate_time, motion.time[span])
     np.testing.assert_allclose(motion.coordinates[:, :2], motion.displacement[span, 0], rtol=1e-14)
-    assert integrate(model, contacts, time, PERIOD, dimension=2).coordinates is None
+    assert integrate(Problem(model, contacts, time, PERIOD)).coordinates is None
 
 
 def test_two_uncoupled_contacts_move_as_two_runs() -> None:
@@ -493,17 +482,22 @@ def test_two_uncoupled_contacts_move_as_two_runs() -> None:
     )
     values = {name: [t[name] for t in touch] for name in touch[0]}
     contacts = one_contact(**values, normal_stiffness=3.0, tangential_stiffness=4.0)
-    both = integrate(model, contacts, time, np.pi, dimension=2)
+    both = integrate(Problem(model, contacts, time, np.pi))
     friction_dissipation = np.zeros(both.time.size)
     for p in (0, 1):
         alone = integrate(
-            linear_model(
-                np.eye(2), stiffness[p], loads=np.ones(2), load_histories=load_histories, masters=2
-            ),
-            one_contact(**touch[p], normal_stiffness=3.0, tangential_stiffness=4.0),
-            time,
-            np.pi,
-            dimension=2,
+            Problem(
+                linear_model(
+                    np.eye(2),
+                    stiffness[p],
+                    loads=np.ones(2),
+                    load_histories=load_histories,
+                    masters=2,
+                ),
+                one_contact(**touch[p], normal_stiffness=3.0, tangential_stiffness=4.0),
+                time,
+                np.pi,
+            )
         )
         np.testing.assert_allclose(
             both.displacement[:, p], alone.displacement[:, 0], rtol=0, atol=1e-11
@@ -520,13 +514,13 @@ def test_two_uncoupled_contacts_move_as_two_runs() -> None:
 def test_adaptive_step_meets_its_tolerance() -> None:
     model, contacts = rubbing()
     fine = Time.of(periods=2, steady_tolerance=0.0, steps_per_period=20_000)
-    exact = integrate(model, contacts, fine, PERIOD, dimension=2)
+    exact = integrate(Problem(model, contacts, fine, PERIOD))
     size = np.abs(exact.displacement).max()
     tolerances = np.array([1e-2, 1e-3, 1e-4, 1e-5])
     errors, steps = [], []
     for tolerance in tolerances:
         time = Time.of(periods=2, steady_tolerance=0.0, tolerance=tolerance)
-        motion = integrate(model, contacts, time, PERIOD, dimension=2)
+        motion = integrate(Problem(model, contacts, time, PERIOD))
         at = np.array(
             [np.interp(motion.time, exact.time, column) for column in exact.displacement[:, 0].T]
         ).T
@@ -558,12 +552,12 @@ def test_failed_step_reports_time_and_state_and_keeps_the_motion(settings: dict[
     _, contacts = rubbing()
     time = Time.of(periods=3, steady_tolerance=0.0, **settings)
     whole = integrate(
-        brittle(np.inf), contacts, time, PERIOD, dimension=2, keep_coordinates=True, start=AT_REST
+        Problem(brittle(np.inf), contacts, time, PERIOD), keep_coordinates=True, start=AT_REST
     )
     reach = np.abs(whole.coordinates).max()
     sentence = r"stopped at t = \d.*\(point 1 (open|slip|stick); scheme discrete-gradient\)"
     with pytest.raises(ConvergenceError, match=sentence) as failure:
-        integrate(brittle(0.7 * reach), contacts, time, PERIOD, dimension=2, start=AT_REST)
+        integrate(Problem(brittle(0.7 * reach), contacts, time, PERIOD), start=AT_REST)
     partial = failure.value.partial
     assert isinstance(partial, Motion) and not partial.steady
     assert partial.steps == partial.time.size - 1 > 5 and partial.rejected > 10
@@ -594,11 +588,11 @@ def test_rejected_step_leaves_no_trace() -> None:
 
     twin.elastic_over_step = elastic_over_step  # type: ignore[method-assign]
     settings = fixed_steps("discrete-gradient", 100, 8.0)
-    motion = integrate(twin, contacts, settings, None, dimension=2, start=AT_REST)
+    motion = integrate(Problem(twin, contacts, settings, None), start=AT_REST)
     assert motion.rejected == 2
     cut = int(np.flatnonzero(np.diff(motion.time) < 0.99 * 0.08)[0])
     assert motion.state[cut, 0] != OPEN  # where there is a history to lose
-    smooth = integrate(brittle(np.inf), contacts, settings, None, dimension=2, start=AT_REST)
+    smooth = integrate(Problem(brittle(np.inf), contacts, settings, None), start=AT_REST)
     np.testing.assert_array_equal(motion.displacement[: cut + 1], smooth.displacement[: cut + 1])
     # with the friction history intact the ledger still closes, and both motions agree to the error
     # of a step
@@ -609,7 +603,7 @@ def test_rejected_step_leaves_no_trace() -> None:
 def test_run_of_a_duration_ends_on_it() -> None:
     model, contacts = rubbing()
     for settings in (Time.of(duration=1.0, step=0.3), Time.of(duration=1.0, tolerance=1e-3)):
-        motion = integrate(model, contacts, settings, None, dimension=2)
+        motion = integrate(Problem(model, contacts, settings, None))
         assert motion.time[-1] == pytest.approx(1.0, abs=1e-12)
         assert motion.period is None and not motion.steady and motion.periods == 0
         assert motion.last_period() == slice(0, motion.time.size)
@@ -620,15 +614,20 @@ def test_progress_is_called_after_each_period() -> None:
     told: list[tuple[float, float]] = []
     time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     integrate(
-        model,
-        contacts,
-        time,
-        PERIOD,
-        dimension=2,
+        Problem(model, contacts, time, PERIOD),
         progress=lambda done, change: told.append((done, change)),
     )
     assert [done for done, _ in told] == pytest.approx([1 / 3, 2 / 3, 1.0])
     assert all(change > 0 for _, change in told)
+
+
+def test_listener_hears_the_time_of_the_steps_and_nothing_of_the_equilibrium_before_them() -> None:
+    model, contacts = rubbing()
+    told: list[float] = []
+    time = Time.of(periods=4, steady_tolerance=0.0, steps_per_period=40)
+    with listening(told.append):
+        integrate(model, contacts, time, PERIOD, dimension=2)
+    assert told == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
 def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
@@ -636,13 +635,13 @@ def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
     answers = iter([False, True])
     time = Time.of(periods=5, steady_tolerance=0.0, steps_per_period=40)
     with pytest.raises(Interrupted) as stopped:
-        integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: next(answers))
+        integrate(Problem(model, contacts, time, PERIOD), stop=lambda: next(answers))
     partial = stopped.value.partial
     assert partial.periods == 2 and partial.steps == 80 and not partial.steady
-    whole = integrate(model, contacts, time, PERIOD, dimension=2)
+    whole = integrate(Problem(model, contacts, time, PERIOD))
     np.testing.assert_array_equal(partial.displacement, whole.displacement[:81])
     # from its end the run continues as if it had not been stopped
-    rest = integrate(model, contacts, time, PERIOD, dimension=2, resume=partial.end)
+    rest = integrate(Problem(model, contacts, time, PERIOD), resume=partial.end)
     np.testing.assert_array_equal(rest.displacement[-120:], whole.displacement[-120:])
 
 
@@ -650,14 +649,14 @@ def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
     model, contacts = rubbing()
     time = Time.of(duration=50.0, step=0.01)
     with pytest.raises(Interrupted) as stopped:
-        integrate(model, contacts, time, None, dimension=2, stop=lambda: True)
+        integrate(Problem(model, contacts, time, None), stop=lambda: True)
     assert stopped.value.partial.steps == 4096
 
 
 def test_stop_at_the_end_of_a_run_is_ignored() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=1, steady_tolerance=0.0, steps_per_period=40)
-    motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)
+    motion = integrate(Problem(model, contacts, time, PERIOD), stop=lambda: True)
     assert motion.periods == 1
 
 
@@ -665,9 +664,5 @@ def test_unknown_scheme_is_refused() -> None:
     model, contacts = rubbing()
     with pytest.raises(ValueError, match="scheme 'euler'"):
         integrate(
-            model,
-            contacts,
-            replace(Time.of(duration=1.0, step=0.1), scheme="euler"),
-            None,
-            dimension=2,
+            Problem(model, contacts, replace(Time.of(duration=1.0, step=0.1), scheme="euler"), None)
         )

@@ -17,6 +17,7 @@ from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_mode
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import force_family, frequency_family
 from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.scene import Time
@@ -50,8 +51,8 @@ def path_of(
     steps: int,
     scheme: str = "discrete-gradient",
 ) -> ModeContinuation:
-    mode = linear_modes(model, contacts)[0]
-    return ModeContinuation(model, contacts, settings(steps, scheme), mode, *range_)
+    problem = Problem(model, contacts, settings(steps, scheme), None)
+    return ModeContinuation(problem, linear_modes(problem)[0], *range_)
 
 
 def points_at(path: ModeContinuation, amplitudes: Array) -> list[CurvePoint]:
@@ -189,7 +190,8 @@ SEVEN = {-4.6: (78.12712, 0.046005), -4.0: (69.73403, 0.048438), -3.1: (68.04127
 
 def harmonic_norm(path: ModeContinuation, point: CurvePoint, steps: int) -> float:
     """Amplitude of the first harmonic of the coordinates in the mass norm."""
-    motion = recorded_motion(path.problem_at(point.s, point.parameter), settings(steps), point.z)
+    problem = path.problem_at(point.s, point.parameter)._replace(time=settings(steps))
+    motion = recorded_motion(problem, point.z)
     assert motion.coordinates is not None
     first_one = 2.0 * np.fft.fft(motion.coordinates[1:], axis=0)[1] / (motion.time.size - 1)
     return float(np.sqrt((first_one.conj() @ path.problem.model.mass @ first_one).real))
@@ -213,11 +215,13 @@ def jenkins() -> dict[float, tuple[float, float]]:
 
 
 def test_linear_modes_of_the_jenkins_beam_stick() -> None:
-    modes = linear_modes(*jenkins_beam())
+    modes = linear_modes(Problem(*jenkins_beam(), None, None))
     found = [mode.omega / (2.0 * np.pi) for mode in modes[:3]]
     np.testing.assert_allclose(found, [80.36780, 453.63312, 1228.57193], rtol=1e-7)
     assert modes[0].damping_ratio == pytest.approx(0.01, rel=1e-9)
-    free = linear_modes(jenkins_beam()[0], one_contact(preload=-1.0, tangential_stiffness=1e7))
+    free = linear_modes(
+        Problem(jenkins_beam()[0], one_contact(preload=-1.0, tangential_stiffness=1e7), None, None)
+    )
     assert free[0].omega / (2.0 * np.pi) == pytest.approx(67.96045, rel=1e-5)
 
 
@@ -259,19 +263,16 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
     damping, cubic = 0.02, 0.1
     model = duffing(damping, cubic)
     factors = [0.01, 0.02, 0.04]
-    period = 2.0 * np.pi
+    problem = Problem(model, no_contacts(), settings(200), 2.0 * np.pi)
 
     def amplitude(point: CurvePoint) -> float:
         return float(point.amplitude.max())
 
     found = list(
         forced_peaks(
-            model,
-            no_contacts(),
-            settings(200),
-            period,
+            problem,
             (np.zeros(1), np.zeros((0, 2))),
-            1.0 / period,
+            0.5 / np.pi,
             factors,
             amplitude,
         )
@@ -285,9 +286,7 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
         )
         assert peak.amplitude == pytest.approx(a, rel=0.01)
         # no other motion of the curve nearby is higher
-        family = frequency_family(
-            force_family(model, no_contacts(), period)(peak.factor).model, no_contacts(), period
-        )
+        family = frequency_family(force_family(problem)(peak.factor))
         assert family(peak.frequency).period == pytest.approx(1.0 / peak.frequency)
 
 

@@ -15,6 +15,7 @@ from fenicsrom.online.contact.surfaces import CYLINDER, PLANE, SPHERE, Contacts
 from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import (
     Family,
     contact_family,
@@ -79,13 +80,12 @@ RUB: dict[str, Any] = {
 
 def period_map(model: ReducedModel, contacts: Contacts, name: str) -> PeriodMap:
     plan = scheme(name, model, 0.8)
-    return PeriodMap(
-        model, contacts, plan, contacts.centre.shape[1], np.linspace(0.0, 1.0, STEPS + 1)
-    )
+    return PeriodMap(Problem(model, contacts, None, None), plan, np.linspace(0.0, 1.0, STEPS + 1))
 
 
 def end(pmap: PeriodMap, model: ReducedModel, contacts: Contacts, z: Array, **options: Any) -> Any:
-    status, found = pmap(model, contacts, options.pop("period", PERIOD), z, **options)
+    problem = Problem(model, contacts, None, options.pop("period", PERIOD))
+    status, found = pmap(problem, z, **options)
     assert status == DONE
     return found
 
@@ -137,7 +137,7 @@ def test_unequal_intervals_are_marched_in_turn() -> None:
     model, contacts = shaken(), one_contact(**RUB)
     plan = scheme("discrete-gradient", model, 0.8)
     fractions = np.concatenate([np.linspace(0.0, 0.5, 41), 0.5 + np.linspace(0.0, 0.5, 21)[1:]])
-    pmap = PeriodMap(model, contacts, plan, 2, fractions)
+    pmap = PeriodMap(Problem(model, contacts, None, None), plan, fractions)
     found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
     np.testing.assert_allclose(found.record.time, PERIOD * fractions[1:], rtol=1e-12)
 
@@ -232,14 +232,15 @@ FAMILIES += ["tangential_stiffness", "friction", "gap"]
 
 def family(name: str, model: ReducedModel, contacts: Contacts) -> tuple[Family, float]:
     """The family of a parameter, and its value at the model given."""
+    problem = Problem(model, contacts, None, PERIOD)
     if name == "frequency":
-        return frequency_family(model, contacts, PERIOD), 1.0 / PERIOD
+        return frequency_family(problem), 1.0 / PERIOD
     if name == "force":
-        return force_family(model, contacts, PERIOD), 1.0
+        return force_family(problem), 1.0
     if name == "damping":
-        return damping_family(model, contacts, PERIOD), model.damping
+        return damping_family(problem), model.damping
     value = 0.0 if name == "gap" else float(getattr(contacts, name)[0])
-    return contact_family(model, contacts, PERIOD, name), value
+    return contact_family(problem, name), value
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -249,10 +250,10 @@ def test_derivative_by_parameter_matches_differences(name: str, parameter: str) 
     at, value = family(parameter, model, contacts)
     pmap = period_map(model, contacts, name)
     z = run_in(pmap, model, contacts)
-    found = pmap(*at(value)[:3], z, drift=at(value).drift)[1]
+    found = pmap(at(value), z)[1]
     h = 1e-6
-    ahead = pmap(*at(value + h)[:3], z, derive=False)[1].z
-    behind = pmap(*at(value - h)[:3], z, derive=False)[1].z
+    ahead = pmap(at(value + h), z, derive=False)[1].z
+    behind = pmap(at(value - h), z, derive=False)[1].z
     differences = (ahead - behind) / (2.0 * h)
     assert np.abs(differences).max() > 0.0
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
@@ -267,10 +268,10 @@ def test_derivative_by_frequency_of_stiff_contact_with_dashpots_matches_differen
     pmap = period_map(model, contacts, "discrete-gradient")
     at, value = family("frequency", model, contacts)
     z = run_in(pmap, model, contacts)
-    found = pmap(*at(value)[:3], z, drift=at(value).drift)[1]
+    found = pmap(at(value), z)[1]
     assert found.record.blending.max() > 0.1
     h = 1e-6
-    ahead = pmap(*at(value + h)[:3], z, derive=False)[1].z
-    behind = pmap(*at(value - h)[:3], z, derive=False)[1].z
+    ahead = pmap(at(value + h), z, derive=False)[1].z
+    behind = pmap(at(value - h), z, derive=False)[1].z
     differences = (ahead - behind) / (2.0 * h)
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()

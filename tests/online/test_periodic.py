@@ -15,6 +15,7 @@ from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.families import frequency_family
 from fenicsrom.online.periodic.shooting import Shooting, periodic_motion, solve, start_variables
@@ -28,13 +29,10 @@ def curve(**options: Any) -> Curve:
     """Frequency response of the Duffing oscillator from 0.05 to 0.4 Hz."""
     model, period = duffing(0.05, 1.0, 0.3, 2.0 * np.pi * 0.08)
     start = np.zeros(1), np.zeros(1), np.zeros((0, 2))
-    motion = periodic_motion(model, no_contacts(), period_steps(200), period, start)
+    problem = Problem(model, no_contacts(), period_steps(200), period)
     return follow(
-        model,
-        no_contacts(),
-        period_steps(200),
-        frequency_family(model, no_contacts(), period),
-        motion,
+        frequency_family(problem),
+        periodic_motion(problem, start),
         1.0 / period,
         (0.05, 0.4),
         **options,
@@ -44,12 +42,9 @@ def curve(**options: Any) -> Curve:
 def test_points_of_a_curve_are_periodic_motions() -> None:
     found = curve()
     model, period = duffing(0.05, 1.0, 0.3, 2.0 * np.pi * 0.08)
-    at = frequency_family(model, no_contacts(), period)
+    at = frequency_family(Problem(model, no_contacts(), period_steps(200), period))
     for point in found.points[::10]:
-        problem = at(point.parameter)
-        alone = periodic_motion(
-            problem.model, no_contacts(), period_steps(200), problem.period, point.z
-        )
+        alone = periodic_motion(at(point.parameter), point.z)
         np.testing.assert_allclose(alone.z, point.z, rtol=1e-6, atol=1e-8)
 
 
@@ -75,10 +70,10 @@ START = np.zeros(4), np.zeros(4), np.zeros((1, 2))
 
 def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
     model, contacts, period = rubbing(0.4)
-    one = periodic_motion(model, contacts, period_steps(100), period, START)
+    one = periodic_motion(Problem(model, contacts, period_steps(100), period), START)
     assert one.residuals[-1] <= 1e-10
     assert set(np.unique(one.record.state)) == {-1, 0, 1}
-    two = periodic_motion(model, contacts, period_steps(100), period, one.z, m=2)
+    two = periodic_motion(Problem(model, contacts, period_steps(100), period), one.z, m=2)
     np.testing.assert_allclose(two.z, one.z, rtol=1e-8)
     largest = np.sort(np.abs(one.multipliers))[-4:] ** 2
     np.testing.assert_allclose(np.sort(np.abs(two.multipliers))[-4:], largest, rtol=1e-6)
@@ -86,7 +81,7 @@ def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
 
 def test_iteration_ends_before_a_small_step() -> None:
     model, contacts, period = rubbing(0.4)
-    shooting = Shooting(model, contacts, period_steps(100), period)
+    shooting = Shooting(Problem(model, contacts, period_steps(100), period))
     s = shooting.scaled(start_variables(shooting, START))
     exact, near = solve(shooting, s), solve(shooting, s, step_tolerance=1e-3)
     assert len(near.residuals) < len(exact.residuals)
@@ -96,15 +91,14 @@ def test_iteration_ends_before_a_small_step() -> None:
 
 def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:
     model, contacts, period = rubbing(0.4)
-    start = periodic_motion(model, contacts, period_steps(100), period, START)
-    at = frequency_family(model, contacts, period)
+    problem = Problem(model, contacts, period_steps(100), period)
+    start, at = periodic_motion(problem, START), frequency_family(problem)
     band = (0.8 / period, 1.2 / period)
-    found = follow(model, contacts, period_steps(100), at, start, 1.0 / period, band)
+    found = follow(at, start, 1.0 / period, band)
     stable = [point for point in found.points if point.stable]
     settings = Time.of(periods=400, steps_per_period=100, steady_tolerance=1e-11)
     for point in (stable[0], stable[len(stable) // 2], stable[-1]):
-        problem = at(point.parameter)
-        marched = integrate(problem.model, contacts, settings, problem.period, dimension=2)
+        marched = integrate(at(point.parameter)._replace(time=settings))
         assert marched.steady
         np.testing.assert_allclose(amplitude(marched), point.amplitude.ravel(), rtol=1e-6)
 
@@ -120,7 +114,7 @@ def test_stiff_model_without_contact_has_a_unique_motion(name: str) -> None:
     )
     start = np.zeros(2), np.zeros(2), np.zeros((0, 2))
     motion = periodic_motion(
-        model, no_contacts(), period_steps(100, name), 2.0 * np.pi / 1.3, start
+        Problem(model, no_contacts(), period_steps(100, name), 2.0 * np.pi / 1.3), start
     )
     assert motion.free_sliders == 0
     assert len(motion.residuals) == 2  # the problem is linear
@@ -141,10 +135,7 @@ def test_resonance_without_damping_is_not_found() -> None:
     )
     with pytest.raises(ConvergenceError) as caught:
         periodic_motion(
-            model,
-            no_contacts(),
-            period_steps(steps),
-            steps * h,
+            Problem(model, no_contacts(), period_steps(steps), steps * h),
             (np.zeros(2), np.zeros(2), np.zeros((0, 2))),
         )
     assert caught.value.decrements == tuple(caught.value.partial) != ()

@@ -19,6 +19,7 @@ from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import contact_family
 from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.periodic.shooting import PeriodicMotion, periodic_motion
@@ -77,7 +78,9 @@ def measured(orbit: Orbit, steps: int, name: str) -> tuple[NDArray[np.complex128
     """(the two largest multipliers and the harmonics, start, verdict) of an orbit."""
     model, period = duffing(*orbit.oscillator)
     start = np.array(orbit.start[:1]), np.array(orbit.start[1:]), np.zeros((0, 2))
-    motion = periodic_motion(model, no_contacts(), period_steps(steps, name), period, start)
+    motion = periodic_motion(
+        Problem(model, no_contacts(), period_steps(steps, name), period), start
+    )
     two = motion.multipliers[:2]
     two = two[np.lexsort((-two.imag, -two.real))]
     sizes = harmonics(motion, np.arange(1, 2 * len(orbit.harmonics), 2))
@@ -143,18 +146,18 @@ def prescribed(
         steps: N, of size h = 1/N.
         mass: of each direction, kg.
         shift: of the grid, in steps.
-        drift: see `PeriodMap`.
+        drift: see `Problem`.
     """
     d = contacts.centre.shape[1]
     omega = 2.0 * steps * np.tan(np.pi / steps)
     model = linear_model(mass * np.eye(d), mass * omega**2 * np.eye(d), masters=d, probes=d)
-    pmap = PeriodMap(
-        model, contacts, scheme("discrete-gradient", model), d, np.linspace(0.0, 1.0, steps + 1)
-    )
+    problem = Problem(model, contacts, None, 1.0, drift)
+    grid = np.linspace(0.0, 1.0, steps + 1)
+    pmap = PeriodMap(problem, scheme("discrete-gradient", model), grid)
     u = np.asarray(start, dtype=np.complex128) * np.exp(-2j * np.pi * shift / steps)
     z = pmap.pack(u.real, omega * u.imag, np.zeros(d), u.real[None])
     for _ in range(20):
-        status, end = pmap(model, contacts, 1.0, z, drift=drift)
+        status, end = pmap(problem, z)
         assert status == DONE
         change = end.z[2 * d :] - z[2 * d :]
         if np.abs(change).max() < 1e-13:
@@ -206,7 +209,9 @@ YANG_MENQ = [
 def varying(n0: float, n1: float, phi: float, steps: int, **options: Any) -> Loop:
     """Yang and Menq's point: x = 2 cos(theta), normal force max(0, n0 + n1 cos(theta + phi))."""
     contacts = one_contact(preload=n0, friction=0.5)
-    at = contact_family(linear_model(np.eye(2), np.eye(2), masters=2), contacts, 1.0, "preload")
+    at = contact_family(
+        Problem(linear_model(np.eye(2), np.eye(2), masters=2), contacts, None, 1.0), "preload"
+    )
     start = [n1 * np.exp(-1j * phi), 2.0]
     return prescribed(contacts, start, steps, drift=at(n0).drift, **options)
 
@@ -230,7 +235,7 @@ def harmonic_derivatives(n0: float, n1: float, phi: float, steps: int, shift: fl
     """
     loop = varying(n0, n1, phi, steps, mass=1e8, shift=shift)
     point = one_contact(preload=-1e9)
-    free = loop.pmap(loop.model, point, 1.0, np.zeros(5))[1].matrix
+    free = loop.pmap(Problem(loop.model, point, None, 1.0), np.zeros(5))[1].matrix
     end, omega = loop.end, loop.omega
     structure, w = slice(0, 4), 4
     by = np.column_stack(
@@ -323,7 +328,7 @@ def den_hartog(beta: float, friction: float, stiffness: float, steps: int) -> Pe
     contacts = one_contact(preload=1.0, friction=friction, tangential_stiffness=stiffness)
     size = 1.0 / (1.0 - beta**2)
     start = np.array([0.0, size]), np.zeros(2), np.array([[0.0, size]])
-    return periodic_motion(model, contacts, period_steps(steps), 2.0 * np.pi / beta, start)
+    return periodic_motion(Problem(model, contacts, period_steps(steps), 2.0 * np.pi / beta), start)
 
 
 @pytest.mark.parametrize(("beta", "friction", "amplitude"), WITHOUT_STOPS)
@@ -381,7 +386,9 @@ def steady_beam(stored: StoredModel, name: str, changes: tuple[str, ...]) -> Per
     scene, model = changed.scene, changed.model
     assert scene.period is not None
     contacts = contacts_of(scene, model.points)
-    return periodic_motion(model, contacts, scene.time, scene.period, changed.simulate().end)
+    return periodic_motion(
+        Problem(model, contacts, scene.time, scene.period), changed.simulate().end
+    )
 
 
 @pytest.mark.parametrize(("changes", "across", "along", "multiplier"), BEAM)

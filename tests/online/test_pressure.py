@@ -24,6 +24,7 @@ from fenicsrom.online.model.loads import factors, harmonic
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.pressure import PressurePolynomial, unit_force, unit_tangent
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import damping_family, force_family, frequency_family
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run.march import integrate
@@ -122,7 +123,7 @@ def moving(name: str, *, compiled: bool = True, contact: bool = False) -> Any:
     )
     if name == "generalised-alpha":
         settings = settings.changed(spectral_radius=0.8)
-    return integrate(model, contacts, settings, PERIOD, dimension=2, compiled=compiled)
+    return integrate(Problem(model, contacts, settings, PERIOD), compiled=compiled)
 
 
 @pytest.mark.parametrize("contact", [False, True])
@@ -143,7 +144,7 @@ def test_ledger_of_average_acceleration_is_of_second_order() -> None:
             scheme="average-acceleration",
             steady="march",
         )
-        motion = integrate(model, one_contact(preload=[]), settings, PERIOD, dimension=2)
+        motion = integrate(Problem(model, one_contact(preload=[]), settings, PERIOD))
         found.append(np.abs(motion.imbalance).max())
     assert np.log2(found[0] / found[1]) == pytest.approx(2.0, abs=0.1)
 
@@ -164,8 +165,8 @@ def test_resumed_motion_equals_the_whole_one_bit_for_bit() -> None:
     def keep(here: Any) -> None:
         kept.append(copy.deepcopy(here))
 
-    whole = integrate(model, contacts, settings, PERIOD, dimension=2, checkpoint=keep)
-    resumed = integrate(model, contacts, settings, PERIOD, dimension=2, resume=kept[0])
+    whole = integrate(Problem(model, contacts, settings, PERIOD), checkpoint=keep)
+    resumed = integrate(Problem(model, contacts, settings, PERIOD), resume=kept[0])
     np.testing.assert_array_equal(resumed.displacement[-60:], whole.displacement[-60:])
     np.testing.assert_array_equal(resumed.work[-60:], whole.work[-60:])
 
@@ -174,11 +175,11 @@ def test_resumed_motion_equals_the_whole_one_bit_for_bit() -> None:
 def test_derivatives_of_the_period_match_differences(name: str) -> None:
     model, contacts = pressed(), one_contact(preload=[])
     plan = scheme(name, model, 0.8)
-    pmap = PeriodMap(model, contacts, plan, 2, np.linspace(0.0, 1.0, 41))
+    problem = Problem(model, contacts, None, PERIOD)
+    pmap = PeriodMap(problem, plan, np.linspace(0.0, 1.0, 41))
 
     def end(z: Array, at: Any = None, **options: Any) -> Any:
-        given = (model, contacts, PERIOD) if at is None else at[:3]
-        status, found = pmap(*given, z, **options)
+        status, found = pmap(problem if at is None else at, z, **options)
         assert status == DONE
         return found
 
@@ -192,12 +193,12 @@ def test_derivatives_of_the_period_match_differences(name: str) -> None:
     size = np.abs(differences).max()
     assert np.abs(end(z).matrix - differences).max() <= 1e-7 * size
     families = (
-        (force_family(model, contacts, PERIOD, 1), 0.6),
-        (frequency_family(model, contacts, PERIOD), 1.0),
-        (damping_family(model, contacts, PERIOD), 0.3),
+        (force_family(problem, 1), 0.6),
+        (frequency_family(problem), 1.0),
+        (damping_family(problem), 0.3),
     )
     for family, value in families:
-        found = end(z, family(value), drift=family(value).drift).by_parameter
+        found = end(z, family(value)).by_parameter
         ahead, behind = (end(z, family(value + s), derive=False).z for s in (h, -h))
         differences = (ahead - behind) / (2.0 * h)
         assert np.abs(differences).max() > 0.0

@@ -23,6 +23,7 @@ from fenicsrom.online.curves.contact_events import (
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, Curve, CurvePoint
 from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import Family, force_family
 from fenicsrom.online.periodic.shooting import Shooting, solve
 from fenicsrom.online.step.state import no_record
@@ -48,10 +49,9 @@ def curve_over_force(
     )
     contacts = contacts._replace(radius=contacts.radius + gap)
     period = 2.0 * np.pi / 1.3
-    family = force_family(model, contacts, period)
     settings = Time.of(scheme="discrete-gradient", periods=1, steps_per_period=100)
-    problem = family(low)
-    shooting = Shooting(problem.model, contacts, settings, period)
+    family = force_family(Problem(model, contacts, settings, period))
+    shooting = Shooting(family(low))
     s = np.zeros(shooting.map.size)
     for _ in range(20):
         marched = shooting.march(s, derive=False)
@@ -126,7 +126,7 @@ def test_marched_motion_dissipates_only_beyond_the_first_slip() -> None:
     for factor in (0.995, 1.005):
         problem, s = path.family(factor * event.parameter), curve.points[0].s
         for _ in range(300):
-            found = path.shooting.march(s, problem.model, problem.contacts, derive=False)
+            found = path.shooting.march(s, problem, derive=False)
             assert found is not None
             s = s + found[0]
         losses.append(float(found[-1].record.friction_dissipation[-1].sum()))

@@ -20,6 +20,7 @@ from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.history import read_history
 from fenicsrom.online.motion.measures import (
@@ -28,11 +29,11 @@ from fenicsrom.online.motion.measures import (
     response_summary,
 )
 from fenicsrom.online.motion.motion import Interrupted, Motion
-from fenicsrom.online.periodic.steady import _Problem, fractions_of
+from fenicsrom.online.periodic.steady import _Search, fractions_of
 from fenicsrom.online.periodic.tendency import horizon_by_distance
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.store.checkpoints import load_start, save_checkpoint
 from fenicsrom.post.run.figures import plot_energy
 from fenicsrom.post.run.report import write_rerun_report
 from fenicsrom.post.run.sentences import periodic_sentence
@@ -67,7 +68,7 @@ def run(model: ReducedModel, period: float, contacts: Any = None, **options: Any
     if time.scheme == "generalised-alpha":
         time = time.changed(spectral_radius=0.8)
     contacts = no_contacts() if contacts is None else contacts
-    return integrate(model, contacts, time, period, dimension=2, **given)
+    return integrate(Problem(model, contacts, time, period), **given)
 
 
 def last(motion: Motion) -> Array:
@@ -184,7 +185,7 @@ def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
         tried.append(marched)
         return False
 
-    monkeypatch.setattr(_Problem, "_tends", tends)
+    monkeypatch.setattr(_Search, "_tends", tends)
     model, period = duffing(0.05, 1.0, 0.0, 0.1, 0.8)
     motion = run(model, period, periods=90, steady_tolerance=0.5)
     assert not motion.steady and motion.periods == 90
@@ -215,7 +216,7 @@ def test_state_of_subharmonic_motion_repeats_after_its_periods(force: float, mul
     model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
     marched = run(model, period, start=at(1.0, 0.0), steady="march", periods=300)
     settings = Time.of(periods=301, steps_per_period=100)
-    problem = _Problem(model, no_contacts(), settings, period, marched.end, None)
+    problem = _Search(Problem(model, no_contacts(), settings, period), marched.end, None)
     assert problem.recurrences() == [multiple]
 
 
@@ -234,7 +235,7 @@ def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
     model, contacts, period = rubbing()
     marched = run(model, period, contacts, steady="march", periods=8, steady_tolerance=1e-9)
     settings = Time.of(periods=9, steps_per_period=100)
-    problem = _Problem(model, contacts, settings, period, marched.end, None)
+    problem = _Search(Problem(model, contacts, settings, period), marched.end, None)
     one, two = problem.attempt(1, 8, 0).search, problem.attempt(2, 8, 0).search
     assert one.verdict == two.verdict == "stable"
     assert one.accepted and not two.accepted
@@ -249,7 +250,8 @@ def test_steps_of_the_last_period_become_those_of_the_map() -> None:
     found = fractions_of(rows, period)
     assert found is not None and found[0] == 0.0 and found[-1] == 1.0 and np.ptp(np.diff(found)) > 0
     np.testing.assert_allclose(found[1:-1] * period + 3.0 * period, rows.time[:-1], rtol=1e-12)
-    grid = _Problem(model, contacts, Time.of(**time), period, motion.end, found).shooting(2)[0].map
+    problem = Problem(model, contacts, Time.of(**time), period)
+    grid = _Search(problem, motion.end, found).shooting(2)[0].map
     np.testing.assert_allclose(grid.fractions, [*found, *(1.0 + found[1:])])
 
 
@@ -349,7 +351,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
             **options,
         )
     options.pop("start", None)
-    motion = run(model, period, contacts, resume=load_checkpoint(path, model, scene), **options)
+    motion = run(model, period, contacts, resume=load_start(path, model, scene), **options)
     assert motion.steady and motion.periods == whole.periods and motion.period == whole.period
     rows = motion.time.size
     for name in ("time", "displacement", "kinetic", "work", "friction_dissipation"):

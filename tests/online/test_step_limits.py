@@ -10,6 +10,7 @@ from support import linear_model
 
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts, planes
 from fenicsrom.online.model.loads import LoadHistories, of_loads
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step.step_limits import landings, longest_step
@@ -64,7 +65,7 @@ def run(found: LoadHistories, contacts: Contacts, tolerance: float, duration: fl
     """x'' + x = load, in plain Python."""
     model = linear_model(1.0, 1.0, loads=[[1.0]], load_histories=found, probes=1)
     time = Time.of(duration=duration, tolerance=tolerance)
-    return integrate(model, contacts, time, None, dimension=1, compiled=False)
+    return integrate(Problem(model, contacts, time, None), compiled=False)
 
 
 def test_spike_of_a_table_gives_its_whole_impulse() -> None:

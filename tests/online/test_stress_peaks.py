@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from support import beam_scene, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.errors import ErrorKind
-from fenicsrom.files import read_archive, write_archive
+from fenicsrom.files import read_archive
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model, save_model
 from fenicsrom.online.stress.reactions import ReactionTable
@@ -185,31 +184,6 @@ def test_archive_without_stresses_has_no_tables(stored: StoredModel, tmp_path: P
     with read_archive(path, "a model", FORMAT) as (_, arrays):
         assert not set(ENTRIES) & set(arrays)
     assert load_model(path).recovery is None
-
-
-@pytest.mark.parametrize(
-    ("entry", "damage"),
-    [
-        (entry, damage)
-        for entry in ENTRIES
-        for damage in ("missing", "shape", "type")
-        if (entry, damage) != ("stress_gradients", "missing")  # an archive without stresses
-    ],
-)
-def test_archive_with_damaged_table_is_refused(
-    stored: StoredModel, tmp_path: Path, entry: str, damage: str
-) -> None:
-    path = tmp_path / "model.npz"
-    save_model(path, stored)
-    with read_archive(path, "a model", FORMAT) as (header, arrays):
-        array: Any = arrays.pop(entry)
-    if damage == "shape":
-        arrays[entry] = np.concatenate([array, array[:1]])
-    elif damage == "type":
-        arrays[entry] = array.astype(np.float32)
-    write_archive(path, header, arrays)
-    with refusal(ErrorKind.FORMAT, file="model.npz"):
-        load_model(path)
 
 
 @pytest.mark.parametrize(

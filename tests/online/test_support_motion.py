@@ -16,6 +16,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.loads import factors
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import (
     displacement_sines,
     histories_of,
@@ -171,7 +172,7 @@ def test_response_over_the_frequency_keeps_what_is_given(key: str) -> None:
     histories = load_histories(scene)
     model = linear_model(np.eye(1), np.eye(1), loads=[[1.0]], load_histories=histories)
     displaced = displacement_sines(scene.loads)
-    family = frequency_family(model, no_contacts(), 1.0 / 3.0, displaced=displaced)
+    family = frequency_family(Problem(model, no_contacts(), None, 1.0 / 3.0), displaced=displaced)
     other = load_histories(replace(scene, loads=(scene.loads[0].changed(frequency=4.5),)))
     found = family(4.5)
     np.testing.assert_allclose(found.model.load_histories.sines, other.sines, rtol=1e-14)

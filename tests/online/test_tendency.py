@@ -7,6 +7,7 @@ import pytest
 from support import duffing
 
 from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
 from fenicsrom.online.periodic.tendency import CALM, MarchedPath
 from fenicsrom.scene import Time
@@ -17,7 +18,9 @@ UPPER, LOWER = (1.30722027, 0.87306771), (-0.24849689, 0.02338837)
 def path_from(x: float, v: float) -> MarchedPath:
     """A march of the oscillator with two stable motions."""
     model, period = duffing(0.05, 1.0, 0.3, 1.5)
-    shooting = Shooting(model, no_contacts(), Time.of(periods=3, steps_per_period=100), period)
+    shooting = Shooting(
+        Problem(model, no_contacts(), Time.of(periods=3, steps_per_period=100), period)
+    )
     start = np.array([x]), np.array([v]), np.zeros((0, 2))
     return MarchedPath(shooting, shooting.scaled(start_variables(shooting, start)))
 

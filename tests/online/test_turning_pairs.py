@@ -16,6 +16,7 @@ from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
 from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import frequency_family
 from fenicsrom.online.periodic.shooting import Shooting, periodic_motion
 
@@ -27,16 +28,11 @@ def response(coupling: float, direction: float = 1.0) -> Curve:
     """The motions without y over the frequency, with the default steps."""
     load = harmonic(np.array([FORCE]), np.array([2.0 * np.pi * LOW]), np.zeros(1))
     model = excited_stiffness(DAMPING, coupling, load)
-    family = frequency_family(model, no_contacts(), 1.0 / LOW)
+    family = frequency_family(Problem(model, no_contacts(), period_steps(200), 1.0 / LOW))
     value = LOW if direction > 0.0 else HIGH
-    problem = family(value)
-    settings = period_steps(200)
     rest = np.zeros(2), np.zeros(2), np.zeros((0, 2))
-    motion = periodic_motion(problem.model, no_contacts(), settings, problem.period, rest)
-    bounds = LOW, HIGH
-    return follow(
-        model, no_contacts(), settings, family, motion, value, bounds, direction=direction
-    )
+    motion = periodic_motion(family(value), rest)
+    return follow(family, motion, value, (LOW, HIGH), direction=direction)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -115,7 +111,9 @@ def test_rates_of_turning_pairs_match_differences_at_any_frequency(scheme: str) 
     model = linear_model(np.eye(4), np.diag(frequencies**2), damping=0.01, masters=0)
 
     def pairs(factor: float) -> tuple[np.ndarray, np.ndarray]:
-        shooting = Shooting(model, no_contacts(), period_steps(steps, scheme), factor * period)
+        shooting = Shooting(
+            Problem(model, no_contacts(), period_steps(steps, scheme), factor * period)
+        )
         marched = shooting.march(np.zeros(shooting.map.size))
         assert marched is not None
         found = turning_pairs(*np.linalg.eig(marched[1]), 4, shooting.omega, factor * period, steps)

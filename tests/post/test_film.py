@@ -31,7 +31,7 @@ def heights(frames):
     """The height in the picture, from above, of the mark at the tip in each frame."""
     found = []
     for frame, state in zip(frames, STATES, strict=True):
-        colour = frame[60:-110, frame.shape[1] // 2 :] / 255.0  # no legend, no colour bar
+        colour = frame[25:-110, frame.shape[1] // 2 :] / 255.0  # no legend, no colour bar
         away = np.abs(colour - np.array(state_rgb(state)) / 255.0).max(axis=2)
         near = away <= 0.1
         assert near.sum() >= 10
@@ -46,7 +46,7 @@ def test_animation_moves_body_and_marks_in_the_colours_of_their_states(name, siz
     assert len({frame.shape for frame in frames}) == 1
     up, rest, down, again = heights(frames)
     assert rest == pytest.approx(again, abs=0.1) and up + down == pytest.approx(2 * rest, abs=1)
-    dark = (frames[1] < 200).any(axis=2)[60:-110]
+    dark = (frames[1] < 200).any(axis=2)[25:-110]
     length = np.ptp(np.flatnonzero(dark.any(axis=0)))  # of the body, pixels
     travel = 2.0 * size * style.magnification(size, LENGTH) / LENGTH
     assert down - up == pytest.approx(travel * length, rel=0.1 if name == "quadrilateral" else 0.3)

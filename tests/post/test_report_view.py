@@ -37,5 +37,6 @@ def test_pictures_of_a_study_have_the_projection_of_its_setup(
     monkeypatch.setattr(body_pictures, "shapes", lambda _: fields)
     for picture in body_pictures.body_pictures(study):
         picture.draw()
-    assert len(seen) == 3 and all(view is study.view for view in seen.values())
-    assert study.view is not None and study.view.towards[1] < 0.0
+    (body,) = study.body
+    assert len(seen) == 3 and all(view is body.view for view in seen.values())
+    assert body.view.towards[1] < 0.0

@@ -15,8 +15,7 @@ from mpi4py import MPI
 
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-from fenicsrom.post.body.body_surface import gathered_grid
-from fenicsrom.post.setup.setup_marks import CLAMPED, Marks, marked, marks_of
+from fenicsrom.post.setup.setup_marks import CLAMPED, Mark, gathered_marks
 from fenicsrom.scene import make_scene
 
 SMALL = (
@@ -28,15 +27,15 @@ SMALL = (
 TOP = {"point": [0.0, 0.05], "normal": [0.0, 1.0]}
 
 
-def marks(scene: Any, known: Any = UNDEFORMED) -> tuple[Marks, Any]:
-    """The marks of a scene and the points of its body."""
+def marks(scene: Any, known: Any = UNDEFORMED) -> tuple[dict[str, list[Mark]], Any]:
+    """The marks of a scene by their kinds, and the points of its body."""
     solid = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), known)
-    regions = marked(solid, scene)
-    fields = {name: solid.field(values) for name, values in regions.fields.items()}
-    found = gathered_grid(solid.space, fields)
+    found = gathered_marks(solid, scene, {})
     assert found is not None
-    grid, values = found
-    return marks_of(solid, scene, regions, grid.points, values), grid.points
+    kinds: dict[str, list[Mark]] = {}
+    for mark in found[2]:
+        kinds.setdefault(mark.kind, []).append(mark)
+    return kinds, found[0].points
 
 
 def test_follower_pressure_is_marked_on_the_undeformed_face_up_to_the_supports() -> None:
@@ -45,8 +44,8 @@ def test_follower_pressure_is_marked_on_the_undeformed_face_up_to_the_supports()
     scene = beam_scene(2, SMALL, contacts=None, loads=[load])
     for known in (UNDEFORMED, None):
         found, points = marks(scene, known)
-        (mark,) = found.loads
-        np.testing.assert_allclose(mark.direction, [0.0, -1.0, 0.0], atol=1e-12)
+        (mark,) = found["load"]
+        np.testing.assert_allclose(mark.ways[0], [0.0, -1.0, 0.0], atol=1e-12)
         assert mark.places[0, 1] == pytest.approx(0.05)
         np.testing.assert_array_equal(mark.on, np.abs(points[:, 1] - 0.05) < 1e-9)
         assert mark.label == "follower pressure, 1.5e+07 Pa, static"
@@ -60,10 +59,11 @@ def test_supports_that_hold_the_same_are_one_mark() -> None:
         {"node": [0.25, -0.05], "components": ["y"]},
     ]
     found, points = marks(beam_scene(2, SMALL, contacts=None, supports=supports))
-    clamped, slanted, roller = found.supports
-    assert clamped.label == CLAMPED and not len(clamped.directions)
-    assert slanted.label == "held along (0.6, 0.8)" and roller.label == "held along y"
-    np.testing.assert_allclose(slanted.directions, [[0.6, 0.8, 0.0]])
+    clamped, slanted, roller = found["support"]
+    assert clamped.label == CLAMPED and not len(clamped.ways)
+    assert slanted.label == "support, held along (0.6, 0.8)"
+    assert roller.label == "support, held along y"
+    np.testing.assert_allclose(slanted.ways, [[0.6, 0.8, 0.0]])
     np.testing.assert_array_equal(slanted.on, points[:, 0] > 0.999)
     assert roller.on.sum() == 2
 
@@ -72,13 +72,13 @@ def test_supports_that_hold_the_same_are_one_mark() -> None:
 def test_axis_of_rotation_has_the_sense_of_the_speed(speed: float) -> None:
     turning = {"speed_rpm": speed, "axis": [0.0, 3.0, 0.0], "point": [-0.3, 0.0, 0.1]}
     found, _ = marks(beam_scene(3, SMALL, contacts=None, probe={"group": "tip"}, rotation=turning))
-    assert found.rotation is not None and found.rotation.speed_rpm == 30.0
-    np.testing.assert_allclose(found.rotation.axis, [0.0, np.sign(speed), 0.0])
-    np.testing.assert_allclose(found.rotation.point, [-0.3, 0.0, 0.1])
+    (axis,) = found["rotation"]
+    assert axis.label == "axis of rotation, 30 rpm"
+    np.testing.assert_allclose(axis.ways, [[0.0, np.sign(speed), 0.0]])
+    np.testing.assert_allclose(axis.places, [[-0.3, 0.0, 0.1]])
 
 
-def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
-    """A casing has lines, and a plane has none."""
+def test_round_wall_is_marked_and_a_plane_is_not() -> None:
     friction = {"normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
     casing = {"kind": "cylinder", "point": [0.0, 0.0]}
     contacts = [
@@ -86,9 +86,10 @@ def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
         {"plane": TOP, "at": "nodes", "surface": casing, "gap": 1e-3, **friction},
     ]
     found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
-    first, second = found.contacts
-    assert first.label == "contact 1, preload 500000 Pa" and second.label == "contact 2, gap 1 mm"
-    assert first.first == 1 and second.first == 1 + len(first.places) and first.wall is None
+    first, second = found["contact"]
+    labels = ["contact 1, preload 500000 N per m²", "contact 2, gap 1 mm"]
+    assert [first.label, second.label] == labels
+    assert first.wall is None
     assert second.wall is not None
     assert (
         np.linalg.norm(second.wall.points, axis=1).min()
@@ -108,7 +109,7 @@ Physical Surface("base") = {1}; Physical Curve("edge") = {1}; Physical Point("co
 
 
 @pytest.mark.parametrize(
-    ("group", "unit"), [("base", "N/m³"), ("edge", "N/m²"), ("corner", "N/m per node")]
+    ("group", "unit"), [("base", "per m²"), ("edge", "per m"), ("corner", "per node")]
 )
 def test_stiffness_per_area_has_the_unit_of_its_region(
     group: str, unit: str, tmp_path: Path
@@ -125,9 +126,9 @@ def test_stiffness_per_area_has_the_unit_of_its_region(
         probe={"group": "base"},
     )
     found, _ = marks(scene)
-    assert [mark.label for mark in found.attachments] == [
-        f"spring, 2 {unit} in each direction",
-        f"dashpot, 3 {unit.replace('N', 'N s')} in each direction",
+    assert [mark.label for mark in found["attachment"]] == [
+        f"spring, 2 N/m {unit} in each direction",
+        f"dashpot, 3 N s/m {unit} in each direction",
     ]
 
 
@@ -143,18 +144,18 @@ def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:
     supports = [{"group": "root"}, {"node": [0.5, -0.05], "components": ["y"]}]
     scene = beam_scene(2, SMALL, loads=loads, attachments=attachments, supports=supports)
     found, _ = marks(scene)
-    assert [(mark.kind, mark.label) for mark in found.attachments] == [
-        ("spring", "spring, 3 N/m in each direction"),
-        ("dashpot", "dashpot, 2 N s/m in each direction"),
-        ("mass", "mass, 0.25 kg"),
+    assert [mark.label for mark in found["attachment"]] == [
+        "spring, 3 N/m in each direction",
+        "dashpot, 2 N s/m in each direction",
+        "mass, 0.25 kg",
     ]
-    places = [mark.place for mark in found.attachments]
+    places = [mark.places[0] for mark in found["attachment"]]
     np.testing.assert_allclose(places, [[1, 0, 0], [1, 0, 0], [0.5, 0.05, 0]], atol=1e-9)
-    force, shaken = found.loads
-    assert force.direction @ [0.0, 1.0, 0.0] == -1.0
-    assert shaken.label == "support acceleration, 2 m/s², 3 Hz" and len(shaken.places) == 2
+    force, shaken = found["load"]
+    assert force.ways[0] @ [0.0, 1.0, 0.0] == -1.0
+    assert shaken.label == "2: support acceleration, 2 m/s², 3 Hz" and len(shaken.places) == 2
     np.testing.assert_allclose(shaken.places, [[0, 0, 0], [0.5, -0.05, 0]], atol=1e-9)
-    (contact,) = found.contacts
-    np.testing.assert_allclose(contact.normals, [[1.0, 0.0, 0.0]])
+    (contact,) = found["contact"]
+    np.testing.assert_allclose(contact.ways, [[1.0, 0.0, 0.0]])
     assert contact.label == "contact, preload 40 N"
-    assert found.probe is None  # the motion is read at the contact
+    assert "probe" not in found  # the motion is read at the contact

@@ -16,7 +16,6 @@ from dolfinx import mesh as dmesh  # noqa: E402
 from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E402
 from support import needs_mpirun, on_ranks  # noqa: E402
 
-from fenicsrom.post.body.centreline import centreline  # noqa: E402
 from fenicsrom.post.paraview import vtk  # noqa: E402
 
 MPI = pytest.importorskip("mpi4py.MPI")
@@ -124,7 +123,10 @@ def test_written_motion_is_series_of_grids(tmp_path, as_callable):
         grid = reader.read()[0]
         assert set(grid.celltypes) == {24}
         np.testing.assert_allclose(
-            grid.point_data["displacement"], (1 + i) * field(grid.points, 2, 3), atol=1e-13
+            grid.point_data["displacement"],
+            (1 + i) * field(grid.points, 2, 3),
+            atol=1e-13,
+            rtol=2.0**-23,  # single precision
         )
 
 
@@ -198,14 +200,11 @@ PARALLEL = """
 import numpy as np
 from mpi4py import MPI
 from fenicsrom.post.paraview import vtk
-from fenicsrom.post.body.centreline import centreline
 from spaces import of_space, space_on
 space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
 u = of_space(space, 2)
 print(vtk.write_fields({folder!r}, "modes", space, {{"1V": u}}))
 print(vtk.write_motion({folder!r}, "motion", space, [0.0, 0.5], lambda i: i * u))
-positions, shapes = centreline(space, {{"1V": u}}, stations=9)
-np.save({folder!r} + f"/line{{MPI.COMM_WORLD.rank}}.npy", shapes)
 def frame(number):
     if MPI.COMM_WORLD.rank == 1 and number == 1:
         raise OSError(28, "No space left on device")
@@ -223,8 +222,6 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
     done = on_ranks(2, "-c", PARALLEL.format(folder=str(tmp_path)))
     assert done.stdout.count("refused:") == 2 and "rank 1 failed" in done.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "line0.npy",
-        "line1.npy",
         "modes",
         "motion",
     ]
@@ -238,11 +235,8 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
     reader.set_active_time_value(0.5)
     moved = reader.read()[0]
     np.testing.assert_allclose(
-        moved.point_data["displacement"], field(moved.points, 2, 3), atol=1e-13
+        moved.point_data["displacement"], field(moved.points, 2, 3), atol=1e-13, rtol=2.0**-23
     )
-    _, line = centreline(whole, {"1V": of_space(whole, 2)}, stations=9)
-    for rank in (0, 1):
-        np.testing.assert_allclose(np.load(tmp_path / f"line{rank}.npy"), line, atol=1e-10)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -15,6 +15,7 @@ from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
@@ -124,11 +125,7 @@ def free_decay(scheme: str, damping: dict[str, Any], steps: int) -> tuple[Motion
     model.loads = 0.0 * model.loads
     shape = 0.01 * modes[:, 0] / np.abs(modes[:, 0]).max()
     motion = integrate(
-        model,
-        no_contacts(),
-        fixed_steps(scheme, steps, 10 * 2.0 * np.pi / omega),
-        None,
-        dimension=2,
+        Problem(model, no_contacts(), fixed_steps(scheme, steps, 10 * 2.0 * np.pi / omega), None),
         start=(shape, np.zeros(beam.size), np.zeros((0, 2))),
     )
     return motion, omega

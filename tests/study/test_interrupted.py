@@ -8,17 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, refusal, uncoupled
+from support import beam_scene, uncoupled
 
 from fenicsrom import study
 from fenicsrom.assess.errors import verdicts
 from fenicsrom.cli import main
-from fenicsrom.errors import ErrorKind
-from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.online.store.checkpoints import FORMAT, load_checkpoint, load_start
+from fenicsrom.online.store.checkpoints import load_start
 from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
 from fenicsrom.study import stored as stored_runs
 
@@ -73,8 +71,6 @@ def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
     assert_same(found.motion, whole.motion)
     assert isinstance(load_start(path, model.model, model.scene), Motion)
     assert found.errors == whole.errors and UNCHECKED not in found.warnings
-    with refusal(ErrorKind.RANGE, f"time.{span}{'s' if span == 'period' else ''}"):
-        load_checkpoint(path, model.model, model.scene)
 
 
 def test_run_that_is_interrupted_in_its_pictures_keeps_its_motion(
@@ -144,27 +140,3 @@ def test_longer_run_continues_from_the_end_of_an_unchecked_motion(
     whole = simulate.simulate(longer.model, longer.scene)
     np.testing.assert_array_equal(motion.displacement, whole.displacement[-motion.time.size :])
     assert motion.periods == 5
-
-
-def test_damaged_motion_of_a_checkpoint_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model, path = stored(*SPANS["period"]), tmp_path / "checkpoint.npz"
-    monkeypatch.setattr(verdicts, "estimate_errors", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        study.rerun(model, tmp_path)
-    with read_archive(path, "a checkpoint", FORMAT) as (header, arrays):
-        names = [name for name in arrays if name.startswith("motion_")]
-    assert len(names) == 17
-    damages = [{name: np.zeros((1, 1, 1, 1))} for name in names] + [dict.fromkeys(names)]
-    damages += [{"motion_work": np.full_like(arrays["motion_work"], np.nan)}]
-    damages += [{"motion_time": arrays["motion_time"] + 1.0}]
-    for damage in damages:
-        kept = {name: array for name, array in {**arrays, **damage}.items() if array is not None}
-        write_archive(path, header, kept)
-        with refusal(ErrorKind.FORMAT, file=path.name):
-            load_start(path, model.model, model.scene)
-    for wrong in ({}, {**header["motion"], "periods": None}, "motion"):
-        write_archive(path, {**header, "motion": wrong}, arrays)
-        with refusal(ErrorKind.FORMAT, file=path.name):
-            load_start(path, model.model, model.scene)

@@ -65,11 +65,9 @@ def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
     assert table == copy and scene_heading(again) == scene_heading(wanted)
     cells = [cell for row in origin_table(tmp_path) for cell in row]
     assert record["command"] in cells and "x=1" in cells
-    np.savez(
-        tmp_path / "reduced_model.npz", candidates_cubic=np.zeros(250_000), cubic=np.zeros(125_000)
-    )
+    np.savez(tmp_path / "reduced_model.npz", finer_cubic=np.zeros(250_000), mass=np.zeros(125_000))
     (size,) = [row[1] for row in origin_table(tmp_path) if row[0] == "reduced_model.npz"]
-    assert size == "3 MB: 2 MB the larger model that judges it, 1 MB itself"
+    assert size == "3 MB: 2 MB the model of finer elements, which judges the mesh, 1 MB the rest"
 
 
 def test_same_scene_replaces_its_results(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support import heard
 
 from fenicsrom import study
 from fenicsrom.scene import Scene, read_scene
@@ -157,6 +158,7 @@ def test_executed_stages_are_the_planned_ones(
 
     # a module that is first imported below would keep the recording functions for the next tests
     importlib.import_module("fenicsrom.assess.errors.estimates")
+    importlib.import_module("fenicsrom.reduction.finer")
     places = {path: importlib.import_module(path.rpartition(".")[0]) for path in WORK}
     for path, name in WORK.items():
         place, function = places[path], path.rpartition(".")[2]
@@ -172,6 +174,7 @@ def test_executed_stages_are_the_planned_ones(
         for item in study.plan(scene, modes_only)
         if isinstance(item, study.Stage) and item.needed
     ]
-    study.run(scene, say=say, folder=tmp_path, modes_only=modes_only)
+    with heard(say):
+        study.run(scene, folder=tmp_path, modes_only=modes_only)
     assert announced == planned
     assert worked == planned

@@ -9,24 +9,21 @@ from __future__ import annotations
 
 import re
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import displacement_sines
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import duration, working_time
+from fenicsrom.progress import duration, log, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
@@ -154,12 +151,11 @@ def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError
     return SceneError(f"{scene.source}: {key} {reason}", kind=kind, key=key, source=scene.source)
 
 
-def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
+def backbone(stored: StoredModel) -> Backbone:
     """Compute the nonlinear mode of a reduced model under its scene.
 
     Args:
         stored: the model; its scene has a table [backbone].
-        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
 
     Returns:
         The motions. After an interrupt they end where they were, and `interrupted` is set; if the
@@ -171,8 +167,8 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
     """
     begin, scene = working_time(), stored.scene
     check_backbone(scene)
-    contacts = settled_contacts(contacts_of(scene, stored.model.points))
-    mode, direction, unit = _linear_mode(stored, contacts)
+    problem = Problem.of(stored.model, scene).settled()
+    mode, direction, unit = _linear_mode(stored, problem)
     found = Backbone(
         scene,
         stored.size,
@@ -188,15 +184,15 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
             "not set time.steps_per_period."
         )
     try:
-        path = _path(stored, contacts, found, unit, scene.time)
+        path = _path(problem, found, unit)
         try:
-            _follow(path, found, unit, say)
+            _follow(path, found, unit)
         except ConvergenceError as error:
             found.warnings.append(str(error))
             found.unfinished = error
         if found.points:  # the peaks of a mode that was lost are computed too
-            _step_errors(stored, contacts, found, unit, say)
-            _peaks(stored, contacts, found, say)
+            _step_errors(problem, found, unit)
+            _peaks(problem, found)
     except ConvergenceError as error:
         found.warnings.append(str(error))
         found.unfinished = found.unfinished or error
@@ -206,14 +202,14 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
     return found
 
 
-def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, int, float]:
+def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int, float]:
     """The linear mode of the scene, the probe's direction, and its motion there, 1/sqrt(kg).
 
     Raises:
         SceneError: there is no such mode, or it does not move the probe.
     """
     scene, number = stored.scene, backbone_table(stored.scene).mode
-    modes = linear_modes(stored.model, contacts)
+    modes = linear_modes(problem)
     kept = [label for label in stored.labels if re.fullmatch(r"\d+V", label)]
     if kept and f"{number}V" not in kept:
         raise _refusal(
@@ -245,19 +241,13 @@ def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, i
     return modes[number - 1], direction, float(mine[direction])
 
 
-def _path(
-    stored: StoredModel, contacts: Contacts, found: Backbone, unit: float, settings: Any
-) -> ModeContinuation:
+def _path(problem: Problem, found: Backbone, unit: float) -> ModeContinuation:
     """The continuation over the range of the scene."""
     table = found.table
-    return ModeContinuation(
-        stored.model, contacts, settings, found.mode, table.first / unit, table.last / unit
-    )
+    return ModeContinuation(problem, found.mode, table.first / unit, table.last / unit)
 
 
-def _follow(
-    path: ModeContinuation, found: Backbone, unit: float, say: Callable[[str], None]
-) -> None:
+def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
     """Follow the nonlinear mode from the smallest to the largest amplitude.
 
     Raises:
@@ -273,8 +263,8 @@ def _follow(
             last, here = clock.perf_counter(), found.points[-1]
             part = float(np.clip(np.log(here.linear_amplitude / first) / width, 0.01, 1.0))
             left = duration((last - begin) * (1.0 - part) / part)
-            say(
-                f"{counted(len(found.points), 'point')}, linear amplitude "
+            log.info(
+                f"  {counted(len(found.points), 'point')}, linear amplitude "
                 f"{1e3 * here.linear_amplitude:.4g} mm, {here.frequency:.6g} Hz, "
                 f"damping ratio {100.0 * here.damping_ratio:.4g} %; {100.0 * part:.0f} % of the "
                 f"range, about {left} left"
@@ -291,7 +281,7 @@ def _follow(
     if curve.points[-1] is not found.points[-1].motion:  # `run` reports no point at the end
         keep(curve.points[-1])
     found.reason = curve.reason
-    say(f"{counted(len(found.points), 'point')}, {curve.reason}")
+    log.info(f"  {counted(len(found.points), 'point')}, {curve.reason}")
     if curve.reason != END:
         end = found.points[-1].linear_amplitude
         raise ConvergenceError(f"backbone: {ADVICE[curve.reason].format(f'{end:g} m')}")
@@ -325,18 +315,12 @@ def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float) -> ModeP
     return ModePoint(unit * modal, modal, frequency, ratio, point.probe_amplitude, point)
 
 
-def _step_errors(
-    stored: StoredModel,
-    contacts: Contacts,
-    found: Backbone,
-    unit: float,
-    say: Callable[[str], None],
-) -> None:
+def _step_errors(problem: Problem, found: Backbone, unit: float) -> None:
     """Repeat the first, the middle and the last point with half the time step."""
-    settings = stored.scene.time.changed(steps_per_period=2 * found.steps)
-    path = _path(stored, contacts, found, unit, settings)
+    half = problem.time.changed(steps_per_period=2 * found.steps)
+    path = _path(problem._replace(time=half), found, unit)
     for k in sorted({0, len(found.points) // 2, len(found.points) - 1}):
-        say(f"checking point {k + 1} with half the time step")
+        log.info(f"  checking point {k + 1} with half the time step")
         point = found.points[k]
         finer = path.at_parameter(point.motion.s, point.motion.parameter)
         if finer is not None:
@@ -349,39 +333,33 @@ def _step_errors(
             )
 
 
-def _peaks(
-    stored: StoredModel, contacts: Contacts, found: Backbone, say: Callable[[str], None]
-) -> None:
+def _peaks(problem: Problem, found: Backbone) -> None:
     """Find the peaks of the forced response.
 
     Raises:
         ConvergenceError: a peak was not found.
     """
-    scene, direction = stored.scene, found.direction
+    direction = found.direction
     factors = found.table.load_factors
     if not factors:
         return
-    assert scene.period is not None
 
     def amplitude(point: CurvePoint) -> float:
         return float(point.probe_amplitude[direction])
 
-    say("peaks of the forced response")
+    log.info("  peaks of the forced response")
     for peak in forced_peaks(
-        stored.model,
-        contacts,
-        scene.time,
-        scene.period,
+        problem,
         (found.mode.equilibrium, found.mode.sliders),
         found.points[0].frequency,
         factors,
         amplitude,
-        displacement_sines(scene.loads),
+        displacement_sines(found.scene.loads),
     ):
         found.peaks.append(peak)
-        say(
-            f"{peak.factor:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm at "
-            f"{peak.frequency:.6g} Hz"
+        log.info(
+            f"  {peak.factor:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm "
+            f"at {peak.frequency:.6g} Hz"
         )
         reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
         if reasons:

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fenicsrom.assess.curves.response_files import CurveFile, Stand
+from fenicsrom.assess.curves.response_files import CurveFile
 from fenicsrom.assess.curves.response_results import response_table
-from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.progress import duration
+from fenicsrom.progress import duration, log
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
 
@@ -24,11 +23,7 @@ KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
 
 
 class CurveWalk:
-    """Reports the progress of one curve, and keeps its finished points in a file.
-
-    Attributes:
-        stand: where the last piece stands; None between two pieces.
-    """
+    """Reports the progress of one curve, and keeps its points in a file."""
 
     def __init__(
         self,
@@ -48,7 +43,6 @@ class CurveWalk:
             file: the file; None keeps nothing.
         """
         self.curve, self.scene, self.file = curve, scene, file
-        self.stand: Stand | None = None
         self._report = report
         self._said = self._kept = clock.perf_counter()
 
@@ -68,12 +62,9 @@ class CurveWalk:
                 covered += max(values) - low if piece.direction > 0.0 else high - min(values)
         return min(max(covered / (high - low), 0.0), 1.0)
 
-    def passed(self, path: Continuation) -> None:
-        """Note that the last piece has a new point of a continuation."""
-        piece = self.curve.pieces[-1]
-        counts = len(piece.points), len(piece.special)
-        self.stand = Stand(*counts, path.size, path.least, path.step, path.shooting.guess)
-        now = clock.perf_counter()
+    def passed(self) -> None:
+        """Note that the last piece has a new point."""
+        piece, now = self.curve.pieces[-1], clock.perf_counter()
         if now - self._kept > KEEP_INTERVAL:
             self.save()
             self._kept = clock.perf_counter()
@@ -91,7 +82,7 @@ class CurveWalk:
         self(line)
 
     def save(self, done: bool = False) -> None:
-        """Keep the curve in its file.
+        """Keep the curve in its file, but no interrupted branch, which is followed again.
 
         Args:
             done: whether the curve is complete.
@@ -101,26 +92,24 @@ class CurveWalk:
         """
         if self.file is None:
             return
-        pieces = list(self.curve.pieces)
-        if pieces and pieces[-1].reason == "interrupted":
-            last, stand = pieces.pop(), self.stand
-            if stand is not None:
-                points, special = last.points[: stand.points], last.special[: stand.special]
-                pieces.append(replace(last, points=points, special=special))
-        self.file.save(replace(self.curve, pieces=pieces), self.stand, done=done)
+        pieces = [
+            piece
+            for piece in self.curve.pieces
+            if piece.reason != "interrupted" or piece.origin == "march"
+        ]
+        self.file.save(replace(self.curve, pieces=pieces), done=done)
 
 
 class CurveProgress:
-    """Merges the progress of several curves into lines with the time that is left."""
+    """Logs the progress of several curves with the time that is left."""
 
-    def __init__(self, names: Sequence[str], say: Callable[[str], None]):
+    def __init__(self, names: Sequence[str]):
         """Begin.
 
         Args:
             names: beginnings of the lines, one for each curve.
-            say: receives the lines.
         """
-        self._names, self._say = names, say
+        self._names = names
         self._first: list[float | None] = [None] * len(names)
         self._now = [0.0] * len(names)
         self._begin = clock.perf_counter()
@@ -132,7 +121,7 @@ class CurveProgress:
             self._first[number] = fraction
         self._now[number] = fraction
         count = f"curve {number + 1} of {len(self._names)}, " if len(self._names) > 1 else ""
-        self._say(f"{count}{self._names[number]}{line}; {self.remaining()}")
+        log.info(f"  {count}{self._names[number]}{line}; {self.remaining()}")
 
     def finished(self, number: int) -> None:
         """Count a curve as done."""

@@ -101,4 +101,4 @@ def _motion(
 ) -> PeriodicMotion | None:
     """The motion of a model with more coordinates at a point of the curve of a model."""
     richer = Richer(family_of(stored.resized(labels)), np.eye(len(labels), stored.size))
-    return richer_motion(point, richer, stored.scene.time)
+    return richer_motion(point, richer)

@@ -18,7 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
-from fenicsrom.progress import working_time
+from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
 
@@ -129,7 +129,6 @@ def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError
 def equilibrium_path(
     scene: Scene,
     comm: Any,
-    say: Callable[[str], None],
     stop: Callable[[], bool] = lambda: False,
     visit: Callable[[PathPoint], None] = lambda point: None,
 ) -> EquilibriumPath:
@@ -138,7 +137,6 @@ def equilibrium_path(
     Args:
         scene: the scene; its table [statics] gives the range.
         comm: MPI communicator.
-        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
         stop: asked at each point; the path ends where it returns True.
         visit: receives each point with its displacement.
 
@@ -154,7 +152,7 @@ def equilibrium_path(
 
     begin, table = working_time(), scene.statics
     varied = varied_loads(scene)
-    body = _body(scene, varied, comm, say)
+    body = _body(scene, varied, comm)
     sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
     found = EquilibriumPath(scene, body.free, body, warnings=list(body.warnings))
     if dropped := sum(not load.static for load in scene.loads):
@@ -162,7 +160,7 @@ def equilibrium_path(
     lowest = -table.last if table.lowest is None else table.lowest
     try:
         follower = PathFollower(body, sizes, lowest, table.last)
-        _follow(follower, body, found, say, stop, visit)
+        _follow(follower, body, found, stop, visit)
         if follower.equations.asymmetry > SYMMETRIC:
             found.warnings.append(
                 "the follower pressures have no potential: the tangent stiffness is not "
@@ -184,7 +182,7 @@ def equilibrium_path(
     return found
 
 
-def _body(scene: Scene, varied: list[int], comm: Any, say: Callable[[str], None]) -> Solid:
+def _body(scene: Scene, varied: list[int], comm: Any) -> Solid:
     """The solid in its equilibrium under the constant loads."""
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
@@ -193,9 +191,9 @@ def _body(scene: Scene, varied: list[int], comm: Any, say: Callable[[str], None]
         load.changed(**{load.kind: 0.0}) if k in varied else load
         for k, load in enumerate(scene.loads)
     ]
-    say("mesh ..")
+    log.info("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
-    say("solid ..")
+    log.info("solid ..")
     return solid_of(replace(scene, loads=tuple(loads)), mesh)
 
 
@@ -203,7 +201,6 @@ def _follow(
     follower: PathFollower,
     body: Solid,
     found: EquilibriumPath,
-    say: Callable[[str], None],
     stop: Callable[[], bool],
     visit: Callable[[PathPoint], None],
 ) -> None:
@@ -217,7 +214,7 @@ def _follow(
 
     table, last = found.scene.statics, clock.perf_counter()
     gauge = DeformationGauge(body, found.scene)
-    say("path ..")
+    log.info("path ..")
     for point in follower.points():
         visit(point)
         probe = body.comm.allreduce(body.probe_rows @ point.displacement)
@@ -236,10 +233,12 @@ def _follow(
         label = f"{point.kind} {len(found.shapes) + 1}" if point.kind else "end"
         found.shapes[label] = point.displacement
         if point.kind:
-            say(f"  {point.kind} at the load factor {point.load_factor:.6g}")
+            log.info(f"  {point.kind} at the load factor {point.load_factor:.6g}")
         elif clock.perf_counter() - last > REPORT_INTERVAL:
             last = clock.perf_counter()
-            say(f"  {counted(len(found.points), 'point')}, load factor {point.load_factor:.4g}")
+            log.info(
+                f"  {counted(len(found.points), 'point')}, load factor {point.load_factor:.4g}"
+            )
         if body.comm.bcast(stop()):
             raise KeyboardInterrupt
         if table.displacement is not None and np.linalg.norm(probe) >= table.displacement:

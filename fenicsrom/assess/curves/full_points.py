@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -23,14 +22,13 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import log
 from fenicsrom.scene.units import in_words
 
 REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
 
 
-def add_full_points(
-    found: Response, stored: StoredModel, solid: Solid, basis: Array, say: Callable[[str], None]
-) -> None:
+def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: Array) -> None:
     """Compute the motions of the full model that a scene asks for, and add them to its curves.
 
     At each value of `response.full` the reduced motion is taken from the curve: the stable motion
@@ -42,7 +40,6 @@ def add_full_points(
         stored: the reduced model.
         solid: the solid it was made from.
         basis: (local, n) vectors of its basis.
-        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
     """
     families = found.table.families
     try:
@@ -56,9 +53,8 @@ def add_full_points(
                 name = f"{begin}full model at {in_words(found.scene, found.table.parameter, value)}"
                 try:
                     shooting, reduced = _reduced_motion(current, family, curve, value)
-                    motion = full_periodic_motion(
-                        solid, basis, shooting, reduced, say=_named(say, name)
-                    )
+                    log.info(f"  {name}")
+                    motion = full_periodic_motion(solid, basis, shooting, reduced)
                 except ConvergenceError as error:
                     found.warnings.append(f"{name}: {error}")
                     found.unfinished = found.unfinished or error
@@ -77,11 +73,6 @@ def add_full_points(
                 )
     except KeyboardInterrupt:
         found.interrupted = True
-
-
-def _named(say: Callable[[str], None], name: str) -> Callable[[str], None]:
-    """Make a callback that says each line with a name."""
-    return lambda line: say(f"{name}: {line}")
 
 
 def _reduced_motion(
@@ -105,8 +96,7 @@ def _reduced_motion(
         ),
         reverse=True,
     )
-    problem = family(value)
-    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+    shooting = Shooting(family(value))
     for pair in crossings:
         try:
             return shooting, solve(shooting, _between(*pair, value), REDUCED_TOLERANCE)

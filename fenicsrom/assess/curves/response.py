@@ -15,7 +15,7 @@ import numpy as np
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
-from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, Stand, curve_file, forget
+from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
 from fenicsrom.assess.curves.response_problem import check_response
 from fenicsrom.assess.curves.response_results import (
@@ -27,19 +27,17 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
-CLASSES = {
-    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
-}
+CLASSES = {kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check)}
 """The dataclasses of which a kept curve consists."""
 
 
@@ -64,7 +62,6 @@ class _Job:
 
 def response(
     stored: StoredModel,
-    say: Callable[[str], None],
     *,
     state: Path | None = None,
     resume: Path | None = None,
@@ -76,7 +73,6 @@ def response(
 
     Args:
         stored: the model; its scene has a table [response].
-        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
         state: folder of the files that keep what is done of each curve; None keeps nothing.
         resume: such a folder of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time. With several,
@@ -121,7 +117,7 @@ def response(
     ]
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
-    progress = CurveProgress([curve_title(scene, value) for value in values], say)
+    progress = CurveProgress([curve_title(scene, value) for value in values])
     try:
         for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
             if isinstance(outcome, ConvergenceError):
@@ -165,9 +161,8 @@ def _light_modes(stored: StoredModel) -> list[str]:
     scene = stored.scene
     table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
     low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
-    contacts = settled_contacts(contacts_of(scene, stored.model.points))
     try:
-        modes = linear_modes(stored.model, contacts)
+        modes = linear_modes(Problem.of(stored.model, scene).settled())
     except ConvergenceError:
         return []
     found = []
@@ -241,10 +236,9 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
     outcome = _Outcome(curve)
     if job.kept is not None and job.kept.done:
         if job.state is not None:
-            job.state.save(curve, None, done=True)
+            job.state.save(curve, done=True)
         return outcome
     walk = CurveWalk(curve, stored.scene, report, job.state)
-    walk.stand = job.kept.stand if job.kept is not None else None
     try:
         follow_curve(stored, curve, walk, richer)
         walk.save(done=True)

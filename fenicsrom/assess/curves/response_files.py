@@ -11,12 +11,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import fingerprint
 from fenicsrom.online.store.packing import pack, unpack
@@ -26,29 +22,8 @@ from fenicsrom.scene import Scene, parse_scene, scene_table
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.response_results import ResponseCurve
 
-FORMAT = "fenicsrom response state 2"
+FORMAT = "fenicsrom response state 3"
 WHAT = "the state of a response curve"
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """Where a continuation stands, to continue it bit for bit.
-
-    Attributes:
-        points: number of points of the piece.
-        special: number of its bifurcations.
-        size: as `fenicsrom.online.curves.arc.ArcLength.size`.
-        least: likewise.
-        step: next step along the curve.
-        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
-    """
-
-    points: int
-    special: int
-    size: float
-    least: float
-    step: float
-    guess: tuple[Array | None, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +32,10 @@ class KeptCurve:
 
     Attributes:
         curve: the computed part of the curve.
-        stand: where its last piece stands; None between two pieces.
         done: whether it is complete.
     """
 
     curve: ResponseCurve
-    stand: Stand | None
     done: bool
 
 
@@ -82,13 +55,13 @@ class CurveFile:
     model: str
     scene: Scene
 
-    def save(self, curve: ResponseCurve, stand: Stand | None, *, done: bool) -> None:
+    def save(self, curve: ResponseCurve, *, done: bool) -> None:
         """Write the file; it appears only when it is complete.
 
         Raises:
             OSError: the file cannot be written.
         """
-        tree, arrays = pack(KeptCurve(curve, stand, done))
+        tree, arrays = pack(KeptCurve(curve, done))
         header = {
             "format": FORMAT,
             "model": self.model,
@@ -112,9 +85,7 @@ class CurveFile:
             return None
         with read_archive(self.path, WHAT, FORMAT) as (header, arrays):
             self._check(header)
-            kept = unpack(header["tree"], arrays, {**classes, "KeptCurve": KeptCurve})
-            _check_points(kept)
-            found: KeptCurve = kept
+            found: KeptCurve = unpack(header["tree"], arrays, {**classes, "KeptCurve": KeptCurve})
         return found
 
     def _check(self, header: Mapping[str, Any]) -> None:
@@ -182,17 +153,3 @@ def changed_response_key(made: Scene, wanted: Scene) -> str | None:
     names = [part.name for part in fields(wanted.response)]
     name = first_difference(made.response, wanted.response, names)
     return None if name is None else f"response.{name}"
-
-
-def _check_points(kept: KeptCurve) -> None:
-    """Check that all points have variables of one size.
-
-    Raises:
-        ValueError: the sizes differ.
-    """
-    points: list[CurvePoint] = [*kept.curve.points, *kept.curve.special]
-    for point in points:
-        size = points[0].z.size
-        shapes = point.z.shape, point.s.shape, point.tangent.shape
-        if shapes != ((size,), (size,), (size + 1,)) or not np.all(np.isfinite(point.z)):
-            raise ValueError("a point has variables of another size")

@@ -51,7 +51,7 @@ def follow_curve(
             start: PeriodicMotion | None = None
             if not earlier:
                 try:
-                    start = start_motion(stored, family, value, walk)
+                    start = _start(stored, family, value, walk)
                 except (ConvergenceError, AccuracyError) as problem:
                     error = problem
                     continue
@@ -69,12 +69,19 @@ def follow_curve(
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)
         walk("checking the curve with half the step and a richer basis")
-        curve.checks = checks(curve.pieces, family, stored.scene.time, other, lambda: walk(""))
+        curve.checks = checks(curve.pieces, family, other, lambda: walk(""))
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
         curve.seconds += working_time() - begin
+
+
+def _start(stored: StoredModel, family: Family, value: float, walk: CurveWalk) -> PeriodicMotion:
+    """The motion at an end of the range; errors as `start_motion`."""
+    place = in_words(stored.scene, response_table(stored.scene).parameter, value)
+    walk(f"start at {place}: a march, then Newton's method")
+    return start_motion(stored, family, value)
 
 
 def _follow_piece(
@@ -85,12 +92,12 @@ def _follow_piece(
     piece: Piece,
     walk: CurveWalk,
 ) -> None:
-    """Follow one piece from a motion, or on from where it stands.
+    """Follow one piece from a motion, or on from its last point.
 
     Args:
         stored: the model.
         family: problems by the parameter.
-        start: the first motion; None continues from `walk.stand`.
+        start: the first motion; None continues from the last point of the piece.
         value: parameter at the first motion.
         piece: the piece.
         walk: reports and keeps what is done.
@@ -101,20 +108,17 @@ def _follow_piece(
     table, path = response_table(stored.scene), _path(stored, family)
     if start is not None:
         piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
-        walk.passed(path)
-    stand = walk.stand
-    assert stand is not None
-    path.size, path.least, path.shooting.guess = stand.size, stand.least, stand.guess
+        walk.passed()
+    else:
+        path.size = path.least = FIRST_SIZE * norm(piece.points[0].s) or 1.0
     path.run(
         piece.points[-1],
         None,
         curve=piece,
-        step=stand.step,
         points=table.points,
-        progress=lambda point: walk.passed(path),
+        progress=lambda point: walk.passed(),
     )
     _refine_largest(path, piece)
-    walk.stand = None
     walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
 
 
@@ -184,7 +188,7 @@ def _follow_more(
         progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
 
     def start(value: float) -> CurvePoint:
-        motion = start_motion(stored, family, value, progress)
+        motion = _start(stored, family, value, progress)
         return _first_point(_path(stored, family), motion, value, 1.0, stored.scene)
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import displacement_sines
 from fenicsrom.online.periodic.families import (
     Family,
@@ -23,7 +22,6 @@ from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
     periodic_motion,
-    settled_contacts,
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.store.archive import StoredModel
@@ -113,40 +111,37 @@ def family_of(stored: StoredModel) -> Family:
     Raises:
         SceneError: the scene has no table [response].
     """
-    scene, model = stored.scene, stored.model
-    key, period = response_table(scene).parameter, float(scene.period or 0.0)
-    contacts = settled_contacts(contacts_of(scene, model.points))
+    key, problem = response_table(stored.scene).parameter, _settled(stored)
     table, index, name = parameter_of(key)
     if table == "":
         return frequency_family(
-            model,
-            contacts,
-            period,
-            spin=bool(np.any(contacts.height)),
-            displaced=displacement_sines(scene.loads),
+            problem,
+            spin=bool(np.any(problem.contacts.height)),
+            displaced=displacement_sines(stored.scene.loads),
         )
     if table == "material":
-        return damping_family(model, contacts, period)
+        return damping_family(problem)
     if table == "loads":  # a load of size 1 times the parameter
-        return force_family(stored.with_overrides([f"{key}=1.0"]).model, contacts, period, index)
-    mine = (model.points.contact == index).astype(float)
+        return force_family(_settled(stored.with_overrides([f"{key}=1.0"])), index)
+    mine = (stored.model.points.contact == index).astype(float)
     if name == "gap":  # the parameter is added to a gap of zero
-        scene = stored.with_overrides([f"{key}=0.0"]).scene
-        contacts = settled_contacts(contacts_of(scene, model.points))
+        problem = _settled(stored.with_overrides([f"{key}=0.0"]))
     elif name != "friction":  # numbers of a node are those of a unit of its area
-        mine = mine * model.points.tributary_area
-    return contact_family(model, contacts, period, name, mine)
+        mine = mine * stored.model.points.tributary_area
+    return contact_family(problem, name, mine)
+
+
+def _settled(stored: StoredModel) -> Problem:
+    """The problem of a stored model after the approach of its surfaces."""
+    return Problem.of(stored.model, stored.scene).settled()
 
 
 def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
     """The equation of motions of some periods; all pieces share the scales of the variables."""
-    problem = family(response_table(stored.scene).high)
-    return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
+    return Shooting(family(response_table(stored.scene).high), periods)
 
 
-def start_motion(
-    stored: StoredModel, family: Family, value: float, say: Callable[[str], None]
-) -> PeriodicMotion:
+def start_motion(stored: StoredModel, family: Family, value: float) -> PeriodicMotion:
     """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
 
     Raises:
@@ -155,7 +150,6 @@ def start_motion(
     scene, problem = stored.scene, family(value)
     key, radius = response_table(scene).parameter, scene.time.spectral_radius
     place = in_words(scene, key, value)
-    say(f"start at {place}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
         periods=START_PERIODS,
@@ -164,16 +158,7 @@ def start_motion(
         **({} if radius is None else {"spectral_radius": radius}),
     )
     try:
-        motion = integrate(
-            problem.model,
-            problem.contacts,
-            settings,
-            problem.period,
-            dimension=scene.geometry.dimension,
-        )
-        return periodic_motion(
-            problem.model, problem.contacts, scene.time, problem.period, motion.end
-        )
+        return periodic_motion(problem, integrate(problem._replace(time=settings)).end)
     except ConvergenceError as error:
         raise ConvergenceError(
             f"response: at {place} no periodic motion was found: {error}",

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -179,7 +178,6 @@ def _next_to_change(pieces: Sequence[Piece]) -> set[int]:
 def checks(
     pieces: Sequence[Piece],
     family: Family,
-    settings: Any,
     richer: Richer | None = None,
     ask: Callable[[], None] = lambda: None,
 ) -> list[Check]:
@@ -188,7 +186,6 @@ def checks(
     Args:
         pieces: the parts of the curve.
         family: its problems by the parameter.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
     """
@@ -199,7 +196,7 @@ def checks(
         """Add the check of a point; give the size of the largest multiplier of the richer basis."""
         ask()
         judged = id(point) not in changing
-        found.append(_check(where, point, family, settings, richer, judged))
+        found.append(_check(where, point, family, richer, judged))
         return found[-1].richer_multiplier
 
     listed = selected(pieces)
@@ -213,7 +210,7 @@ def checks(
         divide_gaps(
             pieces,
             sizes,
-            lambda a, b: _between(a, b, family, settings),
+            lambda a, b: _between(a, b, family),
             lambda point: compare(NEAR_CHANGE, point),
         )
     return found
@@ -223,13 +220,12 @@ def _check(
     where: str,
     point: CurvePoint,
     family: Family,
-    settings: Any,
     richer: Richer | None,
     judged: bool,
 ) -> Check:
     """The check of one point; arguments as `checks` and `Check`."""
     quantity = "parameter" if where == "fold" else "amplitude"
-    other = _finer(point, family, settings, fold=where == "fold")
+    other = _finer(point, family, fold=where == "fold")
     error = None if other is None else _distance(point, other, quantity)
     check = Check(point, where, quantity, error, judged=judged)
     if where == "fold":
@@ -238,7 +234,7 @@ def _check(
         check = replace(check, finer_verdict=other.verdict, finer_multiplier=_size(other))
     if richer is None:
         return check
-    motion = richer_motion(point, richer, settings)
+    motion = richer_motion(point, richer)
     if motion is None:
         return replace(check, compared=True)
     return replace(
@@ -255,7 +251,7 @@ def _size(motion: CurvePoint | PeriodicMotion) -> float:
     return abs(largest_multiplier(motion.multipliers, motion.free_sliders))
 
 
-def _between(a: CurvePoint, b: CurvePoint, family: Family, settings: Any) -> CurvePoint | None:
+def _between(a: CurvePoint, b: CurvePoint, family: Family) -> CurvePoint | None:
     """The stable motion at the mean parameter of two neighbours; None if it was not found.
 
     A motion whose amplitudes are not near those of the neighbours belongs to another part.
@@ -263,7 +259,7 @@ def _between(a: CurvePoint, b: CurvePoint, family: Family, settings: Any) -> Cur
     parameter = 0.5 * (a.parameter + b.parameter)
     if parameter in (a.parameter, b.parameter) or a.periods != b.periods:
         return None
-    shooting, path = _path(a, family, settings, settings.steps_per_period or FALLBACK_STEPS)
+    shooting, path = _path(a, family)
     s = 0.5 * (shooting.scaled(a.z) + shooting.scaled(b.z))
     found = path.at_parameter(s, parameter)
     if found is None or not found.stable:
@@ -286,10 +282,9 @@ def change(amplitude: Array, other: Array) -> float:
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> CurvePoint | None:
+def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
-    steps = settings.steps_per_period or FALLBACK_STEPS
-    shooting, path = _path(point, family, settings, 2 * steps)
+    shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
     if not fold:
         return path.at_parameter(s, point.parameter)
@@ -302,35 +297,25 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     return path.correct(path.place(here), along / np.linalg.norm(along))
 
 
-def _path(
-    point: CurvePoint, family: Family, settings: Any, steps: int
-) -> tuple[Shooting, Continuation]:
-    """The path that finds motions near a point, with the given number of steps per period."""
+def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, Continuation]:
+    """The path that finds motions near a point, with so many times the steps per period."""
     problem = family(point.parameter)
-    shooting = Shooting(
-        problem.model,
-        problem.contacts,
-        settings.changed(steps_per_period=steps),
-        problem.period,
-        point.periods,
-    )
+    steps = finer * (problem.time.steps_per_period or FALLBACK_STEPS)
+    time = problem.time.changed(steps_per_period=steps)
+    shooting = Shooting(problem._replace(time=time), point.periods)
     size = float(np.linalg.norm(shooting.scaled(point.z))) or 1.0
     return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
 
 
-def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
+def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     n = richer.transfer.shape[1]
-    model, contacts = problem.model, problem.contacts
-    shooting = Shooting(model, contacts, settings, problem.period, point.periods)
-    blocks = shooting.map.blocks
+    blocks = Shooting(problem, point.periods).map.blocks
     moved = (point.z[: blocks * n].reshape(blocks, n) @ richer.transfer.T).ravel()
     start = np.concatenate([moved, point.z[blocks * n :]])
     try:
-        return periodic_motion(
-            model, contacts, settings, problem.period, start, point.periods, tolerance=TOLERANCE
-        )
+        return periodic_motion(problem, start, point.periods, tolerance=TOLERANCE)
     except ConvergenceError:
         return None
 

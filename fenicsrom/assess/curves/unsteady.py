@@ -16,9 +16,9 @@ import numpy as np
 
 from fenicsrom.assess.curves.response import response
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import has_settled, period_amplitudes
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import PeriodicMotion, largest_multiplier, periodic_motion
@@ -100,8 +100,8 @@ def _near_generalised_alpha(model: ReducedModel, scene: Scene) -> PeriodicMotion
         start = simulate(model, with_time(scene, scheme=GENERALISED_ALPHA))
         if not start.steady or start.period is None:
             return None
-        contacts, m = contacts_of(scene, model.points), round(start.period / scene.period)
-        return periodic_motion(model, contacts, scene.time, scene.period, start.end, m)
+        m = round(start.period / scene.period)
+        return periodic_motion(Problem.of(model, scene), start.end, m)
     except (ConvergenceError, AccuracyError):
         return None
 
@@ -120,7 +120,7 @@ def _from_heavy_damping(model: ReducedModel, scene: Scene) -> tuple[str, CurvePo
         model, replace(scene, response=table), scene.basis.method, (), 0, np.zeros(0), {}
     )
     try:
-        curves = response(stored, lambda line: None).curves
+        curves = response(stored).curves
     except (ConvergenceError, SceneError):
         curves = []
     points: list[CurvePoint] = [point for curve in curves for point in curve.points]

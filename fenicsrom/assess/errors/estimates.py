@@ -10,8 +10,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -25,7 +25,7 @@ from fenicsrom.online.motion.measures import (
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import motion_of
-from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
+from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
@@ -172,7 +172,11 @@ def _fine_settles(fine: Motion, motion: Motion) -> bool:
 
 
 def check_motion(
-    model: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None = None
+    model: Any,
+    scene: Scene,
+    motion: Motion,
+    start: tuple[Array, ...] | None = None,
+    march: bool = True,
 ) -> Motion:
     """A motion of another model, or with other steps, that checks a motion.
 
@@ -187,26 +191,29 @@ def check_motion(
         motion: the motion to be checked.
         start: the end of the motion in the coordinates of the model: displacement and velocity
             (n,) and sliders (P, d); by default the models have the same coordinates.
+        march: whether to march where there is no periodic motion nearby.
 
     Raises:
-        ConvergenceError: the smallest step did not converge.
+        ConvergenceError: the smallest step did not converge, or there is no motion nearby.
         AccuracyError: the energy balance is off.
     """
-    approaching = any(contact.approach for contact in scene.contacts)
-    if motion.newton_from is not None and motion.steady and not approaching:
-        assert isinstance(scene.time.span, Periodic)
+    if motion.newton_from is not None and motion.steady:
         nearby = _nearby_motion(model, scene, motion, start)
         if nearby is not None:
             return nearby
-        span = replace(scene.time.span, periods=CHECK_PERIODS)
-        short = replace(scene, time=replace(scene.time, span=span))
-        try:
-            begin = motion if start is None else start
-            other = simulate(model, short, start=begin, keep_coordinates=True)
-        except (ConvergenceError, AccuracyError):
-            return simulate(model, scene, keep_coordinates=True)
-        if other.newton_from is not None and other.steady:
-            return other
+        if not march:
+            raise ConvergenceError("there is no periodic motion nearby")
+        if not any(contact.approach for contact in scene.contacts):
+            assert isinstance(scene.time.span, Periodic)
+            span = replace(scene.time.span, periods=CHECK_PERIODS)
+            short = replace(scene, time=replace(scene.time, span=span))
+            try:
+                begin = motion if start is None else start
+                other = simulate(model, short, start=begin, keep_coordinates=True)
+            except (ConvergenceError, AccuracyError):
+                return simulate(model, scene, keep_coordinates=True)
+            if other.newton_from is not None and other.steady:
+                return other
     return simulate(model, scene, keep_coordinates=True)
 
 
@@ -217,6 +224,8 @@ def _nearby_motion(
 
     Newton's method alone finds it, in full steps. The estimate is the distance of the two motions,
     so it is right for any stable motion nearby, whether or not a march from the start tends to it.
+    Where the step is adaptive, another model takes the steps of the motion. The same model must
+    choose its own, in a march.
 
     Args:
         model: the model of the check.
@@ -224,11 +233,16 @@ def _nearby_motion(
         motion: a motion that Newton's method found.
         start: as `check_motion`.
     """
-    if scene.time.tolerance is not None or not isinstance(model, ReducedModel):
+    adaptive = scene.time.tolerance is not None
+    if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
+    steps = motion.time[motion.last_period()] / scene.period if adaptive else None
+    shooting = Shooting(
+        Problem.of(model, scene).settled(),
+        motion.search.periods,
+        None if steps is None else steps - steps[0],
+    )
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)
@@ -269,9 +283,16 @@ def _last_period(motion: Motion) -> Array:
 
 
 def nested_motion(
-    model: ReducedModel, scene: Scene, motion: Motion, chosen: Sequence[int] | None = None
+    model: ReducedModel,
+    scene: Scene,
+    motion: Motion,
+    chosen: Sequence[int] | None = None,
+    march: bool = True,
 ) -> Motion | None:
     """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
+
+    A motion that does not settle is compared by its root mean squares with a march of as many
+    periods, in which Newton's method does not look for a periodic motion.
 
     Args:
         model: the model, under the loads and the damping of the scene.
@@ -279,22 +300,30 @@ def nested_motion(
         motion: the motion.
         chosen: the coordinates of the motion with which those of the model begin, -1 for another
             coordinate; by default all.
+        march: whether to march where there is no periodic motion near a periodic motion.
 
     Returns:
         The motion; None if the model fails, or does not settle although the motion did.
     """
     try:
         if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
-            other = simulate(model, scene, keep_coordinates=True)
+            alike = marched(scene) if is_unsteady(motion) else scene
+            other = simulate(model, alike, keep_coordinates=True)
         else:
             *state, sliders = end_of(motion)
             first = np.arange(state[0].size) if chosen is None else np.array(chosen)
             more = np.zeros(model.size - first.size)
             q, v = (np.concatenate([(first >= 0) * values[first], more]) for values in state)
-            other = check_motion(model, scene, motion, (q, v, sliders))
+            other = check_motion(model, scene, motion, (q, v, sliders), march)
     except (ConvergenceError, AccuracyError):
         return None
     return None if has_settled(motion) and not has_settled(other) else other
+
+
+def marched(scene: Scene) -> Scene:
+    """A scene with a period whose motion is marched, without Newton's method."""
+    assert isinstance(scene.time.span, Periodic)
+    return replace(scene, time=replace(scene.time, span=replace(scene.time.span, steady="march")))
 
 
 def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:

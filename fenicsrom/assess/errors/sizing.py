@@ -10,7 +10,8 @@ say what the motion lacks. Those with the largest energies join the model: at le
 because a mode without its derivatives can make the answer worse, and then twice as many, until the
 estimate is small enough. A model that took nearly all coordinates cannot be judged by the rest:
 `RESERVE` of those that the first model left out stay out. With `basis.size` a model has so many
-coordinates instead.
+coordinates instead. A motion that its first coordinates describe well enough keeps them: fewer
+would cost another run, and the picture of the sizes shows what they would do.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.words import counted
@@ -94,7 +96,7 @@ class Sized:
         if other is None or motion.end is None or stored.model.linear or is_unsteady(motion):
             return []
         known, scene = (*stored.labels, *stored.further), stored.scene
-        least = least_size(stored)
+        least = stored.least_size
         most = (stored.size + len(known)) // 2
         sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
@@ -103,7 +105,7 @@ class Sized:
             common = [stored.labels.index(label) for label in part.labels[: stored.size]]
             near: Motion | None = motion
             if n != stored.size:
-                near = nested_motion(part.model, scene, motion, common)
+                near = nested_motion(part.model, scene, motion, common, march=False)
             error = np.inf if near is None else basis_errors(near, other).largest
             if near is not None and np.isfinite(error):
                 rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
@@ -154,34 +156,11 @@ def sized(
         assert stored.candidates is not None
 
 
-def least_size(stored: StoredModel) -> int:
-    """The fewest coordinates of a model: those of the contact and one more."""
-    labels = enumerate((*stored.labels, *stored.further))
-    return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
-
-
-def require_size(stored: StoredModel, size: int) -> None:
-    """Check a number of coordinates.
-
-    Raises:
-        SceneError: the model has no such `basis.size`.
-    """
-    least, known = least_size(stored), stored.size + len(stored.further)
-    if not least <= size < known:
-        raise SceneError(
-            f"{stored.scene.source}: basis.size = {size}: must be from {least} to {known - 1}; the "
-            f"model holds {known} coordinates, and those that it leaves out judge it",
-            kind=ErrorKind.RANGE,
-            key="basis.size",
-            source=stored.scene.source,
-        )
-
-
 def _of_size(
     stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion], size: int
 ) -> Sized:
     """The model with so many coordinates; other arguments and errors as `sized`."""
-    require_size(stored, size)
+    stored.require_size()
     assert stored.candidates is not None
     other = nested_motion(stored.candidates, stored.scene, motion)
     chosen = with_size(stored, other, size)
@@ -200,9 +179,9 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
     Args:
         stored: the model, whose coordinates of the contact stay.
         other: the motion of all coordinates; without it the order of the file counts.
-        size: number of coordinates, from `least_size` to that of all coordinates.
+        size: number of coordinates, from `StoredModel.least_size` to that of all coordinates.
     """
-    kept = stored.size if size >= stored.size else least_size(stored) - 1
+    kept = stored.size if size >= stored.size else stored.least_size - 1
     if other is None or size == stored.size:
         return stored.resized(size)
     energies = coordinate_energies(stored, other)
@@ -214,7 +193,6 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
 def fitted(
     stored: StoredModel,
     motion: Motion,
-    say: Callable[[str], None],
     stop: Callable[[], bool],
     warnings: list[str],
 ) -> Sized | None:
@@ -223,13 +201,12 @@ def fitted(
     Args:
         stored: the model under the scene.
         motion: its motion.
-        say: receives the coordinates of each larger model.
         stop: the run ends when it returns True.
         warnings: receives a sentence if the accuracy is not reached.
     """
 
     def run(larger: StoredModel) -> Motion:
-        say(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+        log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
         return simulate(larger.model, larger.scene, keep_coordinates=True, stop=stop)
 
     try:
@@ -289,7 +266,8 @@ def _enlarged(
 ) -> StoredModel | None:
     """The smallest larger model whose motion is near enough to that of all coordinates.
 
-    Where none is, the one with the least error; None if no coordinates can join.
+    Where none is, the one with the least error, or the largest where no trial has a motion nearby.
+    A motion that does not settle takes all coordinates that can join. None if no coordinate can.
 
     Args:
         stored: the model.
@@ -298,12 +276,16 @@ def _enlarged(
         labels: of the coordinates that can join, the most important first.
         limit: largest accepted error.
     """
+    if not labels:
+        return None
+    if is_unsteady(motion):  # each trial would run as long as the run
+        return stored.resized((*stored.labels, *labels))
     best, least = None, np.inf
     for joining in growing(labels):
         trial = stored.resized((*stored.labels, *joining))
-        near = nested_motion(trial.model, stored.scene, motion)
+        near = nested_motion(trial.model, stored.scene, motion, march=False)
         error = np.inf if near is None else basis_errors(near, other).largest
-        if best is None or error < least:
+        if error <= least:
             best, least = trial, error
         if error <= limit:
             break

@@ -12,9 +12,8 @@ import json
 import os
 import platform
 import time as clock
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +25,11 @@ from fenicsrom.files import (
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene, scene_table
 
 if TYPE_CHECKING:
@@ -38,15 +38,12 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).parents[2]
 
 
-def full_motion(
-    body: Structure, scene: Scene, say: Callable[[str], None]
-) -> tuple[Motion, dict[str, Any]]:
+def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
     """The motion of the full model, from the cache if an equal scene ran before.
 
     Args:
         body: the solid or the beam.
         scene: its scene.
-        say: called with one line of progress at a time.
 
     Returns:
         The motion; when and where it ran, and whether it came from the cache.
@@ -57,11 +54,11 @@ def full_motion(
     found = read_cached(path, key) if kept and comm.rank == 0 else None
     found = comm.bcast(found)
     if found is not None:
-        say(f"full model: taken from {path}")
+        log.info(f"full model: taken from {path}")
         return found[0], found[1] | {"cached": True}
     from fenicsrom.fem.full.full import full_model  # slow to import
 
-    say("full model ..")
+    log.info("full model ..")
     last = clock.perf_counter()
 
     def progress(fraction: float, change: float) -> None:
@@ -69,9 +66,9 @@ def full_motion(
         if clock.perf_counter() - last > 5.0:
             last = clock.perf_counter()
             limit = f"at most {scene.time.periods} periods"
-            say(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
+            log.info(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
-    model = full_model(body, contacts_of(scene, body.points))
+    model = full_model(body, scene)
     motion = simulate(model, scene, progress=progress)
     note = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -82,7 +79,7 @@ def full_motion(
         try:
             write_cached(path, key, motion, note)
         except OSError as error:
-            say(f"the motion of the full model was not stored in the cache: {error}")
+            log.info(f"the motion of the full model was not stored in the cache: {error}")
     return motion, note | {"cached": False}
 
 
@@ -112,29 +109,20 @@ def package_digest(folder: Path) -> str:
     return digest.hexdigest()
 
 
-_ARRAYS = [item.name for item in fields(Motion) if item.type == "Array" or item.name == "state"]
-
-_NUMBERS = ["period", "steady", "periods", "steps", "rejected", "newton_iterations", "seconds"]
-
-
 def write_cached(path: Path, key: str, motion: Motion, note: dict[str, Any]) -> None:
     """Write a motion to a file that appears only when it is complete.
 
     Raises:
         OSError: the file cannot be written.
     """
-    header = {"format": key, "note": note, **{name: getattr(motion, name) for name in _NUMBERS}}
-    write_archive(path, header, {name: getattr(motion, name) for name in _ARRAYS}, compress=True)
+    tree, arrays = pack(replace(motion, end=None))
+    write_archive(path, {"format": key, "note": note, "motion": tree}, arrays, compress=True)
 
 
 def read_cached(path: Path, key: str) -> tuple[Motion, dict[str, Any]] | None:
     """The motion of a key and its note; None if there is no file or it is damaged."""
     with suppress(SceneError), read_archive(path, "a motion", key) as (header, arrays):
-        if all(len(arrays[name]) == header["steps"] + 1 for name in _ARRAYS):
-            return Motion(
-                **{name: arrays[name] for name in _ARRAYS},
-                **{name: header[name] for name in _NUMBERS},
-            ), header["note"]
+        return unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
     return None
 
 

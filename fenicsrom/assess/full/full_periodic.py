@@ -19,7 +19,6 @@ modes and then by the residual itself, and the next full period carries P' D alo
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +30,7 @@ from fenicsrom.fem.full.full_period import FullPeriodEnd, FullPeriodMap
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.state import Record
+from fenicsrom.progress import log
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.words import counted
 
@@ -93,7 +93,6 @@ def full_periodic_motion(
     *,
     tolerance: float = FULL_TOLERANCE,
     most_periods: int = MOST_PERIODS,
-    say: Callable[[str], None] = lambda line: None,
 ) -> FullPeriodicMotion:
     """Find the periodic motion of the full model near one of a reduced model.
 
@@ -105,7 +104,6 @@ def full_periodic_motion(
         reduced: the reduced motion.
         tolerance: tolerance of the residual relative to the variables, in the mass norm.
         most_periods: largest number of full periods.
-        say: called with a line of progress after each full period.
 
     Returns:
         The motion; it repeats within the tolerance.
@@ -128,7 +126,7 @@ def full_periodic_motion(
             raise _lost(residuals, str(error)) from error
         derived += block is not None
         residuals.append(problem.norm(end.z - z) / max(problem.norm(z), 1e-300))
-        say(f"full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
+        log.info(f"  full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
         return end
 
     z = problem.expanded(shooting.scaled(reduced.z))
@@ -177,16 +175,17 @@ class _Problem:
     def __init__(self, solid: Solid, basis: Array, shooting: Shooting):
         """Begin with the span of the basis."""
         self.solid = solid
-        model = FullModel(solid, shooting.contacts)
-        model.load_histories = shooting.model.load_histories
-        model.damping = float(shooting.model.damping)
+        problem = shooting.problem
+        model = FullModel(solid, problem.contacts)
+        model.load_histories = problem.model.load_histories
+        model.damping = float(problem.model.damping)
         plan = shooting.map.plan._replace(damping=model.damping)
         fractions = shooting.map.fractions
-        self.map = FullPeriodMap(model, shooting.contacts, plan, shooting.period, fractions)
-        root = np.linalg.cholesky(shooting.model.mass)
-        self.q = np.linalg.solve(root, basis.T).T
-        shortest = shooting.period * float(np.min(np.diff(fractions)))
-        self._rates = 1.0, 2.0 * np.pi / shooting.period, shortest**-2
+        self.map = FullPeriodMap(problem._replace(model=model), plan, fractions)
+        root = np.linalg.cholesky(problem.model.mass)
+        self.q = np.asarray(np.linalg.solve(root, basis.T).T, dtype=np.float64)
+        shortest = problem.period * float(np.min(np.diff(fractions)))
+        self._rates = 1.0, 2.0 * np.pi / problem.period, shortest**-2
         self._slider = np.diag(shooting.scaled(np.eye(shooting.map.size)))
         self._slider = self._slider[shooting.map.blocks * shooting.map.n :]
         self._has_modes = False

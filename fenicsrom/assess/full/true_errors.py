@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, distances
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import motion_of
-from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
+from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
@@ -94,8 +94,7 @@ def settled_full_motion(
     if full.steady or motion.newton_from is None or not motion.steady or full.period is None:
         return full, ""
     assert motion.search is not None
-    contacts = settled_contacts(contacts_of(scene, model.points))
-    shooting = Shooting(model, contacts, scene.time, full.period, motion.search.periods)
+    shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods)
     begin = f"the march of the full model did not settle within {counted(full.periods, 'period')}"
     try:
         reduced = solve(shooting, shooting.scaled(start_variables(shooting, motion.end)))

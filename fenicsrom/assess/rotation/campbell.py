@@ -13,7 +13,6 @@ modes by their shapes at the first speed.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +31,7 @@ from fenicsrom.assess.rotation.mode_names import mode_names
 from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
-from fenicsrom.progress import time_left
+from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief
 
@@ -120,14 +119,13 @@ def hertz(squares: Array) -> Array:
     return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 
 
-def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
+def campbell(scene: Scene, comm: Any) -> Campbell:
     """Compute the frequencies of a scene's body at the speeds of its [campbell] table.
 
     Args:
         scene: a scene with [rotation]; `rotation.speed_rpm` is used only if [campbell] has no
             speeds.
         comm: MPI communicator.
-        say: called with one line of progress at a time.
 
     Returns:
         The frequencies; `unfinished` holds an error that stopped the computation before the last
@@ -141,7 +139,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
 
     begin = clock.perf_counter()
     speeds, count = speeds_rpm(scene), scene.campbell.modes
-    solid = _solid_at(float(speeds[0]), scene, comm, say)
+    solid = _solid_at(float(speeds[0]), scene, comm)
     gauge = DeformationGauge(solid, _at_speed(scene, float(speeds.max())))
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished: Exception | None = None
@@ -158,7 +156,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         squares = tracked.squares[-1][:count]
         shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
         left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
-        say(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
+        log.info(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
     reached = speeds[: len(tracked.squares)]
     kept = np.array(tracked.squares)[:, :count]
     found = Campbell(
@@ -184,16 +182,16 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
             for speed, deformed in zip(reached, tracked.deformations, strict=True)
         ]
     )
-    _find_critical_speeds(found, _Between(solid, reached, tracked), say)
+    _find_critical_speeds(found, _Between(solid, reached, tracked))
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _find_critical_speeds(found: Campbell, between: _Between, say: Callable[[str], None]) -> None:
+def _find_critical_speeds(found: Campbell, between: _Between) -> None:
     """Find the critical speeds, and the frequencies at the speed of operation."""
     rotation = found.scene.rotation
     assert rotation is not None
-    say("critical speeds ..")
+    log.info("critical speeds ..")
 
     def solve(mode: int, speed: float) -> tuple[float, float]:
         squares, mac = between(speed)
@@ -217,7 +215,7 @@ def _at_speed(scene: Scene, speed_rpm: float) -> Scene:
     return replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm))
 
 
-def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
+def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     """Make the mesh and the solid about its equilibrium at this speed.
 
     Raises:
@@ -227,9 +225,9 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], No
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
 
-    say("mesh ..")
+    log.info("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
-    say("solid ..")
+    log.info("solid ..")
     solid = solid_of(_at_speed(scene, speed_rpm), mesh)
     if scene.campbell.modes > solid.free:
         raise SceneError(

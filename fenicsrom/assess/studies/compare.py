@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,6 +31,7 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import log
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.candidates import extended_basis
 from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, solve_modes
@@ -367,13 +368,12 @@ def time_runs(
     return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
 
 
-def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
+def compare(scene: Scene, comm: Any) -> Comparison:
     """Compare every combination of a scene's [compare] table with the full model.
 
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stage and the full model.
-        say: called with one line of progress at a time.
 
     Raises:
         SceneError: the scene or a combination is impossible.
@@ -396,7 +396,7 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     seconds: dict[str, float] = {}
     with timed(seconds, "mesh"):
         mesh = build_mesh(scene.geometry, comm)
-    say("compiling and warming up ..")
+    log.info("compiling and warming up ..")
     cold: dict[str, float] = {}
     trial = solid_of(scene, mesh)
     with timed(cold, "compilation"):
@@ -405,8 +405,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
     solid.warnings += equilibrium_warnings(equilibrium_deformation(solid, scene))
-    full, full_run = full_motion(solid, scene, say) if scene.compare.full else (None, {})
-    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
+    full, full_run = full_motion(solid, scene) if scene.compare.full else (None, {})
+    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full)
     return Comparison(
         scene,
         outcomes,
@@ -430,7 +430,6 @@ def compare_bases(
     workshop: Workshop,
     scene: Scene,
     full: Motion | None,
-    say: Callable[[str], None],
     timing: bool = True,
 ) -> list[Outcome]:
     """Run every combination; after each, report its result and the remaining time."""
@@ -449,5 +448,5 @@ def compare_bases(
         result = outcome.failure or counted(len(outcome.labels), "coordinate")
         result += f", {1e3 * outcome.online_seconds:.3g} ms" if outcome.online else ""
         result += f", error {error:.2g} %" if error is not None else ""
-        say(f"{k + 1}/{len(wanted)} {combination.name}: {result}; about {left:.0f} s left")
+        log.info(f"{k + 1}/{len(wanted)} {combination.name}: {result}; about {left:.0f} s left")
     return outcomes

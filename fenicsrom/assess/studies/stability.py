@@ -41,7 +41,7 @@ from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.progress import time_left
+from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 from fenicsrom.scene.step_size import refined
 from fenicsrom.words import brief, counted
@@ -308,7 +308,6 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
 def stability(
     path: Path,
     changes: Sequence[str],
-    say: Callable[[str], None],
     axes: Sequence[str] = (),
     workers: int = WORKERS,
     variants: int = 0,
@@ -319,7 +318,6 @@ def stability(
     Args:
         path: the scene file.
         changes: overrides for every run.
-        say: called with one line of progress at a time.
         axes: names of the axes to run (`fenicsrom.assess.studies.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
         variants: number of random variants to run instead of the axes; 0 runs the axes.
@@ -358,8 +356,8 @@ def stability(
     if variants:
         wanted, left_out = random_cases(scene, scales, variants, seed), []
     for sentence in left_out:
-        say(sentence)
-    findings = run_all(wanted, table, scene.source, path.parent, say, workers)
+        log.info(sentence)
+    findings = run_all(wanted, table, scene.source, path.parent, workers)
     return Matrix(scene, findings, clock.perf_counter() - begin, left_out)
 
 
@@ -368,7 +366,6 @@ def run_all(
     table: Mapping[str, Any],
     source: str,
     folder: Path,
-    say: Callable[[str], None],
     workers: int = WORKERS,
 ) -> list[Finding]:
     """Examine cases in several processes; the findings are in the order of the cases.
@@ -378,7 +375,6 @@ def run_all(
         table: table of the scene that the cases change.
         source: name of the scene file, for messages.
         folder: folder of the scene file, to which the path of its mesh is relative.
-        say: called with one line for each case.
         workers: number of processes.
     """
     begin = clock.perf_counter()
@@ -389,7 +385,9 @@ def run_all(
         case, why = finding.case, f": {finding.why}" if finding.why else ""
         place = f"{len(found)}/{len(wanted)}"
         left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
-        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}")
+        log.info(
+            f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}"
+        )
     return [found[k] for k in range(len(wanted))]
 
 

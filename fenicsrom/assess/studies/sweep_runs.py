@@ -187,12 +187,13 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     equilibrium, of buckling, and of points that stick all the time.
     """
 
-    def asked(fraction: float, change: float) -> None:
+    def stop() -> bool:
         report(0.0, "")
+        return False
 
     scene, warnings = stored.scene, equilibrium_warnings(stored.deformation)
-    motion = simulate(stored.model, scene, progress=asked, keep_coordinates=True)
-    chosen = fitted(stored, motion, lambda line: asked(0.0, 0.0), lambda: False, warnings)
+    motion = simulate(stored.model, scene, stop=stop, keep_coordinates=True)
+    chosen = fitted(stored, motion, stop, warnings)
     if chosen is not None:
         stored, motion = chosen.stored, chosen.motion
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion), "coordinates": stored.size}

@@ -20,11 +20,9 @@ SWINGING_SCENE = Argument(
 
 def backbone(options: argparse.Namespace) -> int:
     """Compute a damped nonlinear mode of a scene or of a stored model."""
-    comm, say, given, scene = source(options)
+    comm, given, scene = source(options)
     with opened(options, scene, comm) as folder:
-        found = study.backbone(
-            given, comm, say, folder=folder, stop=is_terminated, fresh=options.fresh
-        )
+        found = study.backbone(given, comm, folder=folder, stop=is_terminated, fresh=options.fresh)
         return finish(found, comm, found.points)
 
 

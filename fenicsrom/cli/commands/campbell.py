@@ -17,9 +17,9 @@ TURNING_SCENE = Argument(
 
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
-    comm, say, scene = start(options, unloaded=True)
+    comm, scene = start(options, unloaded=True)
     with opened(options, scene, comm) as folder:
-        return finish(study.campbell(scene, comm, say, folder=folder), comm)
+        return finish(study.campbell(scene, comm, folder=folder), comm)
 
 
 COMMAND = Command(

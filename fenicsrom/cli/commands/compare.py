@@ -15,9 +15,9 @@ COMPARED_SCENE = Argument("scene", help="scene file (TOML); its [compare] table 
 
 def compare(options: argparse.Namespace) -> int:
     """Compare bases with the full model."""
-    comm, say, scene = start(options)
+    comm, scene = start(options)
     with opened(options, scene, comm) as folder:
-        return finish(study.compare(scene, comm, say, folder=folder), comm)
+        return finish(study.compare(scene, comm, folder=folder), comm)
 
 
 COMMAND = Command(

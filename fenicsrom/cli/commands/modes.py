@@ -14,11 +14,11 @@ from fenicsrom.cli.termination import is_terminated
 
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
-    comm, say, scene = start(options, unloaded=True)
+    comm, scene = start(options, unloaded=True)
     from fenicsrom.post.run import sentences
 
     with opened(options, scene, comm) as folder:
-        found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
+        found = study.run(scene, comm, folder=folder, modes_only=True, stop=is_terminated)
         if comm.rank == 0:
             print_results(scene, "", found.warnings, sentences.mode_lines(found), found.files)
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from fenicsrom import study
 from fenicsrom.cli.arguments import SCENE, SET, Argument, Command
 from fenicsrom.cli.output import require_lasting
-from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.printing import logged_progress, print_results
 from fenicsrom.cli.starting import given_keys
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import read_scene
@@ -54,7 +54,8 @@ def plan(options: argparse.Namespace) -> int:
                 key="--picture",
                 source=str(path),
             )
-        picture, warnings = study.setup_picture(scene, path.name, progress)
+        with logged_progress(quiet=False):
+            picture, warnings = study.setup_picture(scene, path.name)
         files = [one.path for one in draw_pictures([picture], path.parent, warnings)]
         print_results(None, "", warnings, files=files)
     return 0

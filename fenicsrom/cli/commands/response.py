@@ -28,12 +28,11 @@ def response(options: argparse.Namespace) -> int:
     """Compute the response curves of a scene or of a stored model."""
     from fenicsrom.assess.processes import available_cores
 
-    comm, say, given, scene = source(options)
+    comm, given, scene = source(options)
     with opened(options, scene, comm) as folder:
         found = study.response(
             given,
             comm,
-            say,
             folder=folder,
             resume=Path(options.resume) if options.resume else None,
             workers=available_cores(),

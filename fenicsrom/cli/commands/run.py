@@ -18,7 +18,7 @@ from fenicsrom.cli.arguments import (
 )
 from fenicsrom.cli.ending import end
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     if options.stored:
         return _rerun(options)
     require_scene(options)
-    comm, say, scene = start(options)
+    comm, scene = start(options)
     from fenicsrom.post.base.directions import direction_names
     from fenicsrom.post.run import motion_table, sentences
 
@@ -43,7 +43,6 @@ def run(options: argparse.Namespace) -> int:
         found = study.run(
             scene,
             comm,
-            say,
             folder=folder,
             resume=resume,
             stop=is_terminated,
@@ -76,11 +75,10 @@ def _rerun(options: argparse.Namespace) -> int:
             current,
             folder,
             resume=resume,
-            say=progress,
             stop=is_terminated,
             given=given_keys(options),
         )
-        sizes = {"reduced": stored.size}
+        sizes = {"reduced": found.stored.size}
         names = direction_names(current.scene, current.model.points)
         table = motion_table.response_table({"reduced": found.motion}, sizes, names, current.scene)
         lines = sentences.rerun_sentences(found)

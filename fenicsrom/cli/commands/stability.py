@@ -9,7 +9,6 @@ from fenicsrom import study
 from fenicsrom.cli.arguments import FORCE, OUTPUT, SCENE, SET, Argument, Command
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import progress
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import read_scene
 
@@ -63,7 +62,6 @@ def stability(options: argparse.Namespace) -> int:
         found = study.stability(
             Path(options.scene),
             options.overrides,
-            progress,
             axes=options.axis,
             variants=options.random,
             seed=options.seed,

@@ -19,12 +19,12 @@ LOADED_SCENE = Argument(
 
 def statics(options: argparse.Namespace) -> int:
     """Follow the static equilibria of a scene over a load factor."""
-    comm, say, scene = start(options)
+    comm, scene = start(options)
     from fenicsrom.assess.curves.equilibrium_path import varied_loads
 
     varied_loads(scene)  # before the output folder is opened
     with opened(options, scene, comm) as folder:
-        found = study.statics(scene, comm, say, folder=folder, stop=is_terminated)
+        found = study.statics(scene, comm, folder=folder, stop=is_terminated)
         return finish(found, comm, found.points)
 
 

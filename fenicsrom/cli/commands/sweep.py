@@ -19,7 +19,6 @@ from fenicsrom.cli.arguments import (
 )
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import is_ranked
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene
 from fenicsrom.cli.termination import is_terminated
@@ -82,7 +81,6 @@ def sweep(options: argparse.Namespace) -> int:
             return read_scene(options.scene, [*options.overrides, *overrides])
         return archive.changed_scene(model.scene, [*options.overrides, *overrides], model.file)
 
-    first = comm is None or comm.rank == 0
     with opened(options, scene, comm) as folder:
         found = study.run_sweep(
             scene,
@@ -91,7 +89,6 @@ def sweep(options: argparse.Namespace) -> int:
             folder,
             stored=Path(source) if source else None,
             comm=comm,
-            say=progress if first else lambda line: None,
             workers=workers,
             resume=options.resume,
             stop=is_terminated,

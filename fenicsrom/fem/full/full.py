@@ -16,6 +16,7 @@ from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, multiply, 
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.compliance import Compliance, given_compliance
 from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.loads import factors
@@ -23,14 +24,19 @@ from fenicsrom.online.model.pressure import GAUSS
 from fenicsrom.online.step.scheme import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
+from fenicsrom.scene import Scene
 
 
-def full_model(body: Structure, contacts: Contacts | None = None) -> Any:
-    """The full model of a structure, for the time integration; arguments as `FullModel`."""
+def full_model(body: Structure, scene: Scene | None = None) -> Any:
+    """The full model of a structure, for the time integration.
+
+    Args:
+        body: the structure.
+        scene: gives the contacts that the motion will meet, if they are known: see `FullModel`.
+    """
     if isinstance(body, BeamStructure):
         return body.full_model()
-
-    return FullModel(body, contacts)
+    return FullModel(body, None if scene is None else contacts_of(scene, body.points))
 
 
 Slope = list[tuple[float, Array, Array]]

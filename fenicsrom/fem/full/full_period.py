@@ -20,9 +20,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.fem.full.full import FullModel
 from fenicsrom.online.contact.state import OPEN
-from fenicsrom.online.contact.surfaces import PLANE, Contacts
+from fenicsrom.online.contact.surfaces import PLANE
 from fenicsrom.online.derivative.contact_sensitivity import (
     ComplexInterval,
     differentiate_law,
@@ -31,6 +30,7 @@ from fenicsrom.online.derivative.contact_sensitivity import (
 from fenicsrom.online.derivative.period_sensitivity import REST
 from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.derivative.step_sensitivity import end_coefficients
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.run.march_setup import initial_state
 from fenicsrom.online.step.loop import SMALLEST_STEP, write
 from fenicsrom.online.step.scheme import Scheme
@@ -80,26 +80,18 @@ class FullPeriodMap:
     The sliders are on every rank.
     """
 
-    def __init__(
-        self,
-        model: FullModel,
-        contacts: Contacts,
-        plan: Scheme,
-        period: float,
-        fractions: Array,
-    ):
+    def __init__(self, problem: Problem, plan: Scheme, fractions: Array):
         """Keep the problem.
 
         Args:
-            model: the model under its loads and damping.
-            contacts: parameters of the P contact points.
+            problem: of a `FullModel`.
             plan: the weights of the scheme.
-            period: period of the loads, s.
             fractions: (steps + 1,) instants on which the steps land, from 0 to the number of
                 periods of the loads.
         """
-        self.model, self.contacts, self.plan = model, contacts, plan
-        self.times = period * np.asarray(fractions, float)
+        model, contacts = problem.model, problem.contacts
+        self.problem, self.model, self.contacts, self.plan = problem, model, contacts, plan
+        self.times = problem.period * np.asarray(fractions, float)
         self.local = model.local
         self.blocks = 2 if plan.discrete_gradient else 3
         points, d = contacts.centre.shape
@@ -123,9 +115,7 @@ class FullPeriodMap:
         """
         n = self.local
         sliders = self._sliders(z)
-        state = initial_state(
-            self.model, self.contacts, self.plan, self._dimension, z[:n], z[n : 2 * n], sliders
-        )
+        state = initial_state(self.problem, self.plan, z[:n], z[n : 2 * n], sliders)
         if self.blocks == 3:
             state.a[:] = z[2 * n : 3 * n]
         if self._guess is not None:

@@ -286,7 +286,6 @@ class ArcLength:
         direction: float | None,
         *,
         curve: Curve | None = None,
-        step: float = FIRST_STEP,
         largest_step: float = LARGEST_STEP,
         points: int = 1000,
         locate: bool = True,
@@ -294,21 +293,17 @@ class ArcLength:
     ) -> Curve:
         """Follow the curve.
 
-        The next step is in `step` when `progress` is called. An interrupted run continues bit for
-        bit with the same `step`, `size` and `least`.
-
         Args:
             start: its first point, or the last one of an interrupted run.
             direction: sign of the change of the parameter at the start; None follows the tangent of
                 `start`.
             curve: receives the points, after those that it has; the last of these is `start`.
-            step: first step along the curve.
             largest_step: largest step.
             points: largest number of points.
             locate: whether to locate special points.
             progress: called with each point.
         """
-        here, self.step = start, step
+        here, self.step = start, FIRST_STEP
         if direction is not None and start.tangent[-1] * direction < 0.0:
             here = oriented(start, -start.sense)
         curve = Curve([here]) if curve is None else curve

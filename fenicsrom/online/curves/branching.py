@@ -21,7 +21,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import Curve, CurvePoint
-from fenicsrom.online.periodic.families import Problem, excitation_family
+from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.periodic.families import force_family
 from fenicsrom.online.periodic.shooting import Shooting
 
 SWITCH = (0.02, 0.05, 0.1)  # distances from the curve at which a branch is sought
@@ -94,7 +95,7 @@ def motions_through_load(
         The points at which the factor on the loads is 1, without the start; empty if no periodic
         load exists, or if the motion was not found.
     """
-    family = excitation_family(problem)
+    family = force_family(problem)
     if not np.any(family(1.0).drift.sines):
         return []
     found: list[CurvePoint] = []

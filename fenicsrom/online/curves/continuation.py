@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.arc import ArcLength, Place, Values
 from fenicsrom.online.curves.bifurcations import change_of_sign, special_points
 from fenicsrom.online.curves.contact_events import occurrences
@@ -21,8 +20,8 @@ from fenicsrom.online.curves.crest import half_range
 from fenicsrom.online.curves.curve import LOST, Curve, CurvePoint, norm
 from fenicsrom.online.curves.curve_measures import harmonics, states_over_period
 from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.periodic.families import Family, Problem
+from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, floquet
 from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK
 
@@ -46,10 +45,7 @@ class Continuation(ArcLength):
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
         """P(s, p) - s and its derivatives; None if a step failed."""
-        problem = self.family(parameter)
-        found = self.shooting.march(
-            s, problem.model, problem.contacts, problem.period, problem.drift, derive=derive
-        )
+        found = self.shooting.march(s, self.family(parameter), derive=derive)
         if found is None:
             return None
         residual, matrix, by_parameter, end = found
@@ -147,9 +143,6 @@ class Continuation(ArcLength):
 
 
 def follow(
-    model: ReducedModel,
-    contacts: Contacts,
-    settings: Any,
     family: Family,
     start: PeriodicMotion,
     value: float,
@@ -161,9 +154,6 @@ def follow(
     """Follow the periodic motions of a family from one motion.
 
     Args:
-        model: the model at the start.
-        contacts: parameters of the contact points at the start.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
         family: problems by the parameter.
         start: a periodic motion.
         value: its parameter.
@@ -173,7 +163,7 @@ def follow(
     """
     problem = family(value)
     m = round(start.period / problem.period)
-    shooting = Shooting(problem.model, problem.contacts, settings, problem.period, m)
+    shooting = Shooting(problem, m)
     s = shooting.scaled(start.z)
     path = Continuation(shooting, family, *bounds, size=norm(s))
     first = path.at_parameter(s, value)

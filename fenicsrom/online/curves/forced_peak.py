@@ -11,17 +11,15 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import END, LOST, Curve, CurvePoint
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import Family, force_family, frequency_family
 from fenicsrom.online.periodic.shooting import Shooting, hold_sliders
 
@@ -56,10 +54,7 @@ class _Fallen(Exception):
 
 
 def forced_peaks(
-    model: ReducedModel,
-    contacts: Contacts,
-    settings: Any,
-    period: float,
+    problem: Problem,
     rest: tuple[Array, Array],
     frequency: float,
     factors: Sequence[float],
@@ -69,10 +64,7 @@ def forced_peaks(
     """Find the peaks at ascending factors on the loads, each from the one before.
 
     Args:
-        model: the model.
-        contacts: parameters of the P contact points; surfaces are where their approach ends.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: period of the loads as they are given, s.
+        problem: of a reduced model; surfaces are where their approach ends.
         rest: coordinates (n,) and sliders (P, d) of the equilibrium.
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
@@ -84,16 +76,13 @@ def forced_peaks(
     """
 
     def at_force(factor: float) -> Family:
-        scaled = force_family(model, contacts, period)(factor).model
-        return frequency_family(scaled, contacts, period, displaced=displaced)
+        return frequency_family(force_family(problem)(factor), displaced=displaced)
 
     before = SMALL_FORCE * factors[0]
-    problem = at_force(before)(frequency)
-    shooting = Shooting(problem.model, contacts, settings, problem.period)
+    shooting = Shooting(at_force(before)(frequency))
     s = _small_motion(shooting, rest)
     for factor in factors:
-        here = at_force(1.0)(frequency)
-        by_force = force_family(here.model, contacts, here.period)
+        by_force = force_family(at_force(1.0)(frequency))
         s = _at_larger_force(shooting, by_force, s, before, factor)
         size, family = float(np.linalg.norm(s)), at_force(factor)
         path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)

@@ -19,7 +19,6 @@ the period map and its derivatives serve without change. A conservative system g
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +26,13 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.arc import Values
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.periodic.families import Problem
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.step.equilibrium import equilibrium
 
@@ -71,23 +69,22 @@ def without_dynamic_loads(model: ReducedModel) -> ReducedModel:
     return model._replace(load_histories=histories._replace(sines=sines, table=table))
 
 
-def linear_modes(model: ReducedModel, contacts: Contacts) -> list[LinearMode]:
+def linear_modes(problem: Problem) -> list[LinearMode]:
     """The linear modes about the equilibrium, the lowest frequency first.
 
     The mass-proportional damping leaves shapes and frequencies as they are.
 
     Args:
-        model: of n coordinates.
-        contacts: parameters of the P contact points; the normal stiffness of those that touch acts,
-            and with friction the tangential one.
+        problem: of a reduced model of n coordinates; the normal stiffness of the contact points
+            that touch acts, and with friction the tangential one.
 
     Raises:
         ConvergenceError: no equilibrium was found.
     """
-    n, d = model.size, contacts.centre.shape[1]
-    q, _ = equilibrium(model, contacts, d)
+    model, n, d = problem.model, problem.model.size, problem.dimension
+    q, _ = equilibrium(problem)
     x = model.contact_displacement(q).reshape(-1, d).copy()
-    stiffness = _tangent(model, q) + _contact_stiffness(model, contacts, x)
+    stiffness = _tangent(model, q) + _contact_stiffness(problem, x)
     mass = np.linalg.inv(model.mass)
     state = np.zeros((2 * n, 2 * n))
     state[:n, n:] = np.eye(n)
@@ -121,9 +118,9 @@ def _tangent(model: ReducedModel, q: Array) -> Array:
     return model.elastic_over_step(zero, q, zero, 0.0, one, one)[1].matrix.copy()
 
 
-def _contact_stiffness(model: ReducedModel, contacts: Contacts, x: Array) -> Array:
+def _contact_stiffness(problem: Problem, x: Array) -> Array:
     """Stiffness (n, n) of the contact points that touch at x (P, d) and stick."""
-    count, d = x.shape
+    model, contacts, (count, d) = problem.model, problem.contacts, x.shape
     state, scratch = zero_contact_state(count, d), contact_scratch(count, d)
     at_rest(contacts, x, x.copy(), 0.0, state, scratch)
     found = np.zeros((model.size, model.size))
@@ -144,29 +141,22 @@ class ModeContinuation(Continuation):
     The unknowns s (N + 2,) are sigma, tau and zeta.
     """
 
-    def __init__(
-        self,
-        model: ReducedModel,
-        contacts: Contacts,
-        settings: Any,
-        mode: LinearMode,
-        first: float,
-        last: float,
-    ):
+    def __init__(self, problem: Problem, mode: LinearMode, first: float, last: float):
         """Make the problem.
 
         Args:
-            model: the model.
-            contacts: parameters of the contact points; surfaces are where their approach ends.
-            settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+            problem: of a reduced model; surfaces are where their approach ends.
             mode: the linear mode in which the nonlinear one begins.
             first: smallest amplitude of the modal coordinate, sqrt(kg) m.
             last: largest.
         """
-        period = 2.0 * np.pi / mode.omega
-        still = without_dynamic_loads(model)
-        problem = Problem(still, contacts, period, no_drift(contacts, still.load_histories))
-        shooting = Shooting(still, contacts, settings, period)
+        model = without_dynamic_loads(problem.model)
+        problem = problem._replace(
+            model=model,
+            period=2.0 * np.pi / mode.omega,
+            drift=no_drift(problem.contacts, model.load_histories),
+        )
+        shooting = Shooting(problem)
         super().__init__(shooting, lambda _: problem, np.log(first), np.log(last), 1.0)
         self.mode, self.problem = mode, problem
         zero, pmap = np.zeros(model.size), shooting.map
@@ -220,9 +210,9 @@ class ModeContinuation(Continuation):
         """The equations (N + 2,) and their derivative; None if a step failed."""
         a, sigma, zeta, omega = float(np.exp(parameter)), s[:-2], s[-1], self._omega(s)
         start, drift = self._rest + a * sigma, self.problem.drift
-        model, contacts, period, _ = self.problem_at(s, parameter)
+        problem = self.problem_at(s, parameter)
         along_tau = drift._replace(period=1.0, damping=2.0 * zeta * omega)
-        found = self.shooting.march(start, model, contacts, period, along_tau, derive=derive)
+        found = self.shooting.march(start, problem._replace(drift=along_tau), derive=derive)
         if found is None:
             return None
         residual, matrix, by_tau, end = found
@@ -230,7 +220,7 @@ class ModeContinuation(Continuation):
         if not derive:
             return Values(whole, matrix, end)
         along_zeta = drift._replace(damping=-2.0 * omega)
-        again = self.shooting.march(start, model, contacts, period, along_zeta)
+        again = self.shooting.march(start, problem._replace(drift=along_zeta))
         if again is None:
             return None
         n = sigma.size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,39 +15,39 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.words import brief
 
-HISTORY_ARRAYS: Mapping[str, str] = {
-    **{key: key for key in ("time", "displacement", "force", "gap", "state")},
-    **{key: key for key in ("kinetic", "elastic", "contact_energy", "work")},
-    "damped": "damping_dissipation",
-    "rubbed": "friction_dissipation",
-}
-"""The arrays of one model in `history.npz`, and the attribute of a `Motion` that each holds."""
-
 JUMP = "newton_from"
 """The number in `history.npz` that tells when the periodic motion replaced the marched one, s."""
+
+KEYS = {"damping_dissipation": "damped", "friction_dissipation": "rubbed"}
+"""The keys in `history.npz` that differ from the names of the attributes."""
 
 
 @brief()
 @dataclass(frozen=True, eq=False, repr=False)
 class History:
-    """The part of a `Motion` that `history.npz` stores: ns steps, P contact points, d dimensions.
+    """The histories of a motion: ns steps, the start included; P contact points, d dimensions.
 
     Attributes:
         time: (ns,) s.
         displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
-            (ns, 1, d) displacement of the probe in global axes without contact, m.
-        force: (ns, P, d) contact force [normal, tangents], N.
+            (ns, 1, d) of the probe in global axes where there is no contact, m.
+        force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
+            current position and the tangents there (the frame of the point turned the shortest
+            way), N.
         gap: (ns, P) distance from the surface, negative inside it, m.
         state: (ns, P) -1 open, 0 slip, 1 stick.
         kinetic: (ns,) kinetic energy, J.
-        elastic: (ns,) elastic energy, zero at the equilibrium, J.
+        elastic: (ns,) elastic energy from the equilibrium, J.
         contact_energy: (ns,) energy of the contact springs, J.
-        work: (ns,) work of the loads and of moving surfaces since the start, J.
-        damping_dissipation: (ns,) energy dissipated by damping since the start, J.
+        work: (ns,) work of the loads, and of surfaces that move, since the start, J.
+        damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
+            short for the step, J.
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
-        period: period of the motion, s, as given to `read_history`; None for the whole run.
-        newton_from: the time at which Newton's method replaced the marched motion by the periodic
-            one, s; the state jumps there. None where it did not.
+        period: period of the motion, s: that of the loads, or several of these if Newton's method
+            found a subharmonic motion; None without harmonic load, or if `read_history` got none.
+        newton_from: the time at which the periodic motion of Newton's method replaced the marched
+            one, s, or None. The record at this time is that of the periodic motion. The sums (work
+            and dissipated energies) go on; the state, and with it the stored energy, jumps.
     """
 
     time: Array
@@ -67,6 +67,14 @@ class History:
     def last_period(self) -> slice:
         """The steps of the last period, both ends included; without a period all steps."""
         return last_period(self.time, self.period)
+
+
+HISTORY_ARRAYS: Mapping[str, str] = {
+    KEYS.get(field.name, field.name): field.name
+    for field in fields(History)
+    if field.name not in ("period", JUMP)
+}
+"""The arrays of one model in `history.npz`, and the attribute of a `History` that each holds."""
 
 
 def last_period(time: Array, period: float | None) -> slice:

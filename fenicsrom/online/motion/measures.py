@@ -158,7 +158,7 @@ def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
     return float(motion.force[part, :, 0].max(initial=0.0))
 
 
-def amplitudes(motion: Motion | History) -> dict[str, Any]:
+def amplitudes(motion: History) -> dict[str, Any]:
     """Half of peak-to-peak over the last period, at the first contact point.
 
     Args:
@@ -178,7 +178,7 @@ def amplitudes(motion: Motion | History) -> dict[str, Any]:
         >>> round(1e3 * fr.amplitudes(motion)["tangential"][0], 2)  # mm
         123.52
     """
-    if not isinstance(motion, Motion | History):
+    if not isinstance(motion, History):
         raise TypeError(
             f"amplitudes: {type(motion).__name__}: must be a Motion, such as "
             "StoredModel.simulate returns, or a History of read_history"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.motion.history import last_period
-from fenicsrom.online.step.state import Checkpoint, PeriodicSearch
+from fenicsrom.online.motion.history import History
+from fenicsrom.online.step.state import Checkpoint, PeriodicSearch, Record
 from fenicsrom.words import brief
 
 
@@ -37,30 +37,13 @@ class Interrupted(KeyboardInterrupt):
     "newton_iterations",
     "search",
 )
-@dataclass(frozen=True, eq=False, repr=False)
-class Motion:
-    """A motion in time: ns accepted steps, the start included; P contact points in d dimensions.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Motion(History):
+    """A motion in time with its record: ns steps, the start included; P contact points.
 
     Attributes:
-        time: (ns,) s.
-        period: period of the motion, s: that of the loads, or several of these if Newton's method
-            found a subharmonic motion; None without harmonic load.
-        displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
-            (ns, 1, d) of the probe in global axes where there is no contact, m.
-        force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
-            current position and the tangents there (the frame of the point turned the shortest
-            way), N.
         mean_force: (ns, P, d) mean contact force over the step that ended there, in the frames of
             the points, N.
-        gap: (ns, P) distance from the surface, negative inside it, m.
-        state: (ns, P) -1 open, 0 slip, 1 stick.
-        kinetic: (ns,) kinetic energy, J.
-        elastic: (ns,) elastic energy from the equilibrium, J.
-        contact_energy: (ns,) energy of the contact springs, J.
-        work: (ns,) work of the loads, and of surfaces that move, since the start, J.
-        damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
-        short for the step, J.
-        friction_dissipation: (ns,) energy dissipated by friction since the start, J.
         point_friction_dissipation: (ns, P) energy dissipated by friction at each contact point, J.
         steady: whether the motion was found to repeat.
         periods: number of periods of the loads that were run.
@@ -79,26 +62,14 @@ class Motion:
         search: what Newton's method found of the periodic motion; None if it was not tried.
     """
 
-    time: Array
-    period: float | None
-    displacement: Array
-    force: Array
     mean_force: Array
-    gap: Array
-    state: NDArray[np.int8]
-    kinetic: Array
-    elastic: Array
-    contact_energy: Array
-    work: Array
-    damping_dissipation: Array
-    friction_dissipation: Array
     point_friction_dissipation: Array
     steady: bool
     periods: int
     steps: int
-    rejected: int
-    newton_iterations: int
-    seconds: float
+    rejected: int = 0
+    newton_iterations: int = 0
+    seconds: float = 0.0
     coordinates: Array | None = None
     velocity: Array | None = None
     acceleration: Array | None = None
@@ -107,14 +78,38 @@ class Motion:
     buckled: int = 0
     search: PeriodicSearch | None = None
 
-    @property
-    def newton_from(self) -> float | None:
-        """The time at which the periodic motion replaced the marched one, s, or None.
+    @classmethod
+    def of_rows(cls, rows: Record, coordinates: Array, **numbers: Any) -> Motion:
+        """The motion of the rows of a time integration.
 
-        The record at this time is that of the periodic motion. The sums (work and dissipated
-        energies) go on; the state, and with it the stored energy, jumps.
+        Args:
+            rows: all rows.
+            coordinates: (k, 3 n) q, v and a of the last rows; empty if they were not kept.
+            numbers: the other attributes.
         """
-        return self.search.time if self.search is not None else None
+        work, damped, rubbed, kinetic, elastic, contact_energy = rows.energies.T
+        if coordinates.size:
+            q, v, a = np.split(coordinates, 3, axis=1)
+            numbers |= {"coordinates": q, "velocity": v, "acceleration": a}
+            numbers["coordinate_time"] = rows.time[-len(q) :]
+        return cls(
+            time=rows.time,
+            displacement=rows.displacement
+            if rows.displacement.shape[1]
+            else rows.probe[:, None, :],
+            force=rows.force,
+            mean_force=rows.mean_force,
+            gap=rows.gap,
+            state=rows.state,
+            kinetic=kinetic,
+            elastic=elastic,
+            contact_energy=contact_energy,
+            work=work,
+            damping_dissipation=damped,
+            friction_dissipation=rubbed,
+            point_friction_dissipation=rows.friction_dissipation,
+            **numbers,
+        )
 
     @property
     def load_period(self) -> float | None:
@@ -153,7 +148,3 @@ class Motion:
         """Largest imbalance relative to the largest kinetic plus elastic energy of the run."""
         scale = np.max(self.kinetic + np.abs(self.elastic))
         return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
-
-    def last_period(self) -> slice:
-        """The steps of the last period, both ends included; all steps without a period."""
-        return last_period(self.time, self.period)

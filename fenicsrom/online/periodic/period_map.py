@@ -16,11 +16,11 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.surfaces import PLANE, Contacts
+from fenicsrom.online.contact.surfaces import PLANE
 from fenicsrom.online.derivative.period_sensitivity import REST, carry_derivatives
-from fenicsrom.online.derivative.sensitivity import Drift, no_drift, no_sensitivity
+from fenicsrom.online.derivative.sensitivity import no_drift, no_sensitivity
 from fenicsrom.online.kernels.complex_step import STEP as COMPLEX_STEP
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.step.loop import DONE, compiled_march
 from fenicsrom.online.step.scheme import Control, Scheme
 from fenicsrom.online.step.state import LAST_STEP, STEP, Record, State, no_record, no_state
@@ -57,21 +57,18 @@ class PeriodMap:
 
     def __init__(
         self,
-        model: ReducedModel,
-        contacts: Contacts,
+        problem: Problem,
         plan: Scheme,
-        dimension: int,
         fractions: Array,
     ):
         """Make the arrays.
 
         Args:
-            model: gives the sizes; values may change from call to call.
-            contacts: parameters of the P contact points, whose values may change from call to call.
+            problem: gives the sizes; its values may change from call to call.
             plan: the weights of the scheme.
-            dimension: d, dimension of space.
             fractions: (N + 1,) instants on which the steps land, from 0 to the number of periods.
         """
+        model, contacts, dimension = problem.model, problem.contacts, problem.dimension
         self.plan, self.fractions, self.dimension = plan, np.asarray(fractions, float), dimension
         n, points = model.size, contacts.preload.size
         self.n, self.points = n, points
@@ -114,12 +111,9 @@ class PeriodMap:
 
     def __call__(
         self,
-        model: ReducedModel,
-        contacts: Contacts,
-        period: float,
+        problem: Problem,
         z: Array,
         *,
-        drift: Drift | None = None,
         derive: bool = True,
         guess: Array | None = None,
         last_step: float = 0.0,
@@ -127,11 +121,8 @@ class PeriodMap:
         """March over the period from z.
 
         Args:
-            model: the model.
-            contacts: parameters of the contact points.
-            period: s.
+            problem: the problem, with the derivatives of its data by the parameter, if any.
             z: (N,) variables at the start.
-            drift: derivatives of the data by the parameter; none if not given.
             derive: whether to find the derivatives.
             guess: (2, n) mean velocity of the step before the start and its growth; zero if not
                 given.
@@ -141,13 +132,14 @@ class PeriodMap:
             The status (DONE, or why the march stopped) and the end.
         """
         s, sliders = self._sensitivity, self.sliders(z)
-        drift = no_drift(contacts, model.load_histories) if drift is None else drift
+        model, contacts = problem.model, problem.contacts
         plan = self.plan._replace(damping=float(model.damping))
-        self._begin(model, contacts, z, sliders, guess, last_step)
+        self._begin(problem, z, sliders, guess, last_step)
         if derive:
             self._begin_derivatives()
-        status, count = self._march(model, contacts, plan, period)
+        status, count = self._march(problem, plan)
         if derive and status == DONE:
+            drift = problem.drift or no_drift(contacts, model.load_histories)
             s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
             model.work.key[:] = np.nan
             if not carry_derivatives(
@@ -168,15 +160,14 @@ class PeriodMap:
 
     def _begin(
         self,
-        model: ReducedModel,
-        contacts: Contacts,
+        problem: Problem,
         z: Array,
         sliders: Array,
         guess: Array | None,
         last_step: float,
     ) -> None:
         """Set the state; arguments as the call."""
-        state = self._state
+        state, model, contacts = self._state, problem.model, problem.contacts
         # a new factor is due where a linear model or its step has changed
         model.work.key[:] = np.nan
         state.scalars[:] = 0.0
@@ -196,19 +187,17 @@ class PeriodMap:
         s.x0[:], s.w0[:] = state.contact.x, state.contact.slider
         s.normal_force[:] = np.maximum(state.contact.trial_normal_force, 0.0)
 
-    def _march(
-        self, model: ReducedModel, contacts: Contacts, plan: Scheme, period: float
-    ) -> tuple[int, int]:
+    def _march(self, problem: Problem, plan: Scheme) -> tuple[int, int]:
         """March over the period; returns the status and the number of steps."""
         status, count, rest = DONE, 0, self._record
         for first, last in self._grids:
-            begin, end = (float(period * self.fractions[k]) for k in (first, last))
+            begin, end = (float(problem.period * self.fractions[k]) for k in (first, last))
             control = Control((end - begin) / float(last - first), 0.0, 0.0)
             self._state.scalars[STEP] = control.grid
             if count:
                 rest = Record._make(array[count:] for array in self._record)
             status, rows = compiled_march(
-                model, contacts, plan, control, self._state, begin, end, rest
+                problem.model, problem.contacts, plan, control, self._state, begin, end, rest
             )
             count += rows
             if status != DONE:

@@ -23,9 +23,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.state import STICK
-from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.derivative.sensitivity import Drift
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
@@ -91,15 +89,6 @@ class PeriodicMotion:
         return np.asarray(np.ptp(self.displacement, axis=0) / 2.0)
 
 
-def settled_contacts(contacts: Contacts) -> Contacts:
-    """The contacts after their surfaces have approached the body."""
-    if contacts.times.size == 0:
-        return contacts
-    return contacts._replace(
-        times=contacts.times[-1:].copy(), approach=np.ascontiguousarray(contacts.approach[:, -1:])
-    )
-
-
 class Shooting:
     """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
 
@@ -119,28 +108,24 @@ class Shooting:
 
     def __init__(
         self,
-        model: ReducedModel,
-        contacts: Contacts,
-        settings: Any,
-        period: float,
+        problem: Problem,
         m: int = 1,
         fractions: Array | None = None,
     ):
         """Make the map and the scales.
 
         Args:
-            model: the model.
-            contacts: parameters of the contact points.
-            settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-            period: period of the loads, s.
+            problem: of a reduced model; scheme, spectral radius and steps per period are those of
+                its `time`.
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
+        model, settings, period = problem.model, problem.time, problem.period
         steps = settings.steps_per_period or FALLBACK_STEPS
         grid = np.arange(m * steps + 1) / steps if fractions is None else fractions
         plan = scheme(settings.scheme, model, settings.spectral_radius or 0.8)
-        self.m, self.model, self.contacts, self.period = m, model, contacts, period
-        self.map = PeriodMap(model, contacts, plan, contacts.centre.shape[1], grid)
+        self.m, self.problem = m, problem
+        self.map = PeriodMap(problem, plan, grid)
         n, omega = model.size, 2.0 * np.pi / period
         self.omega = omega
         root = np.linalg.cholesky(model.mass).T
@@ -179,14 +164,16 @@ class Shooting:
     def march(
         self,
         s: Array,
-        model: ReducedModel | None = None,
-        contacts: Contacts | None = None,
-        period: float | None = None,
-        drift: Drift | None = None,
+        problem: Problem | None = None,
         *,
         derive: bool = True,
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
         """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed.
+
+        Args:
+            s: (N,) scaled variables at the start.
+            problem: a problem of the same sizes; by default that of the equation.
+            derive: whether to find the derivatives.
 
         Raises:
             Stopped: `stop` returned True.
@@ -195,11 +182,8 @@ class Shooting:
             raise Stopped
         guess, last_step = self.guess
         status, end = self.map(
-            self.model if model is None else model,
-            self.contacts if contacts is None else contacts,
-            self.period if period is None else period,
+            self.problem if problem is None else problem,
             self.unscaled(s),
-            drift=drift,
             derive=derive,
             guess=guess,
             last_step=last_step,
@@ -283,10 +267,7 @@ def stuck_points(record: Record) -> tuple[int, ...]:
 
 
 def periodic_motion(
-    model: ReducedModel,
-    contacts: Contacts,
-    settings: Any,
-    period: float,
+    problem: Problem,
     start: Any,
     m: int = 1,
     *,
@@ -296,10 +277,7 @@ def periodic_motion(
     """Find a periodic motion near a start by Newton's method.
 
     Args:
-        model: the model.
-        contacts: parameters of the P contact points; surfaces are where their approach ends.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: period of the loads, s.
+        problem: of a reduced model; surfaces are where their approach ends.
         start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
             (q (n,), v (n,), sliders (P, d)) or variables z (N,).
         m: number of periods of the loads in one of the motion.
@@ -310,7 +288,7 @@ def periodic_motion(
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
     """
-    shooting = Shooting(model, settled_contacts(contacts), settings, period, m, fractions)
+    shooting = Shooting(problem.settled(), m, fractions)
     return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
 
 
@@ -390,7 +368,7 @@ def _motion(
     multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
     return PeriodicMotion(
         shooting.unscaled(s),
-        shooting.m * shooting.period,
+        shooting.m * shooting.problem.period,
         tuple(residuals),
         multipliers,
         verdict,

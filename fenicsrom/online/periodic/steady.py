@@ -27,12 +27,11 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
     judged,
-    settled_contacts,
     solve,
     start_variables,
 )
@@ -85,10 +84,7 @@ def is_due(periods: int) -> bool:
 
 
 def attempt(
-    model: Any,
-    contacts: Contacts,
-    settings: Any,
-    period: float,
+    problem: Problem,
     start: Any,
     marched: int,
     before: PeriodicSearch | None = None,
@@ -98,10 +94,7 @@ def attempt(
     """Try Newton's method from a marched state.
 
     Args:
-        model: the model.
-        contacts: parameters of the contact points, whose surfaces no longer approach.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: period of the loads, s.
+        problem: of a reduced model; its surfaces no longer approach.
         start: the marched `Checkpoint` at the start of a period.
         marched: periods marched so far.
         before: the record of the attempts before.
@@ -111,20 +104,20 @@ def attempt(
     Raises:
         Stopped: `stop` returned True.
     """
-    problem = _Problem(model, settled_contacts(contacts), settings, period, start, fractions, stop)
+    search = _Search(problem.settled(), start, fractions, stop)
     iterations = before.iterations if before is not None else 0
     best: Attempt | None = None
     multiples = [1]
     while multiples:
         m = multiples.pop(0)
-        found = problem.attempt(m, marched, iterations)
+        found = search.attempt(m, marched, iterations)
         iterations = found.search.iterations
         if best is None or found.search.accepted:
             best = found
         if found.search.accepted:
             break
         if m == 1:
-            multiples = problem.recurrences()
+            multiples = search.recurrences()
         if found.search.verdict == "period doubling" and 2 * m <= LARGEST_MULTIPLE:
             multiples = [2 * m, *(k for k in multiples if k != 2 * m)]
     assert best is not None
@@ -132,13 +125,10 @@ def attempt(
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _Search:
     """The attempts from one marched state; attributes as the arguments of `attempt`."""
 
-    model: Any
-    contacts: Contacts
-    settings: Any
-    period: float
+    problem: Problem
     start: Any
     fractions: Array | None
     stop: Callable[[], bool] | None = None
@@ -148,7 +138,7 @@ class _Problem:
         grid = self.fractions
         if grid is not None:
             grid = np.append(0.0, (np.arange(m)[:, None] + grid[1:]).ravel())
-        found = Shooting(self.model, self.contacts, self.settings, self.period, m, grid)
+        found = Shooting(self.problem, m, grid)
         found.stop = self.stop
         return found, found.scaled(start_variables(found, self.start))
 

@@ -31,14 +31,13 @@ The loop over the steps is in `fenicsrom.online.step.loop`, and the state before
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.periodic.shooting import Stopped
@@ -74,12 +73,8 @@ from fenicsrom.progress import tell, working_time
 
 
 def integrate(
-    model: Any,
-    contacts: Contacts,
-    settings: Any,
-    period: float | None,
+    problem: Problem,
     *,
-    dimension: int,
     start: tuple[Array, ...] | None = None,
     resume: Checkpoint | None = None,
     keep_coordinates: bool = False,
@@ -90,18 +85,12 @@ def integrate(
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
 
-    With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
-    code (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given
+    With `problem.time.steady` "newton", Newton's method ends the run of a compiled `ReducedModel`
+    (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given
     `start`.
 
     Args:
-        model: a `ReducedModel` or any `Model`.
-        contacts: parameters of the P contact points, in the order of the model's contact
-            displacements.
-        settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
-            tolerance and way to the steady state, or duration.
-        period: period of the loads, s; None runs for `settings.duration`.
-        dimension: d, dimension of space.
+        problem: the problem.
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
             points; by default the run starts at rest in the equilibrium under static loads and
             preload (`fenicsrom.online.step.equilibrium`).
@@ -127,11 +116,10 @@ def integrate(
             motion.
         Interrupted: `stop` returned True; `partial` holds the motion so far.
     """
+    model, contacts, settings, period, _ = problem
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
-    run = set_up_run(
-        model, contacts, settings, period, dimension, plan, advance, start, resume, keep_coordinates
-    )
+    run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     spans = settings.periods if period is not None else 1
@@ -143,15 +131,15 @@ def integrate(
         for span in range(run.done + 1, spans + 1):
             at_start = start is not None and span == 1
             if by_newton and not run.found and (is_due(span - 1) or at_start):
-                _try_newton(run, settings, span - 1, stop)
+                _try_newton(run, span - 1, stop)
             q0, done = run.state.q.copy(), span
             status, stopped = _run_span(run, span, spans, checkpoint, stop)
             if status == FAILED or period is None:
                 break
-            change = _change(run, settings.steady_tolerance, period, q0)
+            change = _change(run, q0)
             steady = change <= settings.steady_tolerance and not run.approaching(period)
             if steady and by_newton and not run.found:
-                steady = _confirm(run, settings, span, stop, last=span == spans)
+                steady = _confirm(run, span, stop, last=span == spans)
             if progress is not None:
                 progress(span / spans, change)
             if checkpoint is not None:
@@ -163,29 +151,29 @@ def integrate(
         steady, stopped = False, True
     run.seconds = working_time() - begin
     motion = _motion(run, steady, done)
-    _require_convergence(run, status, motion, settings.scheme)
+    _require_convergence(run, status, motion)
     if stopped:
         raise Interrupted(motion)
     check_scheme(motion, settings.scheme)
     return motion
 
 
-def _change(run: MarchRun, tolerance: float, period: float, q0: Array) -> float:
+def _change(run: MarchRun, q0: Array) -> float:
     """The relative change of the motion since the period before.
 
     Args:
         run: the run.
-        tolerance: below which the motion counts as steady.
-        period: period of the loads, s.
         q0: (n,) coordinates a period ago.
     """
     before = run.history[-2] if run.reference is None else run.reference
-    found = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+    found = change_of(
+        [*run.history[:-2], before, run.history[-1]], run.problem.period, run.multiple
+    )
     run.reference = None
-    if found <= tolerance and run.multiple == 1:
+    if found <= run.problem.time.steady_tolerance and run.multiple == 1:
         # the contact points repeat; check the whole state too
         size = max(run.state.scalars[SIZE], 1e-300)
-        found = max(found, mass_norm(run.model, run.state.q - q0) / size)
+        found = max(found, mass_norm(run.problem.model, run.state.q - q0) / size)
     return found
 
 
@@ -201,6 +189,7 @@ def _run_span(
     Returns:
         The status of the last call of `advance`, and whether `stop` ended a run that has no period.
     """
+    model, contacts = run.problem.model, run.problem.contacts
     pieces: list[Record] = []
     counts: list[int] = []
     status, stopped = DONE, False
@@ -210,12 +199,12 @@ def _run_span(
         status = FULL
         while status == FULL and not stopped:
             status, count = run.advance(
-                run.model, run.contacts, run.plan, run.control, run.state, origin, end, run.record
+                model, contacts, run.plan, run.control, run.state, origin, end, run.record
             )
             pieces.append(copied_rows(run.record, count))
             counts.append(count)
             tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
-            if run.period is None and count:
+            if run.problem.period is None and count:
                 if checkpoint is not None:
                     checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
                 is_over = status == FAILED or (status == DONE and end == stops[-1])
@@ -229,7 +218,7 @@ def _run_span(
     return status, stopped
 
 
-def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name: str) -> None:
+def _require_convergence(run: MarchRun, status: int, motion: Motion) -> None:
     """Raise ConvergenceError if the smallest step did not converge."""
     if status != FAILED and np.all(np.isfinite(motion.kinetic)):
         return
@@ -240,12 +229,12 @@ def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name
     raise ConvergenceError(
         f"time integration stopped at t = {run.state.scalars[TIME]:.6g} s: no convergence with the "
         f"smallest step {SMALLEST_STEP * run.control.grid:.3g} s "
-        f"({', '.join(states) or 'no contact'}; scheme {scheme_name})",
+        f"({', '.join(states) or 'no contact'}; scheme {run.problem.time.scheme})",
         motion,
     )
 
 
-def _try_newton(run: MarchRun, settings: Any, done: int, stop: Callable[[], bool] | None) -> None:
+def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> None:
     """Try Newton's method after so many periods; an accepted motion replaces the marched one.
 
     The last row of the record becomes that of the periodic motion.
@@ -253,31 +242,27 @@ def _try_newton(run: MarchRun, settings: Any, done: int, stop: Callable[[], bool
     Raises:
         Stopped: `stop` returned True; nothing has changed.
     """
-    assert run.period is not None
     if run.approaching():
         return
     if run.search is not None and run.search.marched == done:
         return  # tried already
-    fractions = fractions_of(run.history[-1], run.period) if settings.tolerance else None
-    before = run.checkpoint(done)
-    found = attempt(
-        run.model, run.contacts, settings, run.period, before, done, run.search, fractions, stop
-    )
+    problem, fractions = run.problem, None
+    if problem.time.tolerance:
+        fractions = fractions_of(run.history[-1], problem.period)
+    found = attempt(problem, run.checkpoint(done), done, run.search, fractions, stop)
     run.search = found.search
     if found.state is None:
         return
     run.search = found.search._replace(time=float(run.state.scalars[TIME]))
     run.state = continued(found.state, run.state)
-    write(run.model, run.contacts, run.state, run.record, 0)
+    write(problem.model, problem.contacts, run.state, run.record, 0)
     last = run.history[-1]
     run.history[-1] = joined_rows([last, run.record], [last.time.size - 1, 1])
     if done == 0 and found.record is not None and found.search.periods == 1:
-        run.reference = found.record._replace(time=found.record.time - run.period)
+        run.reference = found.record._replace(time=found.record.time - problem.period)
 
 
-def _confirm(
-    run: MarchRun, settings: Any, span: int, stop: Callable[[], bool] | None, *, last: bool
-) -> bool:
+def _confirm(run: MarchRun, span: int, stop: Callable[[], bool] | None, *, last: bool) -> bool:
     """Whether a march that repeats is steady.
 
     A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
@@ -288,7 +273,7 @@ def _confirm(
     if run.search is not None and run.search.verdict != "not found" and not last:
         return False
     kept = run.state, run.history[-1]
-    _try_newton(run, settings, span, stop)
+    _try_newton(run, span, stop)
     if run.found and last:
         assert run.search is not None
         (run.state, run.history[-1]), run.search = kept, run.search._replace(time=None)
@@ -298,42 +283,23 @@ def _confirm(
 
 def _motion(run: MarchRun, steady: bool, span: int) -> Motion:
     """The motion of a run that ended after a span."""
-    history, s = run.history, run.state.scalars
-    kept: list[Any] = [None] * 3
-    if history[-1].coordinates.size:
-        kept = np.split(last_coordinates(history), 3, axis=1)
+    history, s, period = run.history, run.state.scalars, run.problem.period
+    kept = last_coordinates(history) if history[-1].coordinates.size else np.zeros((0, 0))
     whole = joined_rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )
-    work, damping_dissipation, friction_dissipation, kinetic, elastic, contact_energy = (
-        whole.energies.T
-    )
     end = run.checkpoint(span)
-    return Motion(
-        time=whole.time,
-        period=None if run.period is None else run.period * run.multiple,
-        displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
-        force=whole.force,
-        mean_force=whole.mean_force,
-        gap=whole.gap,
-        state=whole.state,
-        kinetic=kinetic,
-        elastic=elastic,
-        contact_energy=contact_energy,
-        work=work,
-        damping_dissipation=damping_dissipation,
-        friction_dissipation=friction_dissipation,
-        point_friction_dissipation=whole.friction_dissipation,
+    return Motion.of_rows(
+        whole,
+        kept,
+        period=None if period is None else period * run.multiple,
+        newton_from=None if run.search is None else run.search.time,
         steady=steady,
-        periods=end.spans if run.period is not None else 0,
+        periods=end.spans if period is not None else 0,
         steps=int(s[STEPS]),
         rejected=int(s[REJECTED]),
         newton_iterations=int(s[ITERATIONS]),
         seconds=run.seconds,
-        coordinates=kept[0],
-        velocity=kept[1],
-        acceleration=kept[2],
-        coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
         end=end,
         buckled=end.buckled,
         search=run.search,

@@ -11,8 +11,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.loads import largest
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.steady import periods_of
 from fenicsrom.online.run.march_records import joined_rows
 from fenicsrom.online.step.equilibrium import equilibrium
@@ -31,30 +31,24 @@ from fenicsrom.online.step.state import (
 )
 from fenicsrom.online.step.step import measure
 from fenicsrom.online.step.step_limits import landings, longest_step
+from fenicsrom.progress import listening
 
 ROWS = 4096  # of a record
 
 
 def initial_state(
-    model: Any,
-    contacts: Contacts,
-    scheme: Scheme,
-    dimension: int,
-    q: Array,
-    v: Array,
-    sliders: Array | None = None,
+    problem: Problem, scheme: Scheme, q: Array, v: Array, sliders: Array | None = None
 ) -> State:
     """The state at t = 0, with the acceleration that balances the forces.
 
     Args:
-        model: the model.
-        contacts: parameters of the contact points.
+        problem: the problem.
         scheme: the weights of the scheme.
-        dimension: d, dimension of space.
         q: (n,) displacement.
         v: (n,) velocity.
         sliders: (P, d) positions of the sliders; those of the points if None.
     """
+    model, contacts, dimension = problem.model, problem.contacts, problem.dimension
     x = model.contact_displacement(q).reshape(-1, dimension).copy()
     state = no_state(q.size, x.shape[0], dimension)
     sliders = x.copy() if sliders is None else sliders
@@ -74,16 +68,17 @@ def initial_state(
     return state
 
 
-def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> float:
+def static_size(problem: Problem, q: Array) -> float:
     """A scale for errors: size in the mass norm of the linear response to the largest loads.
 
     The loads include the preload of the contacts.
     """
+    model, contacts = problem.model, problem.contacts
     _, tangent = model.elastic_over_step(
         np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
     )
     force = np.abs(model.loads) @ largest(model.load_histories)
-    preload = np.zeros((contacts.preload.size, dimension))
+    preload = np.zeros((contacts.preload.size, problem.dimension))
     y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
     preload[:, 0] = contacts.preload
     return mass_norm(model, np.abs(y) + np.abs(unit) @ preload.reshape(-1))
@@ -99,11 +94,9 @@ class MarchRun:
     """A time integration under way.
 
     Attributes:
-        model: the model.
-        contacts: parameters of the contact points.
+        problem: the problem.
         plan: the weights of the scheme.
         advance: `march`, plain or compiled.
-        period: period of the loads, s; None without a period.
         horizon: length of a span: the period, or the whole duration, s.
         control: how the step is chosen.
         state: the last accepted state.
@@ -116,11 +109,9 @@ class MarchRun:
         reference: rows of the period before the start, of a run that starts in a periodic motion.
     """
 
-    model: Any
-    contacts: Contacts
+    problem: Problem
     plan: Scheme
     advance: Callable[..., tuple[int, int]]
-    period: float | None
     horizon: float
     control: Control
     state: State
@@ -139,7 +130,7 @@ class MarchRun:
 
     def approaching(self, before: float = 0.0) -> bool:
         """Whether a rigid surface still approached so many seconds ago."""
-        times, slack = self.contacts.times, 1e-9 * self.horizon
+        times, slack = self.problem.contacts.times, 1e-9 * self.horizon
         return times.size > 1 and self.state.scalars[TIME] - before < times[-1] - slack
 
     @property
@@ -152,26 +143,21 @@ class MarchRun:
         begin, end = (span - 1) * self.horizon, span * self.horizon
         if not self.control.tolerance:
             return np.array([end])
-        return landings(self.model.load_histories, self.contacts, begin, end)
+        return landings(self.problem.model.load_histories, self.problem.contacts, begin, end)
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
         """The checkpoint of the run after a span."""
         if last is None:
             last = self.history[-1]
-            if self.multiple > 1 and self.period is not None:
-                last = periods_of(self.history, self.period, self.multiple)
+            if self.multiple > 1:
+                last = periods_of(self.history, self.problem.period, self.multiple)
         return Checkpoint(
             self.state, last, float(self.control.size), span, self.buckled, self.search
         )
 
 
-# Longer than 60 lines because of its many arguments and fields; the body is one straight path.
 def set_up_run(
-    model: Any,
-    contacts: Contacts,
-    settings: Any,
-    period: float | None,
-    dimension: int,
+    problem: Problem,
     plan: Scheme,
     advance: Callable[..., tuple[int, int]],
     start: tuple[Array, ...] | None,
@@ -179,6 +165,7 @@ def set_up_run(
     keep_coordinates: bool,
 ) -> MarchRun:
     """The run before its first step; arguments as those of `integrate`."""
+    model, contacts, settings, period, _ = problem
     horizon = float(period if period is not None else settings.duration)
     tolerance = settings.tolerance or 0.0
     step = settings.step
@@ -195,20 +182,21 @@ def set_up_run(
         done = resume.spans if period is not None else 0
     else:
         if start is None:
-            q, buckled = equilibrium(model, contacts, dimension)
+            with listening(None):  # its progress is no progress of the steps
+                q, buckled = equilibrium(problem)
             start = (q, np.zeros_like(q))
-        state = initial_state(model, contacts, plan, dimension, *start)
+        state = initial_state(problem, plan, *start)
         state.scalars[STEP] = step
         if tolerance:
             first = landings(model.load_histories, contacts, 0.0, horizon)[0]
             state.scalars[STEP] = 1e-4 * min(grid, first)
         size = state.scalars[SIZE]
         if tolerance:
-            size = max(size, static_size(model, contacts, dimension, start[0]))
+            size = max(size, static_size(problem, start[0]))
     rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
     if keep_coordinates and not tolerance:
         rows = min(rows, round(horizon / step) + 1)
-    record = no_record(rows, state.contact.x.shape[0], dimension, width)
+    record = no_record(rows, state.contact.x.shape[0], problem.dimension, width)
     write(model, contacts, state, record, 0)
     first = joined_rows([record], [1])
     if resume is not None:
@@ -216,11 +204,9 @@ def set_up_run(
         first = resume.last._replace(coordinates=coordinates)
     control = Control(grid, tolerance, size)
     return MarchRun(
-        model,
-        contacts,
+        problem,
         plan,
         advance,
-        period,
         horizon,
         control,
         state,

@@ -8,9 +8,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.loads import LoadHistories
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
@@ -56,20 +57,15 @@ def simulate(
     """
     if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
-    contacts = checked_contacts(model, scene)
     return integrate(
-        model,
-        contacts,
-        scene.time,
-        scene.period,
-        dimension=scene.geometry.dimension,
+        checked_problem(model, scene),
         start=end_of(start) if isinstance(start, Motion) else start,
         **options,
     )
 
 
-def checked_contacts(model: Any, scene: Scene) -> Contacts:
-    """The contacts of a scene at the points of a model that can move under the scene.
+def checked_problem(model: Any, scene: Scene) -> Problem:
+    """The problem of a model that can move under a scene.
 
     Raises:
         SceneError: as `simulate`.
@@ -82,9 +78,9 @@ def checked_contacts(model: Any, scene: Scene) -> Contacts:
             key="time.duration",
             source=scene.source,
         )
-    contacts = contacts_of(scene, model.points)
-    _require_touch(contacts, model.points, scene)
-    return contacts
+    problem = Problem.of(model, scene)
+    _require_touch(problem.contacts, model.points, scene)
+    return problem
 
 
 def _require_fit(model: Any, scene: Scene) -> None:

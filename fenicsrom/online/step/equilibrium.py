@@ -26,6 +26,7 @@ from fenicsrom.online.contact.state import Interval, contact_scratch, zero_conta
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.loads import largest
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton
 
 TOLERANCE = 1e-14  # largest root of the relative Newton decrement
@@ -39,14 +40,11 @@ DOWNHILL_STEPS = 400
 INVERSE_ITERATIONS = 8
 
 
-def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, int]:
+def equilibrium(problem: Problem) -> tuple[Array, int]:
     """The equilibrium of a model nearest to q = 0 or, if it is unstable, another one.
 
     Args:
-        model: a `online.model.operations.Model` whose q = 0 is its equilibrium under the static
-            loads.
-        contacts: parameters of the P contact points.
-        dimension: d, dimension of space.
+        problem: of a model whose q = 0 is its equilibrium under the static loads.
 
     Returns:
         q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
@@ -55,28 +53,29 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     Raises:
         ConvergenceError: no equilibrium was found.
     """
-    problem = _Statics(model, contacts, dimension)
-    q = np.zeros_like(problem.static_force)
-    if not problem.touches(q):
-        is_free = model.linear or not contacts.preload.size
-        unstable = 0 if is_free else problem.unstable(q)
-        return (problem.downhill(q), unstable) if unstable else (q, 0)
-    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    statics = _Statics(problem)
+    q = np.zeros_like(statics.static_force)
+    if not statics.touches(q):
+        is_free = problem.model.linear or not problem.contacts.preload.size
+        unstable = 0 if is_free else statics.unstable(q)
+        return (statics.downhill(q), unstable) if unstable else (q, 0)
+    q, reached = in_load_steps(q, lambda q, part: statics.newton(q, part, 0.0), SMALLEST_PART)
     if reached < 1.0:
         raise ConvergenceError(
             f"equilibrium under the preload: Newton's method converged up to "
             f"{100.0 * reached:.4g} % of the preload, and then failed even with a load step of at "
             f"most {100.0 * SMALLEST_PART:g} %",
-            decrements=problem.decrements,
+            decrements=statics.decrements,
         )
-    unstable = problem.unstable(q)
-    return (problem.downhill(q), unstable) if unstable else (q, 0)
+    unstable = statics.unstable(q)
+    return (statics.downhill(q), unstable) if unstable else (q, 0)
 
 
 class _Statics:
     """The equations of equilibrium of a model and its contacts."""
 
-    def __init__(self, model: Any, contacts: Contacts, dimension: int):
+    def __init__(self, problem: Problem):
+        model, contacts, dimension = problem.model, problem.contacts, problem.dimension
         count = contacts.preload.size
         self.model, self.d = model, dimension
         self.decrements: list[float] = []  # of the last attempt of Newton's method, J

@@ -1,7 +1,8 @@
 """Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
 
 With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
-points in d dimensions and v normal modes, the file holds these arrays of float64, in SI units:
+points in d dimensions, v normal modes, and c different cubic coefficients, the file holds these
+arrays of float64, in SI units:
 
     ==================== ============ ========== ================================================
     name                 shape        unit       meaning
@@ -11,7 +12,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     force                (n,)         N          elastic force at q = 0
     stiffness            (n, n)       N/m        K, the tangent at q = 0
     quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
-    cubic                (p, p)       N/m^3      B by pairs of pairs
+    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.unique_cubic`)
     velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
     loads                (n, loads)   1          projected unit loads, one column for each load
     contact_rows         (P d, n)     1          local contact displacement = rows q + offset
@@ -60,11 +61,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
@@ -77,11 +78,10 @@ from fenicsrom.scene.overrides import override_texts
 from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 6"
+FORMAT = "fenicsrom reduced model 7"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
-ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
@@ -155,6 +155,35 @@ class StoredModel:
         """The tables of the stresses and reactions for the coordinates of the model."""
         return None if self.tables is None else self.tables.of(range(self.size))
 
+    @property
+    def least_size(self) -> int:
+        """The fewest coordinates that the model may have: those of the contact and one more."""
+        labels = enumerate((*self.labels, *self.further))
+        return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
+
+    def require_size(self) -> None:
+        """Check the number of coordinates that the scene asks for.
+
+        Raises:
+            SceneError: the model has no such `basis.size`.
+        """
+        size, source = self.scene.basis.size, self.scene.source
+        least, known = self.least_size, self.size + len(self.further)
+        if size is None or (self.candidates is not None and least <= size < known):
+            return
+        allowed = (
+            f"must be from {least} to {known - 1}; the model holds {known} coordinates, and those "
+            "that it leaves out judge it"
+            if self.candidates is not None
+            else "not allowed: the model holds no coordinates besides its own"
+        )
+        raise SceneError(
+            f"{source}: basis.size = {size}: {allowed}",
+            kind=ErrorKind.RANGE,
+            key="basis.size",
+            source=source,
+        )
+
     def resized(self, chosen: int | Sequence[str]) -> StoredModel:
         """The model of other coordinates of those that the file holds, without a mesh.
 
@@ -190,7 +219,8 @@ class StoredModel:
             scene: a scene that agrees with the stored scene in all keys of the offline stage.
 
         Raises:
-            SceneError: the scenes do not agree; the error names the first key that differs.
+            SceneError: the scenes do not agree; the error names the first key that differs. Or the
+                model has no such `basis.size`.
         """
         return self._with_scene(scene, scene.source)
 
@@ -214,7 +244,9 @@ class StoredModel:
             name: None if model is None else model._replace(**changes)
             for name, model in models.items()
         }
-        return replace(self, scene=scene, **changed)
+        found = replace(self, scene=scene, **changed)
+        found.require_size()
+        return found
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
@@ -382,6 +414,7 @@ def _matrices(model: ReducedModel) -> dict[str, Array]:
         "mass": model.mass,
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
+        "cubic": unique_cubic(model.elastic.cubic, model.size),
         "loads": model.loads,
         "contact_rows": model.contact_rows,
         "probe": model.probe,
@@ -393,8 +426,7 @@ def load_model(path: Path) -> StoredModel:
     """Read a reduced model.
 
     Raises:
-        SceneError: the file is missing, damaged or of another format, or its arrays do not fit
-            together.
+        SceneError: the file is missing, damaged or of another format.
 
     Example:
         A run without a mesh: `fenicsrom import demos/superelement/beam.op4 --scene
@@ -413,100 +445,43 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
     """The reduced model of a header and arrays; `path` names their file in messages.
 
     Raises:
-        SceneError: the arrays do not fit together.
+        SceneError: the scene in the header is wrong.
     """
     scene = parse_scene(header["scene"], str(header["source"]), None)
-    labels = tuple(str(label) for label in header["labels"])
-    return _assemble(path, data, header, scene, labels)
-
-
-def _assemble(
-    path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]
-) -> StoredModel:
-    """The stored model of checked arrays."""
-    belongs = data["point_contact"]
-    if (
-        belongs.ndim != 1
-        or belongs.dtype != np.int64
-        or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
-    ):
-        raise _damaged(path, "point_contact does not name the contacts of the scene")
-    is_superelement = header["method"] == SUPERELEMENT
-    model = _checked_model(path, data, scene, len(labels), is_superelement=is_superelement)
-    try:
-        recovery = read_recovery(data, scene, len(labels))
-        deformation = None
-        if "deformation" in data:
-            deformation = Deformation.of_array(data["deformation"], scene.geometry.dimension)
-    except ValueError as error:
-        raise _damaged(path, str(error)) from None
-    size = int(header["size"])
-    if not 0 < size <= len(labels):
-        raise _damaged(path, f"size is {size} of {len(labels)} coordinates")
-    whole = model if size < len(labels) else None
+    labels, size, finer_labels = header["labels"], header["size"], header.get("finer_labels", ())
+    whole = _model(data, scene)
+    finer = {name.removeprefix(FINER): array for name, array in data.items()}
     return StoredModel(
-        model if whole is None else nested_model(whole, range(size)),
+        nested_model(whole, range(size)) if size < len(labels) else whole,
         scene,
-        str(header["method"]),
-        labels[:size],
-        int(header["dofs"]),
+        header["method"],
+        tuple(labels[:size]),
+        header["dofs"],
         data["frequencies_hz"],
-        {str(name): str(number) for name, number in header["provenance"].items()},
-        recovery,
-        whole,
-        deformation,
+        header["provenance"],
+        read_recovery(data, scene),
+        whole if size < len(labels) else None,
+        Deformation.of_array(data["deformation"]) if "deformation" in data else None,
         str(path),
-        labels[size:],
-        *_finer(path, data, header, scene, labels),
+        tuple(labels[size:]),
+        _model(finer, scene) if finer_labels else None,
+        tuple(finer_labels),
     )
 
 
-def _finer(
-    path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]
-) -> tuple[ReducedModel | None, tuple[str, ...]]:
-    """The checked model of finer elements with its labels; None if the file has none."""
-    own = tuple(str(label) for label in header.get("finer_labels", ()))
-    if not own:
-        return None, own
-    if not set(own) <= set(labels):
-        raise _damaged(path, f"finer_labels are {own}")
-    more = {k.removeprefix(FINER): v for k, v in data.items() if k.startswith(FINER)}
-    mass = more.get("mass", np.zeros(0))
-    size = mass.shape[0] if mass.ndim == 2 else 0
-    return _checked_model(path, data | more, scene, size), own
-
-
-def _checked_model(
-    path: Path,
-    data: dict[str, Any],
-    scene: Scene,
-    size: int,
-    is_superelement: bool = False,
-) -> ReducedModel:
-    """The model of so many coordinates in arrays that are checked."""
-    shapes = _shapes(data, scene, size)
-    if is_superelement and data["velocity_matrix"].size > 0:
-        shapes["velocity_matrix"] = (size, size)  # from its file
-    for name, shape in shapes.items():
-        array = data[name]
-        if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            found = f"{name} has shape {array.shape} and type {array.dtype}"
-            raise _damaged(path, f"{found}: must be {shape} of finite float64")
-    for name in ("mass", "stiffness"):
-        off = np.max(np.abs(data[name] - data[name].T), initial=0.0)
-        if off > ROUNDING * np.max(np.abs(data[name]), initial=0.0):
-            raise _damaged(path, f"{name} is not symmetric")
-    viscous = data["velocity_matrix"] + data["velocity_matrix"].T
-    least = np.linalg.eigvalsh(viscous).min(initial=0.0)
-    if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
-        raise _damaged(path, "velocity_matrix gives energy to the motion")
-    if not (np.all(np.linalg.eigvalsh(scaled(data["mass"])) > 0.0) and data["damping"] >= 0.0):
-        raise _damaged(path, "mass or damping is not positive")
+def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
+    """The model of the arrays of a file under the loads of a scene."""
     followers = np.array(scene.followers, dtype=np.int64)
+    pressures = (data[name] for name in PRESSURES) if followers.size else None
     return reduced_model(
         data["mass"],
         float(data["damping"]),
-        ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
+        ElasticPolynomial(
+            data["force"],
+            data["stiffness"],
+            data["quadratic"],
+            paired_cubic(data["cubic"], len(data["mass"])),
+        ),
         data["loads"],
         load_histories(scene),
         ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
@@ -515,40 +490,5 @@ def _checked_model(
         data["probe"],
         data["probe_offset"],
         data["velocity_matrix"],
-        PressurePolynomial(followers, *(data[name] for name in PRESSURES))
-        if followers.size
-        else None,
+        None if pressures is None else PressurePolynomial(followers, *pressures),
     )
-
-
-def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of float64 must have, by name (module docstring)."""
-    d, points = scene.geometry.dimension, data["point_contact"].size
-    p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
-    k = len(scene.followers)
-    pressures = ((k, n, n), (k, n if d == 3 else 0, n, n))
-    return {
-        **(dict(zip(PRESSURES, pressures, strict=True)) if k else {}),
-        "mass": (n, n),
-        "damping": (),
-        "force": (n,),
-        "stiffness": (n, n),
-        "quadratic": (p, n if p else 0),
-        "cubic": (p, p),
-        "loads": (n, len(scene.loads)),
-        "point_tributary_area": (points,),
-        "point_position": (points, d),
-        "point_frame": (points, d, d),
-        "contact_rows": (points * d, n),
-        "contact_offset": (points * d,),
-        "probe": (d, n),
-        "probe_offset": (d,),
-        "velocity_matrix": (n, n) if scene.velocity_forces else (0, 0),
-        "frequencies_hz": (data["frequencies_hz"].size,),
-    }
-
-
-def _damaged(path: Path, words: str) -> SceneError:
-    """The error of a file whose content does not fit together."""
-    text = f"{path}: {words}: the file is damaged"
-    return SceneError(text, kind=ErrorKind.FORMAT, source=str(path))

@@ -1,8 +1,8 @@
 """Checkpoints that continue a run of a reduced model bit for bit.
 
-A checkpoint is an `.npz` file of plain arrays with the scene of the run and the fingerprint of its
-model. A run continues only on the same model, and under a scene that differs at most in the keys
-that say when the run ends (`fenicsrom.online.store.scene_changes.END_KEYS`).
+A checkpoint is a file with the scene of the run and the fingerprint of its model. A run continues
+only on the same model, and under a scene that differs at most in the keys that say when the run
+ends (`fenicsrom.online.store.scene_changes.END_KEYS`).
 
 The checkpoint of a run that was stopped in its checks holds the whole motion too: under the same
 end, the run that continues takes this motion, and only checks it.
@@ -13,21 +13,36 @@ from __future__ import annotations
 import hashlib
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online.contact.state import ContactState
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.step.state import TIME, Checkpoint, PeriodicSearch, no_record, no_state
-from fenicsrom.online.store.finished import finished_motion, motion_arrays, motion_header
+from fenicsrom.online.step.state import (
+    TIME,
+    Checkpoint,
+    PeriodicSearch,
+    Record,
+    State,
+    no_state,
+)
+from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
-FORMAT = "fenicsrom checkpoint 3"
+FORMAT = "fenicsrom checkpoint 4"
+EARLIER = "fenicsrom checkpoint"  # start of the names of earlier formats
+CLASSES = {
+    kind.__name__: kind
+    for kind in (Checkpoint, State, ContactState, Record, PeriodicSearch, Motion)
+}
+"""The records of which a file consists."""
 TIME_TOLERANCE = 1e-6  # of the time after a number of periods, relative to the period
 INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 
@@ -79,69 +94,60 @@ def save_checkpoint(
     Raises:
         OSError: the file cannot be written.
     """
+    kept = checkpoint._replace(
+        state=checkpoint.state._replace(trial=None),  # type: ignore[arg-type]
+        last=checkpoint.last._replace(coordinates=checkpoint.last.coordinates[:, :0]),
+    )
+    tree, arrays = pack((kept, motion and replace(motion, end=None)))
     header = {
         "format": FORMAT,
         "model": fingerprint(model),
         "source": scene.source,
         "scene": scene_table(scene),
-        "spans": checkpoint.spans,
-        "buckled": checkpoint.buckled,
-        "size": checkpoint.size,
-        "search": _search_table(checkpoint.search),
-        "motion": None if motion is None else motion_header(motion),
+        "tree": tree,
     }
-    whole = {} if motion is None else motion_arrays(motion)
-    write_archive(path, header, {**_arrays(checkpoint), **whole})
+    write_archive(path, header, arrays)
 
 
-def _search_table(search: PeriodicSearch | None) -> dict[str, Any] | None:
-    """The result of Newton's method as plain data."""
-    if search is None:
-        return None
-    pairs = [[value.real, value.imag] for value in search.multipliers]
-    return {**search._asdict(), "multipliers": pairs}
+class _Content(NamedTuple):
+    """The content of a file: the fingerprint of the model, the scene, the end and the motion."""
+
+    model: str
+    scene: Scene
+    checkpoint: Checkpoint
+    motion: Motion | None
 
 
-def _search_of(table: dict[str, Any] | None) -> PeriodicSearch | None:
-    """The inverse of `_search_table`."""
-    if table is None:
-        return None
-    pairs = np.array(table["multipliers"], dtype=np.float64).reshape(-1, 2)
-    counts = [int(table[name]) for name in ("periods", "marched", "iterations", "free_sliders")]
-    if not (counts[0] >= 1 and min(counts) >= 0):
-        raise ValueError("these are not the numbers of a search")
-    return PeriodicSearch(**{**table, "multipliers": pairs[:, 0] + 1j * pairs[:, 1]})
+def _read(path: Path) -> _Content:
+    """The content of a file.
 
-
-def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
-    """The arrays of a checkpoint by the names they have in its file."""
-    state, last = checkpoint.state, checkpoint.last
-    return {
-        **{
-            name: array
-            for name, array in state._asdict().items()
-            if name not in ("contact", "trial")
-        },
-        **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
-        **{
-            f"last_{name}": array for name, array in last._asdict().items() if name != "coordinates"
-        },
-    }
+    Raises:
+        SceneError: the file is missing, damaged or of another format.
+    """
+    with read_archive(path, "a checkpoint", FORMAT, EARLIER) as (header, arrays):
+        scene = parse_scene(header["scene"], str(header["source"]), None)
+        checkpoint, motion = unpack(header["tree"], arrays, CLASSES)
+        state = checkpoint.state
+        trial = no_state(state.q.size, *state.contact.x.shape).trial
+        checkpoint = checkpoint._replace(state=state._replace(trial=trial))
+        return _Content(
+            header["model"], scene, checkpoint, motion and replace(motion, end=checkpoint)
+        )
 
 
 def load_scene(path: Path) -> Scene:
     """The scene of the run that wrote a checkpoint.
 
     Raises:
-        SceneError: as `load_checkpoint`.
+        SceneError: as `load_start`.
     """
-    return _read(path)[1]
+    return _read(path).scene
 
 
 def holds_motion(path: Path) -> bool:
     """Whether a file is a checkpoint with a finished motion."""
     try:
-        return _read(path)[0].get("motion") is not None
+        return _read(path).motion is not None
     except SceneError:
         return False
 
@@ -152,16 +158,7 @@ def check_checkpoint(path: Path, scene: Scene) -> None:
     Raises:
         SceneError: the file is missing or damaged, or belongs to another format or scene.
     """
-    _require_same_run(path, load_scene(path), scene)
-
-
-def _require_same_run(path: Path, made: Scene, scene: Scene) -> None:
-    """Check that the scene of a checkpoint differs from another one at most in the end of the run.
-
-    Raises:
-        SceneError: another key differs.
-    """
-    if (key := changed_run_key(made, scene)) is not None:
+    if (key := changed_run_key(load_scene(path), scene)) is not None:
         ends = ", ".join(f"time.{name}" for name in END_KEYS)
         raise SceneError(
             f"{path}: {key} differs from the scene of the run; "
@@ -172,17 +169,31 @@ def _require_same_run(path: Path, made: Scene, scene: Scene) -> None:
         )
 
 
-def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint:
-    """Read a checkpoint of a run of this model under this scene.
+def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Motion:
+    """Read what a run of this model under this scene begins with.
+
+    Returns:
+        The finished motion, if the file holds one and the scene does not change the end of the run;
+        otherwise the checkpoint from which the run continues.
 
     Raises:
         SceneError: the file is missing or damaged, belongs to another format, model or scene, or
             the run already reached its end.
     """
-    header, made, data = _read(path)
-    found = _checkpoint(path, header, made, data, model, scene)
+    check_checkpoint(path, scene)
+    found = _read(path)
+    if found.model != fingerprint(model):
+        raise SceneError(
+            f"{path}: another reduced model wrote this checkpoint; "
+            "resume with the model that wrote it: --from MODEL",
+            kind=ErrorKind.MISMATCH,
+            source=str(path),
+        )
+    if found.motion is not None and found.scene.time == scene.time:
+        return found.motion
+    begin = found.checkpoint
     end = scene.time.periods if scene.period is not None else scene.time.duration
-    reached = found.spans if scene.period is not None else found.state.scalars[TIME]
+    reached = begin.spans if scene.period is not None else begin.state.scalars[TIME]
     assert end is not None
     if not reached < end:
         key = "periods" if scene.period is not None else "duration"
@@ -194,96 +205,7 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             key=f"time.{key}",
             source=str(path),
         )
-    return found
-
-
-def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Motion:
-    """Read what a run of this model under this scene begins with.
-
-    Returns:
-        The finished motion, if the file holds one and the scene does not change the end of the run;
-        otherwise the checkpoint from which the run continues.
-
-    Raises:
-        SceneError: as `load_checkpoint`.
-    """
-    header, made, data = _read(path)
-    if header.get("motion") is None or made.time != scene.time:
-        return load_checkpoint(path, model, scene)
-    end = _checkpoint(path, header, made, data, model, scene)
-    try:
-        return finished_motion(header["motion"], data, end)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise _damaged(path, str(error)) from None
-
-
-def _checkpoint(
-    path: Path, header: Any, made: Scene, data: Any, model: ReducedModel, scene: Scene
-) -> Checkpoint:
-    """The checkpoint of the contents of a file.
-
-    Raises:
-        SceneError: the file is damaged, or belongs to another model or scene.
-    """
-    if header["model"] != fingerprint(model):
-        raise SceneError(
-            f"{path}: another reduced model wrote this checkpoint; "
-            "resume with the model that wrote it: --from MODEL",
-            kind=ErrorKind.MISMATCH,
-            source=str(path),
-        )
-    _require_same_run(path, made, scene)
-    points, d = model.points.position.shape
-    found = Checkpoint(
-        no_state(model.size, points, d),
-        no_record(data["last_time"].size, points, d),
-        float(header["size"]),
-        header["spans"],
-        header["buckled"],
-        header["search"],
-    )
-    for name, array in _arrays(found).items():
-        given = data.get(name)
-        if (
-            given is None
-            or given.shape != array.shape
-            or given.dtype != array.dtype
-            or not np.all(np.isfinite(given))
-        ):
-            raise _damaged(path, f"{name} is not {array.shape} of finite {array.dtype}")
-        array[...] = given
-    if not _is_consistent(found, scene.period):
-        raise _damaged(path, "the times or the numbers of the run contradict each other")
-    return found
-
-
-def _damaged(path: Path, reason: str) -> SceneError:
-    """The refusal of a damaged file."""
-    sentence = f"{path}: {reason}: the file is damaged"
-    return SceneError(sentence, kind=ErrorKind.FORMAT, source=str(path))
-
-
-def _is_consistent(found: Checkpoint, period: float | None) -> bool:
-    """Whether the times and numbers of a checkpoint can be those of a run."""
-    times, now = found.last.time, float(found.state.scalars[TIME])
-    if found.spans < 0 or found.buckled < 0 or not (np.isfinite(found.size) and found.size >= 0.0):
-        return False
-    if not times.size or np.any(np.diff(times) <= 0.0) or times[0] < 0.0 or times[-1] != now:
-        return False
-    return period is None or abs(now / period - found.spans) <= TIME_TOLERANCE
-
-
-def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
-    """Header, scene and arrays of a checkpoint."""
-    with read_archive(path, "a checkpoint", FORMAT) as (header, data):
-        kinds = {"model": str, "spans": int, "buckled": int, "size": float}
-        if (
-            not all(type(header[key]) is kind for key, kind in kinds.items())
-            or data["last_time"].ndim != 1
-        ):
-            raise _damaged(path, "this is not the header of a checkpoint")
-        header["search"] = _search_of(header.get("search"))
-        return header, parse_scene(header["scene"], str(header["source"]), None), data
+    return begin
 
 
 def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoint], None]:

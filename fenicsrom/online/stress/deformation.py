@@ -50,15 +50,8 @@ class Deformation:
         return np.array([*stretches, *self.position])
 
     @classmethod
-    def of_array(cls, array: Array, dimension: int) -> Deformation:
-        """The extremes of an array of `as_array` in d dimensions.
-
-        Raises:
-            ValueError: the array is not of this kind.
-        """
-        wrong = array.shape != (3 + dimension,) or array.dtype != np.float64
-        if wrong or not np.all(np.isfinite(array)):
-            raise ValueError(f"a deformation must be ({3 + dimension},) of finite float64")
+    def of_array(cls, array: Array) -> Deformation:
+        """The extremes of an array of `as_array`."""
         return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
 
 

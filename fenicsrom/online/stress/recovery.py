@@ -43,7 +43,6 @@ from fenicsrom.scene import Scene
 OTHER = ("law", "material")
 STRESS_ARRAYS = tuple(field.name for field in fields(StressTable) if field.name not in OTHER)
 REACTION_ARRAYS = tuple(field.name for field in fields(ReactionTable) if field.name not in OTHER)
-INTEGERS = ("stress_cells", "reaction_support", "stress_material", "reaction_material")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,75 +90,11 @@ def recovery_arrays(recovery: Recovery | None) -> dict[str, Any]:
     )
 
 
-def read_recovery(data: Mapping[str, Any], scene: Scene, n: int) -> Recovery | None:
-    """Read the tables from the arrays of an archive; None if it has no stresses.
-
-    Args:
-        data: the arrays of the archive by name.
-        scene: its scene.
-        n: number of coordinates.
-
-    Raises:
-        ValueError: an array is missing or does not fit; the message names it.
-    """
+def read_recovery(data: Mapping[str, Any], scene: Scene) -> Recovery | None:
+    """The tables from the arrays of an archive of a scene; None if it has no stresses."""
     if "stress_gradients" not in data:
         return None
-    stress = {name: _array(data, f"stress_{name}") for name in STRESS_ARRAYS}
-    found = {name: _array(data, f"reaction_{name}") for name in REACTION_ARRAYS}
-    if scene.materials:
-        stress["material"] = _array(data, "stress_material")
-        found["material"] = _array(data, "reaction_material")
-    shapes = _shapes(data, scene, n)
-    for name, shape in shapes.items():
-        if data[name].shape != shape:
-            raise ValueError(f"{name} has shape {data[name].shape}: must be {shape}")
-    for name, below in (
-        ("stress_cells", stress["vertex_position"].shape[0]),
-        ("reaction_support", len(scene.supports)),
-        ("stress_material", 1 + len(scene.materials)),
-        ("reaction_material", 1 + len(scene.materials)),
-    ):
-        if name not in shapes:
-            continue
-        if data[name].min(initial=0) < 0 or data[name].max(initial=0) >= below:
-            raise ValueError(f"{name} has entries out of range")
-    return Recovery(StressTable(StressLaw.of(scene), **stress), ReactionTable(**found))
-
-
-def _array(data: Mapping[str, Any], name: str) -> Any:
-    """An array of the archive, of its type and with finite numbers."""
-    wanted = np.int64 if name in INTEGERS else np.float64
-    if name not in data:
-        raise ValueError(f"{name} is missing")
-    if data[name].dtype != wanted or not np.all(np.isfinite(data[name])):
-        raise ValueError(f"{name} is not an array of finite {np.dtype(wanted)}")
-    return data[name]
-
-
-def _shapes(data: Mapping[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, ...]]:
-    """The shape that each array must have, by name (module docstring)."""
-    d, supports, loads = scene.geometry.dimension, len(scene.supports), len(scene.loads)
-    m, r = 3 * (d - 1), data["reaction_support"].size
-    v, g = (*data["stress_extrapolation"].shape, 0, 0)[:2]
-    count, vertices = data["stress_cells"].shape[0], data["stress_vertex_position"].shape[0]
-    numbers: dict[str, tuple[int, ...]] = {
-        "stress_material": (count * g,),
-        "reaction_material": (r,),
-    }
-    return (numbers if scene.materials else {}) | {
-        "stress_extrapolation": (v, g),
-        "stress_cells": (count, v),
-        "stress_position": (count * g, d),
-        "stress_volume": (count * g,),
-        "stress_gradients": (1 + n, count * g, d, d),
-        "stress_vertex_position": (vertices, d),
-        "stress_vertex_displacement": (1 + n, vertices, d),
-        "reaction_centre": (supports, d),
-        "reaction_support": (r,),
-        "reaction_gradients": (1 + n, r, d, d),
-        "reaction_tests": (m, r, d, d),
-        "reaction_mass": (supports + 1, m, n),
-        "reaction_velocity": (supports + 1, m, n),
-        "reaction_static": (supports + 1, m, 1 + n),
-        "reaction_loads": (supports + 1, m, loads),
-    }
+    more = ("material",) if scene.materials else ()
+    stress = {name: data[f"stress_{name}"] for name in (*STRESS_ARRAYS, *more)}
+    reactions = {name: data[f"reaction_{name}"] for name in (*REACTION_ARRAYS, *more)}
+    return Recovery(StressTable(StressLaw.of(scene), **stress), ReactionTable(**reactions))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.post.base.optional import missing_module
 
 if TYPE_CHECKING:
@@ -37,8 +39,40 @@ MARKERS = {
     "*": "asterisk",
     ".": "dot",
 }
+CLICKED = """
+const [k] = cb_obj.indices;
+if (k === undefined) return;
+sources.forEach((source, n) => { source.data = lines[k][n]; });
+title.text = titles[k];
+"""
+"""What a click on a ringed point does."""
+
 NOTES = "notes"
 """The attribute of a line with a text for each of its points; see `noted`."""
+
+
+DETAILS = "details"
+"""The attribute of a figure with what a click on its points shows; see `detailed`."""
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What a click on a point of the first axes of a figure shows.
+
+    Attributes:
+        title: above the small plots.
+        at: the point.
+        lines: the places x and y of the line in each small plot.
+    """
+
+    title: str
+    at: tuple[float, float]
+    lines: Sequence[tuple[Array, Array]]
+
+
+def detailed(figure: Figure, labels: Sequence[tuple[str, str]], details: Sequence[Detail]) -> None:
+    """Let the chart of a figure show details: small plots below it, with these labels of axes."""
+    setattr(figure, DETAILS, (labels, details))
 
 
 def noted(line: Line2D, notes: Sequence[str]) -> None:
@@ -59,7 +93,7 @@ def chart(figure: Figure) -> str | None:
     if missing_module("bokeh") or not figure.axes or not all(map(_is_plain, figure.axes)):
         return None
     from bokeh.embed import json_item
-    from bokeh.layouts import gridplot
+    from bokeh.layouts import column, gridplot
 
     plots: list[Any] = []
     shown: list[tuple[Any, Any]] = []  # artists and what draws them
@@ -79,7 +113,42 @@ def chart(figure: Figure) -> str | None:
             _add_legend([plot], _entries(legend), shown)
     grid = gridplot([plots], sizing_mode="stretch_width", toolbar_options={"logo": None})
     grid.children = [(plot, *_place(axes)) for axes, plot in zip(figure.axes, plots, strict=True)]
+    labels, details = getattr(figure, DETAILS, ((), ()))
+    if details:
+        grid = column(grid, *_details(plots[0], labels, details), sizing_mode="stretch_width")
     return json.dumps(json_item(grid))
+
+
+def _details(
+    plot: Any, labels: Sequence[tuple[str, str]], details: Sequence[Detail]
+) -> tuple[Any, Any]:
+    """Ring the points of details in a plot; a title and the small plots, which a click fills."""
+    from bokeh.layouts import row
+    from bokeh.models import ColumnDataSource, CustomJS, Div, TapTool
+    from bokeh.plotting import figure as new_plot
+
+    lines = [[{"x": _short(x), "y": _short(y)} for x, y in detail.lines] for detail in details]
+    x, y = zip(*(detail.at for detail in details), strict=True)
+    points, sources = ColumnDataSource({"x": x, "y": y}), [*map(ColumnDataSource, lines[0])]
+    ring = {"size": 12, "fill_alpha": 0.0, "line_color": "#1d2125", "line_alpha": 0.6}
+    plot.add_tools(TapTool(renderers=[plot.scatter("x", "y", source=points, **ring)]))
+    small = []
+    for (across, up), source in zip(labels, sources, strict=True):
+        look = {"x_axis_label": across, "y_axis_label": up, "toolbar_location": None}
+        small.append(new_plot(height=240, **look))
+        small[-1].line("x", "y", source=source, line_width=2)
+        for axis in (*small[-1].xaxis, *small[-1].yaxis):
+            axis.axis_label_text_font_style = "normal"
+    title = Div(text=details[0].title)
+    known = {"sources": sources, "lines": lines, "title": title}
+    known["titles"] = [detail.title for detail in details]
+    points.selected.js_on_change("indices", CustomJS(args=known, code=CLICKED))
+    return title, row(*small, sizing_mode="stretch_width")
+
+
+def _short(values: Array) -> list[float]:
+    """Values with the digits that a small plot shows."""
+    return [float(f"{value:.4g}") for value in values]
 
 
 def _place(axes: Axes) -> tuple[int, int, int, int]:
@@ -129,6 +198,7 @@ def _plot(figure: Figure, axes: Axes) -> tuple[Any, list[tuple[Any, Any]]]:
         (left, bottom), (right, top) = bar.get_bbox().get_points()
         drawn = plot.quad(left, right, bottom, top, color=_colour(bar.get_facecolor()))
         shown.append((bar, drawn))
+    _add_hover(plot, shown)
     _add_texts(plot, axes)
     return plot, shown
 
@@ -147,7 +217,7 @@ def _set_ticks(axis: Any, own: Axis) -> None:
 
 def _line(plot: Any, axes: Axes, line: Line2D) -> Iterable[tuple[Any, Any]]:
     """Draw a line; yield it with what draws it."""
-    from bokeh.models import ColumnDataSource, HoverTool
+    from bokeh.models import ColumnDataSource
 
     colour, dash = _colour(line.get_color()), _dash(line)
     x, y = (np.asarray(part, dtype=float) for part in line.get_data(orig=False))
@@ -166,15 +236,22 @@ def _line(plot: Any, axes: Axes, line: Line2D) -> Iterable[tuple[Any, Any]]:
         fill = _colour(line.get_markerfacecolor())
         look = {"marker": kind, "fill_color": fill, "size": 1.3 * line.get_markersize()}
         drawn.append(plot.scatter("x", "y", source=source, line_color=colour, **look))
-    label = str(line.get_label())
-    name = "" if label.startswith("_") else _text(label)
-    rows = [(_axis_name(plot.xaxis, "x"), "@x"), (_axis_name(plot.yaxis, "y"), "@y")]
-    rows += [("", "@note")] if any(notes) else []
-    if name:
-        rows.insert(0, ("", name))
-    if drawn:
-        plot.add_tools(HoverTool(renderers=drawn[-1:], tooltips=rows, visible=False))
     yield from ((line, one) for one in drawn)
+
+
+def _add_hover(plot: Any, shown: Iterable[tuple[Any, Any]]) -> None:
+    """Show the name of a line, the values and the notes of its points on hover."""
+    from bokeh.models import HoverTool
+
+    lines = {line: drawn for line, drawn in shown if hasattr(line, "get_marker")}
+    for line, drawn in lines.items():
+        label = str(line.get_label())
+        drawn.name = " " if label.startswith("_") else _text(label)
+    rows = [("", "$name")] * any(drawn.name.strip() for drawn in lines.values())
+    rows += [(_axis_name(plot.xaxis, "x"), "@x"), (_axis_name(plot.yaxis, "y"), "@y")]
+    rows += [("", "@note")] * any(getattr(line, NOTES, None) for line in lines)
+    if lines:
+        plot.add_tools(HoverTool(renderers=list(lines.values()), tooltips=rows, visible=False))
 
 
 def _axis_name(axis: Any, otherwise: str) -> str:

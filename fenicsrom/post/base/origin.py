@@ -229,15 +229,17 @@ def origin_table(folder: Path) -> list[list[Any]]:
 
 def _size_words(model: Path) -> str:
     """The size of a stored model, and what takes most of it."""
-    parts = dict.fromkeys(
-        ("the larger model that judges it", "stresses and reactions", "itself"), 0
-    )
-    larger, stresses, itself = parts
+    kinds = {
+        "cubic": "cubic coefficients of all coordinates that the file holds",
+        "stress_": "stresses",
+        "reaction_": "reactions",
+        "finer_": "the model of finer elements, which judges the mesh",
+    }
+    parts = dict.fromkeys((*kinds.values(), "the rest"), 0)
     with zipfile.ZipFile(model) as content:
         for entry in content.infolist():
-            name = entry.filename
-            kind = stresses if name.startswith(("stress_", "reaction_")) else itself
-            parts[larger if name.startswith("candidates_") else kind] += entry.compress_size
+            kind = (text for start, text in kinds.items() if entry.filename.startswith(start))
+            parts[next(kind, "the rest")] += entry.compress_size
     listed = ", ".join(f"{size / 1e6:.2g} MB {name}" for name, size in parts.items() if size)
     return f"{sum(parts.values()) / 1e6:.2g} MB: {listed}"
 

@@ -34,6 +34,7 @@ class Section:
         terminal: whether the terminal shows it.
         keys: number of the first columns, which tell the rows of a table apart.
         most: most rows of a table in the terminal; None for all.
+        top: whether the page begins with it.
     """
 
     heading: str
@@ -42,6 +43,7 @@ class Section:
     terminal: bool = True
     keys: int = 1
     most: int | None = None
+    top: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,11 +139,12 @@ class Report:
 
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
-        shown = [s for s in self.sections if s.page and s.items]
+        head = [item for s in self.sections if s.top for item in s.items]
+        shown = [s for s in self.sections if s.page and s.items and not s.top]
         results = [s for s in shown if s.terminal] or shown[:1]
         first = [item for _, items in pictures[:1] for item in items if item]
         return [
-            ("Results", [*self.sentences, *first]),
+            ("Results", [*head, *self.sentences, *first]),
             *((s.heading, list(s.items)) for s in results if not _is_long(s)),
             *((heading, list(filter(None, items))) for heading, items in pictures[1:]),
             *((Folded(s.heading), list(s.items)) for s in shown if s not in results or _is_long(s)),

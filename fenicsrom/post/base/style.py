@@ -47,7 +47,6 @@ _STYLE = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
     "grid.color": "#E6E8EA",
     "grid.linewidth": 0.8,
     "legend.frameon": False,

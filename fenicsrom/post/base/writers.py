@@ -68,8 +68,12 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
+    figure.set_dpi(PICTURE_DPI)
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # savefig would draw everything once more for the layout
     with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=PICTURE_DPI)
+        figure.savefig(temporary, format="png", dpi=PICTURE_DPI, pil_kwargs={"compress_level": 4})
     return Path(path)
 
 

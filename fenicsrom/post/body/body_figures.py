@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,15 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, new_figure, scale_text, styled
 from fenicsrom.post.body.body_surface import areas, form_edges
 from fenicsrom.post.body.body_view import View, face_on, frame_of, largest_of, view_at, view_of
-from fenicsrom.post.body.rendering import (
-    Part,
-    body_panel,
-    colour_bar,
-    coloured,
-    drawn_lines,
-    name_axes,
-    show,
-)
+from fenicsrom.post.body.rendering import colour_bar, coloured, drawn_lines, show
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,12 +44,6 @@ TOWARDS = 0.7
 """Part of the squares of a shape along the line of sight from which its nodal lines are drawn."""
 
 
-def _grid(count: int, aspect: float) -> tuple[int, int]:
-    """Rows and columns of panels of this ratio of height and width."""
-    columns = min(count, 2 if aspect < 0.25 else 3 if aspect < 1.0 else 5)
-    return -(-count // columns), columns
-
-
 @styled
 def shape_figure(
     surface: PolyData,
@@ -78,59 +65,63 @@ def shape_figure(
     labels = list(titles)[:MOST_SHAPES]
     fields = {label: np.asarray(surface.point_data[label]) for label in labels}
     view = face_on(surface) or view or view_of(surface, moved=largest_of(fields[labels[0]]))
-    length = SHAPE * view.length
-    factors = {label: length / (_largest(field) or 1.0) for label, field in fields.items()}
-    moved = [surface.points + factors[label] * field for label, field in fields.items()]
-    low, high = shown_part(view, [surface.points, *moved])
-    aspect = (high[1] - low[1]) / (high[0] - low[0])
-    rows, columns = _grid(len(labels), aspect)
-    wide = 9.6 / max(columns, 2)
-    figure = new_figure(9.6, 1.0 + rows * (wide * aspect + 0.3))
-    axes = figure.subplots(rows, columns, squeeze=False)
-    edges, lines = form_edges(surface), False
-    for axis, label in zip(axes.flat, labels, strict=False):
-        parts = deformed(surface, edges, label, factors[label], view)
-        nodal = _nodal_lines(parts[0].mesh, fields[label], view) if label in modes else []
-        lines = lines or bool(nodal)
-        show(axis, [*parts, *nodal], view, low, high, wide)
-        name_axes(axis, view, low)
+    factors = {
+        label: SHAPE * view.length / (_largest(field) or 1.0) for label, field in fields.items()
+    }
+    nodal = {
+        label: line
+        for label in labels
+        if label in modes and (line := _nodal_lines(surface, fields[label], view)).n_points
+    }
+    figure, axes = _panels(surface, factors, view, nodal=nodal)
+    for axis, label in zip(axes, labels, strict=False):
         axis.set_title(titles[label])
-    for axis in axes.flat[len(labels) :]:
-        axis.set_axis_off()
     few = f" ({len(labels)} of {len(titles)} shapes)" if len(titles) > len(labels) else ""
-    about = f"displacement / largest of the shape{few}{f'; {NODAL}' * lines}\n{NO_SCALE}"
-    colour_bar(figure, axes, 1.0, about)
+    about = f"displacement / largest of the shape{few}{f'; {NODAL}' * bool(nodal)}\n{NO_SCALE}"
+    colour_bar(figure, figure.axes, 1.0, about)
     return figure
 
 
-def deformed(
+def _panels(
     surface: PolyData,
-    edges: PolyData,
-    label: str,
-    factor: float,
+    factors: Mapping[str, float],
     view: View,
     colours: str = "viridis",
-) -> list[Part]:
-    """The moved body coloured from 0 to its largest value, its edges, and the rest in grey behind.
+    nodal: Mapping[str, PolyData] = MappingProxyType({}),
+) -> tuple[Figure, Sequence[Axes]]:
+    """Draw deformed bodies, coloured from 0 to their largest value, in panels of one figure.
 
     Args:
         surface: the surface; its colours are those of the point array `SIZE`, or else of the size
             of the displacement.
-        edges: its edges.
-        label: the point array of its displacement (n, 3).
-        factor: of the displacement.
+        factors: the point array of each displacement (n, 3) -> its factor.
         view: the projection.
         colours: name of the colour map.
+        nodal: lines on the undeformed surface that move with it.
     """
-    body = surface.warp_by_vector(label, factor=factor)
-    if SIZE not in body.point_data:
-        body.point_data[SIZE] = np.linalg.norm(surface.point_data[label], axis=1)
-    largest = float(body.point_data[SIZE].max()) or 1.0
-    return [
-        coloured(body, SIZE, largest, colours),
-        drawn_lines(edges.warp_by_vector(label, factor=factor)),
-        drawn_lines(edges.translate(-2.0 * view.length * view.towards), OUTLINE),
-    ]
+    edges = form_edges(surface)
+    rest = drawn_lines(edges.translate(-2.0 * view.length * view.towards), OUTLINE)
+    bodies = [surface.warp_by_vector(label, factor=factor) for label, factor in factors.items()]
+    low, high = shown_part(view, [surface.points, *(body.points for body in bodies)])
+    aspect = (high[1] - low[1]) / (high[0] - low[0])
+    columns = min(len(bodies), 2 if aspect < 0.25 else 3 if aspect < 1.0 else 5)
+    rows = -(-len(bodies) // columns)
+    wide = 9.6 / columns if columns > 1 else 8.0 * min(1.0, max(0.6, 1.0 / aspect))
+    figure = new_figure(wide * columns, 1.0 + rows * (wide * aspect + 0.3))
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes:
+        axis.set_axis_off()
+    for axis, body, (label, factor) in zip(axes, bodies, factors.items(), strict=False):
+        if SIZE not in body.point_data:
+            body.point_data[SIZE] = np.linalg.norm(surface.point_data[label], axis=1)
+        largest = float(body.point_data[SIZE].max()) or 1.0
+        parts = [coloured(body, SIZE, largest, colours), rest]
+        parts.append(drawn_lines(edges.warp_by_vector(label, factor=factor)))
+        if label in nodal:
+            moved = nodal[label].warp_by_vector(label, factor=factor)
+            parts.append(drawn_lines(moved, "white", 3.5))
+        show(axis, parts, view, low, high, wide)
+    return figure, list(axes)
 
 
 def _largest(displacement: Array) -> float:
@@ -138,19 +129,19 @@ def _largest(displacement: Array) -> float:
     return float(np.linalg.norm(displacement, axis=1).max())
 
 
-def _nodal_lines(body: PolyData, displacement: Array, view: View) -> list[Part]:
+def _nodal_lines(surface: PolyData, displacement: Array, view: View) -> PolyData:
     """The lines of zero displacement towards the viewer, if most of the motion goes there."""
     from pyvista import PolyData
 
     across = displacement @ view.towards
     if not np.any(across) or np.sum(across**2) < TOWARDS * np.sum(displacement**2):
-        return []
-    corners = across[body.regular_faces]
-    size = np.sqrt(2.0 * np.linalg.norm(areas(body), axis=1))
+        return PolyData()
+    corners = across[surface.regular_faces]
+    size = np.sqrt(2.0 * np.linalg.norm(areas(surface), axis=1))
     steep = np.ptp(corners, axis=1) * view.length >= STEEP * np.abs(across).max() * size
-    found = PolyData.from_regular_faces(body.points, body.regular_faces[steep])
+    found = surface.copy()
     found.point_data["across"] = across
-    return [drawn_lines(found.contour([0.0], scalars="across"), "white", 3.5)]
+    return found.remove_cells(~steep).contour([0.0], scalars="across")
 
 
 def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
@@ -174,7 +165,8 @@ def deflection_figure(
     """
     displacement = np.asarray(surface.point_data[label])
     view = view or view_of(surface, moved=largest_of(displacement))
-    figure, axis, factor = _deflected(surface, label, view)
+    factor = magnification(_largest(displacement), view.length)
+    figure, (axis,) = _panels(surface, {label: factor}, view)
     axis.set_title(title)
     about = f"displacement, mm ({scale_text(factor)})"
     colour_bar(figure, axis, 1e3 * _largest(displacement) or 1.0, about)
@@ -194,27 +186,15 @@ def stress_figure(surface: PolyData, label: str, title: str) -> Figure:
             is small, m.
         title: title of the figure.
     """
-    stress = np.asarray(surface.point_data[SIZE])
+    stress, displacement = surface.point_data[SIZE], np.asarray(surface.point_data[label])
     worst = int(np.argmax(stress))
     view, seen = view_at(surface, worst)
-    figure, axis, factor = _deflected(surface, label, view, "turbo")
-    at = view.project(surface.points[worst] + factor * surface.point_data[label][worst])
+    factor = magnification(_largest(displacement), view.length)
+    figure, (axis,) = _panels(surface, {label: factor}, view, "turbo")
+    at = view.project(surface.points[worst] + factor * displacement[worst])
     colour = "white" if seen else "none"
     axis.plot(*at, "o", color=colour, markersize=6.5, markeredgecolor="black", zorder=6)
     axis.set_title(title if seen else f"{title}, hidden by the body")
     about = f"von Mises stress, MPa (displacements {scale_text(factor)})"
     colour_bar(figure, axis, 1e-6 * float(stress[worst]) or 1.0, about, "turbo")
     return figure
-
-
-def _deflected(
-    surface: PolyData, label: str, view: View, colours: str = "viridis"
-) -> tuple[Figure, Axes, float]:
-    """Draw a deflected body; return figure, panel and the factor of the displacements."""
-    displacement = np.asarray(surface.point_data[label])
-    factor = magnification(_largest(displacement), view.length)
-    part = shown_part(view, [surface.points, surface.points + factor * displacement])
-    figure, axis, wide = body_panel(view, *part, 1.3)
-    parts = deformed(surface, form_edges(surface), label, factor, view, colours)
-    show(axis, parts, view, *part, wide)
-    return figure, axis, factor

@@ -12,18 +12,16 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.post.base.style import STATES, magnification, scale_text, styled
+from fenicsrom.post.base.style import STATES, magnification, new_figure, scale_text, styled
 from fenicsrom.post.body.body_figures import OUTLINE, SIZE, shown_part
 from fenicsrom.post.body.body_surface import form_edges
 from fenicsrom.post.body.body_view import View
 from fenicsrom.post.body.rendering import (
     Part,
-    body_panel,
     colour_bar,
     coloured,
     drawn_lines,
     pixels_of,
-    show,
     window_of,
 )
 from fenicsrom.progress import tracked
@@ -35,8 +33,11 @@ if TYPE_CHECKING:
 FILM_SECONDS = 2.5
 """Duration of an animation, s."""
 
+WIDTH, TIME_HEIGHT = 640, 24
+"""Pixels of an animation's width, and of the height of the time above the body."""
+
 FILM_DPI = 80
-"""Pixels per inch of an animation, whose width is 8 inches at most."""
+"""Pixels per inch of its letters."""
 
 Pixels = NDArray[np.uint8]
 
@@ -105,10 +106,7 @@ def write_film(path: Path, film: Film) -> Path:
 
 
 def film_frames(film: Film) -> Iterator[Pixels]:
-    """Draw the frames (height, width, 3) of a motion.
-
-    The parts at rest are drawn once, and each frame is drawn on a copy of this drawing.
-    """
+    """Draw the frames (height, width, 3) of a motion: the body above its colour bar and legend."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from pyvista import PolyData
 
@@ -118,55 +116,46 @@ def film_frames(film: Film) -> Iterator[Pixels]:
     body, edges = film.surface.copy(), form_edges(film.surface)
     body.point_data[SIZE] = sizes[0]
     parts = [drawn_lines(edges, OUTLINE), coloured(body, SIZE, largest or 1.0)]
-    cloud = PolyData()
-    if film.dots is not None:
-        cloud = PolyData(film.dots.places)
+    dots, cloud = film.dots, PolyData()
+    if dots is not None:
+        cloud = PolyData(dots.places)
         cloud.point_data["colour"] = np.zeros((cloud.n_points, 3), dtype=np.uint8)
         look = {"scalars": "colour", "rgb": True, "point_size": 9.0, "copy_mesh": False}
         parts.append(Part(cloud, look | {"render_points_as_spheres": True}))
     places = film.surface.points + factor * film.moved
     low, high = shown_part(film.view, [film.surface.points, *places])
-    figure = _empty_frame(film, (low, high), largest, factor)
-    (axis, *_) = figure.axes
-    canvas: Any = FigureCanvasAgg(figure)
+    high[1] += TIME_HEIGHT / WIDTH * (high[0] - low[0])
+    height = round(WIDTH * min(1.0, (high[1] - low[1]) / (high[0] - low[0])))
+    window = window_of(parts, film.view, low, high, (WIDTH, height))
+    canvas: Any = FigureCanvasAgg(_legend(film, factor))
     canvas.draw()
-    still = canvas.copy_from_bbox(figure.bbox)
-    figure.set_layout_engine("none")
-    left, bottom, right, top = np.rint(axis.get_window_extent().extents).astype(int)
-    window = window_of(parts, film.view, low, high, (right - left, top - bottom))
-    corner = {"transform": axis.transAxes, "va": "bottom"}
-    for k in tracked(range(len(film.times))):
+    legend = np.asarray(canvas.buffer_rgba())[..., :3]
+    for k, time in enumerate(tracked(film.times)):
         body.points, body.point_data[SIZE][:] = places[k], sizes[k]
-        if film.dots is not None:
-            cloud.points = film.dots.places + factor * film.dots.moved[k]
-            cloud.point_data["colour"][:] = [state_rgb(int(n)) for n in film.dots.states[k]]
-        image = pixels_of(window)
-        canvas.restore_region(still)
-        axis.draw_artist(axis.text(0.0, 1.0, f"t = {film.times[k]:#.6g} s", corner, fontsize=11))
-        axis.texts[-1].remove()
-        frame = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-        panel = frame[len(frame) - top : len(frame) - bottom, left:right]
-        weight = image[..., 3:] / 255.0
-        panel[:] = np.rint(weight * image[..., :3] + (1.0 - weight) * panel)
-        yield frame
+        if dots is not None:
+            cloud.points = dots.places + factor * dots.moved[k]
+            cloud.point_data["colour"][:] = [state_rgb(int(n)) for n in dots.states[k]]
+        text = {"position": "upper_left", "font_size": 9, "color": "black", "name": "time"}
+        window.add_text(f"t = {time:#.6g} s", render=False, **text)
+        yield np.vstack([pixels_of(window, opaque=True), legend])
 
 
 @styled
-def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: float) -> Figure:
-    """Make the figure of a film without the body: triad, colour bar and legend of the states."""
+def _legend(film: Film, factor: float) -> Figure:
+    """Draw the colour bar and the contact states."""
     from matplotlib.lines import Line2D
 
-    figure, axis, wide = body_panel(film.view, *part, 1.4)
+    figure = new_figure(WIDTH / FILM_DPI, 1.35)
     figure.set_dpi(FILM_DPI)
-    axis.set_title(" ")  # room for the time
-    show(axis, [], film.view, *part, wide)
+    axis = figure.subplots()
+    axis.set_axis_off()
     about = "from the equilibrium, " if film.loaded else ""
-    label = f"displacement, mm ({about}{scale_text(factor)})"
-    colour_bar(figure, axis, 1e3 * largest or 1.0, label)
+    largest = 1e3 * float(np.linalg.norm(film.moved, axis=2).max())
+    colour_bar(figure, axis, largest or 1.0, f"displacement, mm ({about}{scale_text(factor)})")
     if film.dots is not None:
         look: dict[str, Any] = {"linestyle": "", "marker": "o", "markeredgecolor": "black"}
         marks = [Line2D([], [], color=c, label=name, **look) for name, c in STATES.values()]
-        figure.legend(handles=marks, loc="outside upper right", ncols=len(marks))
+        figure.legend(handles=marks, loc="outside upper center", ncols=len(marks))
     return figure
 
 

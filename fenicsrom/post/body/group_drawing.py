@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.post.body.body_surface import is_flat
-from fenicsrom.post.body.body_view import END_ON, View, frame_of, view_of
-from fenicsrom.post.body.rendering import (
-    ABOVE,
-    GREY,
-    Part,
-    name_axes,
-    pixels_of,
-    show,
-    window_of,
-)
+from fenicsrom.post.body.body_view import END_ON, View, frame_of, is_seen, view_of
+from fenicsrom.post.body.rendering import ABOVE, GREY, Part, show
 from fenicsrom.post.body.turning_view import named_page
 
 if TYPE_CHECKING:
@@ -31,14 +23,8 @@ if TYPE_CHECKING:
 MORE_COLOURS = (*COLOURS[:-1], "#8C510A", "#542788", "#7FBC41", "#B2182B", "#35978F", "#F1B6DA")
 """Colours of the groups."""
 
-CODES = 8
-"""Steps of the colours by which pixels tell their group."""
-
-LEAST_RADIUS = 2.0
-"""Least distance of a name from the border of what is seen of its group, in pixels."""
-
-LETTER, LINE_HEIGHT = 6.0, 13.0
-"""Size of the letters of a name, in pixels."""
+LETTER = np.array([0.065, 0.08])
+"""Width and height of the letters of a name, inches."""
 
 MOST_LINES = 30000
 """Largest number of facets whose edges are drawn; those of more facets hide the colours."""
@@ -106,12 +92,11 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
         low = low - [0.0, 0.13 * view.length]
         meshes = meshes_of(seen)
         show(axis, parts_of(meshes), seen, low, high, wide)
-        size = np.rint(100.0 * wide * np.array([1.0, np.divide(*(high - low)[::-1])])).astype(int)
-        for name, spot in _places(body, meshes, seen, low, high, (size[0], size[1])).items():
+        letter = LETTER * (high[0] - low[0]) / wide
+        for name, spot in _named_places(meshes, surface, seen, letter).items():
             box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
             text = axis.text(spot[0], spot[1], name, fontsize=7, ha="center", va="center", bbox=box)
             text.set_in_layout(False)  # it lies inside the panel; measuring it takes time
-        name_axes(axis, seen, low)
     if groups:
         handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
@@ -150,50 +135,24 @@ def _inside(boundary: Ints, members: Ints) -> NDArray[np.bool_]:
     return np.isin(numbers[: len(boundary)], numbers[len(boundary) :])
 
 
-def _places(
-    body: PolyData,
-    meshes: Mapping[str, PolyData],
-    view: View,
-    low: Array,
-    high: Array,
-    size: tuple[int, int],
-) -> dict[str, tuple[float, ...]]:
-    """Where the names of the groups of facets stand: inside what is seen of them.
+def _named_places(
+    meshes: Mapping[str, PolyData], surface: PolyData, view: View, size: Array
+) -> dict[str, Array]:
+    """Where the names of groups of facets stand (2,): on the facet nearest to the middle, if seen.
 
-    The point is the one with the largest distance from the border. Groups of which nothing is seen
-    have none, nor has a name that would cover the name of a larger group.
+    A name that would cover that of an earlier group is left out; `size` (2,) is that of a letter.
     """
-    from scipy.ndimage import distance_transform_edt, find_objects
-
-    plain = {"lighting": False, "ambient": 0.0, "diffuse": 1.0}
-    parts = [Part(body, {"color": (0, 0, 0), **plain})]
-    names = [name for name, mesh in meshes.items() if mesh.n_faces]
-    if not names:
-        return {}
-    for k, name in enumerate(names, 1):
-        colour = (CODES * (k % 32), CODES * (k // 32 % 32), 0)
-        parts.append(Part(meshes[name], {"color": colour, **plain}))
-    image = pixels_of(window_of(parts, view, low, high, size))[..., :2].astype(int)
-    steps = np.rint(image / CODES).astype(int)
-    exact = (np.abs(image - CODES * steps) <= 1).all(axis=2)  # others lie on a border
-    codes = np.where(exact, steps[..., 0] + 32 * steps[..., 1], 0)
-    inner: list[tuple[float, str, Array]] = []
-    for name, box in zip(names, find_objects(codes, len(names)), strict=True):
-        if box is None:
+    found: dict[str, Array] = {}
+    for name, mesh in meshes.items():
+        if not mesh.n_faces:
             continue
-        inside = distance_transform_edt(np.pad(codes[box] == names.index(name) + 1, 1))[1:-1, 1:-1]
-        row, column = np.unravel_index(inside.argmax(), inside.shape)
-        if inside[row, column] >= LEAST_RADIUS:
-            place = np.array([box[1].start + column + 0.5, size[1] - box[0].start - row - 0.5])
-            inner.append((float(inside[row, column]), name, place))
-    free: dict[str, Array] = {}
-    for _, name, place in sorted(inner, key=lambda entry: -entry[0]):
+        centres = mesh.cell_centers().points
+        place = centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))]
+        at = view.project(place)
         near = (
-            (
-                np.abs(place - other) < [0.5 * LETTER * (len(name) + len(text) + 1), LINE_HEIGHT]
-            ).all()
-            for text, other in free.items()
+            (np.abs(at - other) < size * [0.5 * len(name + text), 2.0]).all()
+            for text, other in found.items()
         )
-        if not any(near):
-            free[name] = place
-    return {name: tuple(low + place / size * (high - low)) for name, place in free.items()}
+        if is_seen(surface, place, view) and not any(near):
+            found[name] = at
+    return found

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pyvista import Plotter, PolyData
 
-TRIAD = 0.08
-"""Length of the arrows of the axes, relative to the size of the body."""
+TRIAD = 0.18
+"""Size of the arrows of the global axes in the lower left corner, relative to the picture."""
 
 LABEL_MARGIN = 0.1
 """Margin below the label of a colour bar, inches."""
@@ -36,7 +36,7 @@ HIDDEN = 0.4
 ABOVE = 0.002
 """Distance of lines from the faces below them, relative to the size of the body."""
 
-SHARP = 170.0
+SHARP = 140.0
 """Pixels of a picture in an inch of its panel."""
 
 Pixels = NDArray[np.uint8]
@@ -80,6 +80,9 @@ def _window() -> Plotter:
     plotter = pyvista.Plotter(off_screen=True, lighting="none")
     plotter.add_light(pyvista.Light(position=(-0.3, 0.6, 1.0), light_type="camera light"))
     plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    plotter.background_color = "white"
+    look: Any = {f"{axis}_color": LINE for axis in "xyz"} | {"color": LINE, "line_width": 2}
+    plotter.add_axes(interactive=False, **look, **{f"{axis}label": axis for axis in "xyz"})
     return plotter
 
 
@@ -98,6 +101,8 @@ def window_of(
     plotter = _window()
     plotter.clear_actors()
     plotter.window_size = list(size)
+    triad = TRIAD * max(size)
+    plotter.renderer.axes_widget.SetViewport(0.0, 0.0, triad / size[0], triad / size[1])
     drawn = [part for part in parts if part.mesh.n_points]
     for mesh, look, _ in drawn:
         shaded = {"ambient": 0.75, "diffuse": 0.3, **look}
@@ -116,10 +121,10 @@ def window_of(
     return plotter
 
 
-def pixels_of(plotter: Plotter) -> Pixels:
-    """What the window shows now, (height, width, 4) red, green, blue and opacity."""
+def pixels_of(plotter: Plotter, opaque: bool = False) -> Pixels:
+    """What the window shows now, (height, width, 4) red, green, blue and opacity, or without it."""
     plotter.render()
-    image: Any = plotter.screenshot(transparent_background=True, return_img=True)
+    image: Any = plotter.screenshot(transparent_background=not opaque, return_img=True)
     return image
 
 
@@ -135,11 +140,13 @@ def render(
     symbols = [part for part in parts if part.symbol]
     if not symbols:
         return whole
-    front = pixels_of(window_of(symbols, view, low, high, size)).astype(float)
-    weight = HIDDEN / 255.0 * front[..., 3:]
-    found = np.maximum(whole, front * [0.0, 0.0, 0.0, HIDDEN])
-    found[..., :3] = weight * front[..., :3] + (1.0 - weight) * whole[..., :3]
-    return found.round().astype(np.uint8)
+    front = pixels_of(window_of(symbols, view, low, high, size))
+    here = front[..., 3] > 0
+    pale, below = front[here].astype(float), whole[here]
+    weight = HIDDEN / 255.0 * pale[:, 3:]
+    whole[here, :3] = weight * pale[:, :3] + (1.0 - weight) * below[:, :3] + 0.5
+    whole[here, 3] = np.maximum(below[:, 3], HIDDEN * pale[:, 3])
+    return whole
 
 
 def show(
@@ -160,12 +167,12 @@ def show(
     extent = high - low
     size = np.rint(SHARP * width * np.array([1.0, extent[1] / extent[0]])).astype(int)
     image = render(parts, view, low, high, (int(size[0]), int(size[1])))
-    axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="hanning")
+    axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear")
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
 
 
 def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figure, Axes, float]:
-    """Make a figure with one panel for a body, with the global axes in its lower left.
+    """Make a figure with one panel for a body.
 
     Args:
         view: the projection.
@@ -180,26 +187,7 @@ def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figur
     wide = 8.0 * min(1.0, max(0.6, 1.0 / aspect))
     figure = new_figure(wide, wide * aspect + spare)
     axis = figure.subplots()
-    name_axes(axis, view, low)
     return figure, axis, wide
-
-
-def name_axes(axis: Axes, view: View, low: Array) -> None:
-    """Draw the global axes x, y, z as arrows in the lower left corner, right and above `low`."""
-    size = TRIAD * view.length
-    arrows = size * view.project(np.eye(3))
-    foot = low + 0.4 * size - np.minimum(arrows.min(axis=0), 0.0)
-    for name, arrow in zip("xyz", arrows, strict=True):
-        if np.linalg.norm(arrow) < 0.1 * size:
-            continue  # seen from its end
-        look: dict[str, Any] = {"arrowstyle": "-|>", "color": LINE, "shrinkA": 0, "shrinkB": 0}
-        look["mutation_scale"] = 7
-        start, end = ((float(x), float(y)) for x, y in (foot, foot + arrow))
-        line = axis.annotate("", end, start, arrowprops=look, annotation_clip=False)
-        x, y = foot + (1.0 + 0.25 * size / np.linalg.norm(arrow)) * arrow
-        text = axis.text(x, y, name, fontsize=8, ha="center", va="center", color=LINE)
-        for drawn in (line, text):
-            drawn.set_in_layout(False)  # it lies inside the panel; measuring it takes time
 
 
 def colour_bar(

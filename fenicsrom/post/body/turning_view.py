@@ -28,6 +28,12 @@ MOST_TRIANGLES = 6000
 INK = 0x30363C
 """The colour of the edges of the body."""
 
+MOST_SHAPES = 30
+"""Largest number of shapes in a page."""
+
+FINE, FINE_COLOUR = 2.0**-13, 2.0**-7
+"""Rounding of places, relative to the size of the body, and of colours; both pack better then."""
+
 UNPAINTED = -0.1
 """The value that has no colour."""
 
@@ -156,6 +162,7 @@ def turning_page(
     import k3d
 
     plot = _plot(surface, view)
+    finest = 2.0 ** np.floor(np.log2(FINE * view.length))
     entries: list[dict[str, Any]] = []
     vertices: dict[str, Any] = {}
     colours: dict[str, Any] = {}
@@ -165,7 +172,8 @@ def turning_page(
         paint = np.broadcast_to(one.colours, (len(one.moved), surface.n_points))
         for moved, values in zip(one.moved, paint, strict=True):
             time = str(float(len(vertices)))
-            vertices[time], colours[time] = _floats(surface.points + moved), _floats(values)
+            vertices[time] = _floats(np.rint((surface.points + moved) / finest) * finest)
+            colours[time] = _floats(np.rint(values / FINE_COLOUR) * FINE_COLOUR)
     body = _mesh(
         surface, attribute=colours["0.0"], color_map=_palette(), color_range=[UNPAINTED, 1.0]
     )

@@ -14,7 +14,8 @@ from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.support_motion import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.post.base.chart import noted
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -38,6 +39,7 @@ MARKERS = {
     "last slip": "h",
 }
 FULL_MARKER = "x"
+MOST_SAMPLES = 150  # of a motion that a click shows
 LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
 INK = "#555B61"
 STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
@@ -113,9 +115,28 @@ def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     return np.asarray(unwrapped - 360.0 * np.ceil((unwrapped[0] - highest) / 360.0))
 
 
+CLICKED = [("time, s", "displacement, mm"), ("tangential displacement, mm", "friction force, N")]
+"""Axes of what a click on a point shows: its motion, and its loop if there is contact."""
+
+
+def motion_detail(found: Response, title: str, point: CurvePoint, motion: Motion) -> Detail:
+    """What a click on a point of a curve shows: a period of its motion at the contact point."""
+    place, direction = largest_component(found)
+    some = slice(None, None, max(1, motion.time.size // MOST_SAMPLES))
+    moved = 1e3 * motion.displacement[some, place]
+    lines = [(motion.time[some] - motion.time[0], moved[:, direction])]
+    if found.contacts:
+        lines.append((moved[:, 1], motion.force[some, place, 1]))
+    at = point.parameter, 1e3 * float(point.amplitude[:, direction].max())
+    return Detail(title, at, lines)
+
+
 @styled
-def figure(found: Response) -> Figure:
-    """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
+def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
+    """Draw the curves: stable parts solid, unstable parts dashed, special points marked.
+
+    The chart of the figure shows the details by a click.
+    """
     place, direction = largest_component(found)
     name = direction_name(found)
 
@@ -167,6 +188,7 @@ def figure(found: Response) -> Figure:
     if handles:
         columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
         drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
+    detailed(drawn, CLICKED[: 2 if found.contacts else 1], details)
     return drawn
 
 

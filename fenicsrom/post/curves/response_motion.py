@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fenicsrom.assess.curves.response_problem import family_of
-from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.assess.curves.response_results import Response, ResponseCurve, curve_title
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.writers import write_arrays
-from fenicsrom.post.curves.response_figures import largest_direction
+from fenicsrom.post.curves.response_figures import (
+    largest_direction,
+    motion_detail,
+    state_names,
+)
 from fenicsrom.post.paraview.fields import write_last_period
+from fenicsrom.scene.units import in_words
 
 if TYPE_CHECKING:
     from fenicsrom.records import Study
 
 ARCHIVE = "motions.npz"
+MOST_CLICKED = 32  # motions that a click on a response curve shows
 FOLDER = "motions"
 
 
@@ -60,19 +68,57 @@ def marked_points(found: Response) -> dict[str, tuple[ResponseCurve, CurvePoint]
 
 def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMotion]:
     """The periodic motions at the marked points; a motion that is lost becomes a warning."""
-    families, motions = found.table.families, {}
+    motions = {}
     for name, (curve, point) in marked_points(found).items():
-        current = stored
-        if families is not None:
-            current = stored.with_overrides([f"{families.key}={curve.value!r}"])
-        problem = family_of(current)(point.parameter)
         try:
-            motion = recorded_motion(problem, current.scene.time, point.z, point.periods)
+            motions[name] = _motion(found, stored, curve, point)
         except ConvergenceError as error:
             found.warnings.append(f"the motion {name} was not written: {error}")
-            continue
-        motions[name] = MarkedMotion(point.parameter, motion, problem.contacts)
     return motions
+
+
+def _motion(
+    found: Response, stored: StoredModel, curve: ResponseCurve, point: CurvePoint
+) -> MarkedMotion:
+    """The periodic motion at a point.
+
+    Raises:
+        ConvergenceError: the motion is lost.
+    """
+    families = found.table.families
+    if families is not None:
+        stored = stored.with_overrides([f"{families.key}={curve.value!r}"])
+    problem = family_of(stored)(point.parameter)
+    motion = recorded_motion(problem, point.z, point.periods)
+    return MarkedMotion(point.parameter, motion, problem.contacts)
+
+
+def clicked_motions(
+    found: Response, stored: StoredModel, known: dict[str, MarkedMotion]
+) -> list[Detail]:
+    """What a click shows: the known motions at marked points, and others evenly along each curve.
+
+    A motion that is lost is left out.
+    """
+    details = []
+    for name, (curve, point) in marked_points(found).items():
+        if name in known:
+            details.append(_detail(found, curve, point, known[name].motion))
+    each = max(0, MOST_CLICKED - len(details)) // len(found.curves)
+    for curve in found.curves:
+        for point in curve.points[:: max(1, -(-len(curve.points) // max(1, each)))][:each]:
+            with suppress(ConvergenceError):
+                motion = _motion(found, stored, curve, point).motion
+                details.append(_detail(found, curve, point, motion))
+    return details
+
+
+def _detail(found: Response, curve: ResponseCurve, point: CurvePoint, motion: Motion) -> Detail:
+    """What a click on a point shows."""
+    where = in_words(found.scene, found.table.parameter, point.parameter)
+    states = f", {', '.join(state_names(point))}" if found.contacts else ""
+    title = f"The motion at {curve_title(found.scene, curve.value)}{where}: {point.verdict}{states}"
+    return motion_detail(found, title, point, motion)
 
 
 def write_motion_arrays(motions: dict[str, MarkedMotion], folder: Path) -> Path:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.post.base.chart import Detail
+from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.curves.contact_map import contact_map
 from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
 from fenicsrom.post.curves.response_motion import (
+    clicked_motions,
     marked_motions,
     write_motion_arrays,
     write_motion_fields,
@@ -21,6 +25,8 @@ from fenicsrom.post.curves.response_rows import full_rows, rows, summary
 from fenicsrom.post.curves.response_tables import (
     event_table,
     full_table,
+    joined_warnings,
+    result_table,
     run_table,
     sentences,
     trust_table,
@@ -40,11 +46,16 @@ CHECKS_NOTE = (
 """What the table of estimated errors holds."""
 
 
-def report(found: Response) -> Report:
+def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     """The report of response curves: `response.csv`, `response.json` and the pictures.
 
     Where points of the full model were computed, `response_full.csv` has their numbers.
+
+    Args:
+        found: the curves.
+        clicked: what a click on a point of the curves shows.
     """
+    found.warnings[:] = joined_warnings(found)
     keys = 1 if found.table.families is None else 2
     special, full, of_full = event_table(found), full_table(found), full_rows(found)
     states = Picture(
@@ -57,6 +68,7 @@ def report(found: Response) -> Report:
         sentences(found),
         found.warnings,
         [
+            Section("Results", [result_table(found)], terminal=False, top=True),
             Section("Special points", [special] if special else [], keys=keys),
             Section("Full model", [full] if full else [], keys=keys),
             Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
@@ -65,7 +77,7 @@ def report(found: Response) -> Report:
         rows(found),
         lambda: summary(found),
         [
-            Picture("Response curves", "response.png", lambda: figure(found)),
+            Picture("Response curves", "response.png", lambda: figure(found, clicked)),
             *([states] if found.contacts else []),
             Picture(
                 "Floquet multipliers",
@@ -100,11 +112,15 @@ def write(
     Raises:
         OSError: a file cannot be written.
     """
-    first, composed = study is None or study.solid.comm.rank == 0, report(found)
+    first = study is None or study.solid.comm.rank == 0
     if first:
-        composed.write_numbers(folder)
+        report(found).write_numbers(folder)
     motions = marked_motions(found, stored)
     files = [write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
         files += write_motion_fields(study, motions, folder)
-    return [*composed.write(folder), *files] if first else []
+    if not first:
+        return []
+    shown = found.scene.output.pictures and not missing_module("bokeh")
+    clicked = clicked_motions(found, stored, motions) if shown else []
+    return [*report(found, clicked).write(folder), *files]

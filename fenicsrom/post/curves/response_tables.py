@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from fenicsrom.assess.curves.response_results import (
@@ -32,32 +33,73 @@ def varied_keys(found: Response) -> list[str]:
     return along if table.families is None else [*along, table.families.key]
 
 
-def sentences(found: Response) -> list[str]:
-    """The results in sentences, for the terminal and the report."""
-    name = direction_name(found)
+def result_table(found: Response) -> list[list[Any]]:
+    """The largest amplitude of each curve, where it is, and how far it can be trusted."""
+    direction, families = largest_direction(found), found.table.families
+    head = [f"largest {direction_name(found)} amplitude, mm", f"at {parameter_label(found)}"]
+    head += ["stability", "change by half the time step, %", "change by a richer basis, %"]
+    head += ["unstable points"]
     lines = []
+    for curve in found.curves:
+        top = largest_point(found, curve)
+        errors = (curve.step_error, curve.basis_error)
+        line: list[Any] = [
+            f"{1e3 * float(top.amplitude[:, direction].max()):.5g}",
+            f"{top.parameter:.6g}",
+            top.verdict,
+            *("unknown" if error is None else f"{100.0 * error:.2g}" for error in errors),
+            sum(not point.stable for point in curve.points),
+        ]
+        lines.append([*([] if families is None else [curve.value]), *line])
+    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+
+
+def sentences(found: Response) -> list[str]:
+    """The results in sentences, for the terminal and the report; equal ones of curves are one."""
+    name = direction_name(found)
+    titles: dict[str, list[str]] = {}
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
         amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
-        begin = curve_title(found.scene, curve.value)
-        lines.append(
-            f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
+        lines = [
+            f"{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
             f"amplitude {amplitude:.5g} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
-        )
+        ]
         if unstable := [point for point in points if not point.stable]:
-            lines.append(f"{begin}{_unstable_sentence(found, unstable)}")
-        lines += [f"{begin}{text}" for text in _changes(curve)]
-        lines += [f"{begin}{text}" for text in _unknown_errors(curve)]
+            lines.append(_unstable_sentence(found, unstable))
+        lines += [*_changes(curve), *_unknown_errors(curve)]
         free = sum(point.free_sliders > 0 for point in points)
         if free:
             lines.append(
-                f"{begin}At {counted(free, 'point')}, a contact point sticks all the time: the "
+                f"At {counted(free, 'point')}, a contact point sticks all the time: the "
                 "position of its slider is not unique."
             )
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
-        lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
-    return lines
+        lines += [f"The curve is incomplete: {reason}." for reason in sorted(ends)]
+        for line in lines:
+            titles.setdefault(line, []).append(curve_title(found.scene, curve.value))
+    return [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
+
+
+def joined_titles(found: Response, begins: Sequence[str]) -> str:
+    """The beginning of a sentence about several curves, from those of the single curves."""
+    if len(begins) == len(found.curves) > 1:
+        return "All curves: "
+    return f"{', '.join(begin.removesuffix(': ') for begin in begins)}: " if begins[0] else ""
+
+
+def joined_warnings(found: Response) -> list[str]:
+    """The warnings; equal ones of several curves are one."""
+    known = sorted({curve_title(found.scene, curve.value) for curve in found.curves}, key=len)
+    titles: dict[str, list[str]] = {}
+    for warning in found.warnings:
+        begin = next((one for one in reversed(known) if one and warning.startswith(one)), "")
+        titles.setdefault(warning.removeprefix(begin), []).append(begin)
+    return [
+        f"{joined_titles(found, begins) if all(begins) else begins[0]}{text}"
+        for text, begins in titles.items()
+    ]
 
 
 def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
 ABSOLUTE = "absolute_displacement_m"
-FRAMES = 60  # largest number of frames of a motion for ParaView and of an animation
+FRAMES = 30  # largest number of frames of a motion for ParaView and of an animation
 
 
 def frame_rows(motion: Motion) -> NDArray[np.int64]:

@@ -120,11 +120,14 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
         nodes = part.at_nodes(table, table.at_vertices(stress))
         cells = table.in_cells(stress)[part.cells]
 
-        def named(values: Array) -> dict[str, Array]:
+        def named(values: Array) -> dict[str, Any]:
+            found = {
+                "stress": values,
+                "von_mises": von_mises(values),
+                "principal": principal(values),
+            }
             return {
-                f"{prefix}stress_{unit}": values,
-                f"{prefix}von_mises_{unit}": von_mises(values),
-                f"{prefix}principal_{unit}": principal(values),
+                f"{prefix}{name}_{unit}": array.astype(np.float32) for name, array in found.items()
             }
 
         return Attached(named(nodes), named(cells))

@@ -110,7 +110,7 @@ def write_motion(
         frames: displacement of the local and ghost unknowns, m: an array (n_frames, n_unknowns), or
             a function of the frame number. The function is called once for each frame in order, on
             every rank at a different moment: it must not communicate.
-        label: name of the point array.
+        label: name of the point array, in single precision.
         attach: values besides the displacement, by the frame number; called as `frames`.
 
     Returns:
@@ -128,6 +128,7 @@ def write_motion(
         for number, time in enumerate(tracked(times)):
             attached = attach(number)
             arrays = _arrays(grid, space, {label: frame(number)}, attached)
+            arrays[label] = arrays[label].astype(np.float32)
             file = f"{name}_{number:05d}"
             file = _write_parts(temporary, file, grid, arrays, attached, comm)
             entries.append((float(time), file))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Values = NDArray[Any]
 
-TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}
+TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def _packed(values: Values) -> bytes:
     """An array in one compressed block, after the header of VTK."""
     if values.nbytes == 0:
         return np.zeros(3, "<u8").tobytes()
-    block = zlib.compress(values.tobytes(), 1)
+    block = zlib.compress(values.tobytes(), 6)
     return np.array([1, values.nbytes, 0, len(block)], "<u8").tobytes() + block
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.online.stress.stress_peaks import Peak, Stresses
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
-from fenicsrom.post.body.body_surface import NODE, gathered_grid, surface_of
-from fenicsrom.post.body.body_view import SLENDER, View, largest_of, view_of
+from fenicsrom.post.body.body_surface import NODE, surface_of
+from fenicsrom.post.body.body_view import SLENDER, View, largest_of
 from fenicsrom.post.body.film import Dots, Film
 from fenicsrom.post.body.turning_view import (
+    MOST_SHAPES,
     UNPAINTED,
     Shown,
     loaded,
@@ -30,90 +31,118 @@ from fenicsrom.post.body.turning_view import (
 from fenicsrom.post.paraview.fields import (
     about_equilibrium,
     contact_points,
-    frame_coordinates,
     frame_rows,
+    moving_field,
     shapes,
 )
 from fenicsrom.post.paraview.vtk_files import Grid, in_space, refined_grid
 from fenicsrom.post.setup.setup_figure import setup_figure, setup_view
-from fenicsrom.post.setup.setup_marks import marked, marks_of
+from fenicsrom.post.setup.setup_marks import Mark, gathered_marks
 from fenicsrom.post.setup.setup_symbols import held_points, symbols
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pyvista import PolyData
 
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.records import Study
 
-ROWS_PER_FRAME = 3
-"""An animation shows every third of the instants that ParaView gets."""
+ROWS_PER_FRAME = 2
+"""An animation shows every second of the instants that ParaView gets."""
 
 TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
 EQUILIBRIUM = "equilibrium"
 
 
-def body_pictures(study: Study) -> list[Picture]:
-    """List the pictures of the body; none on ranks other than the first. Collective.
+@dataclass(eq=False)
+class Body:
+    """What all pictures of a body show; on the first rank.
 
-    All pictures of the study have the projection of the set-up.
+    Attributes:
+        grid: its mesh.
+        values: the fields (n, 3) at the points of the mesh: the shapes, `EQUILIBRIUM`, and the
+            displacements of the animation by the numbers of its frames, m.
+        marks: what the picture of the set-up marks.
+        titles: label of each shape -> its title.
     """
-    solid = study.solid
-    kinds = shapes(study)
-    kinds.pop(EQUILIBRIUM, None)
-    modes = list(kinds.get("normal_modes", ()))
-    named = {label: field for fields in kinds.values() for label, field in fields.items()}
-    regions = marked(solid, study.scene)
-    fields = dict(regions.fields)
-    if solid.loaded:
-        fields[EQUILIBRIUM] = solid.equilibrium
-    found = gathered_grid(solid.space, _filled(solid, fields) | named)
-    if found is None:
+
+    grid: Grid
+    values: dict[str, Array]
+    marks: list[Mark]
+    titles: dict[str, str]
+
+    @cached_property
+    def surface(self) -> PolyData:
+        """The boundary, with the shapes and the equilibrium as point arrays."""
+        shown = {label: self.values[label] for label in (*self.titles, EQUILIBRIUM)}
+        return surface_of(self.grid, shown)
+
+    @cached_property
+    def view(self) -> View:
+        """The projection of all pictures but that of the stresses."""
+        moved = self.values[EQUILIBRIUM]
+        if not moved.any() and self.titles:
+            moved = self.values[next(iter(self.titles))]
+        return setup_view(self.surface, self.marks, largest_of(moved) if moved.any() else None)
+
+    def frames_at(self, surface: PolyData, count: int) -> Array:
+        """The displacements (count, n, 3) of an animation from the equilibrium at a surface, m."""
+        node = surface.point_data[NODE]
+        rest = self.values[EQUILIBRIUM][node]
+        return np.array([self.values[f"{k}"][node] - rest for k in range(count)])
+
+
+def body_of(study: Study) -> Body | None:
+    """What the pictures of the body of a study show; None on other ranks. Collective."""
+    if study.body is None:
+        kinds, solid = shapes(study), study.solid
+        kinds.pop(EQUILIBRIUM, None)
+        named = {label: field for fields in kinds.values() for label, field in fields.items()}
+        fields = named | {EQUILIBRIUM: solid.field(solid.equilibrium)}
+        if "reduced" in study.motions:
+            moving = moving_field(study)
+            fields |= {f"{k}": moving(row) for k, row in enumerate(_film_rows(study))}
+        found = gathered_marks(solid, study.scene, fields)
+        study.body = (None if found is None else Body(*found, shape_titles(study, named)),)
+    return study.body[0]
+
+
+def _film_rows(study: Study) -> range:
+    """The rows of `frame_rows` that an animation shows."""
+    return range(0, frame_rows(study.motions["reduced"]).size, ROWS_PER_FRAME)
+
+
+def body_pictures(study: Study) -> list[Picture]:
+    """List the pictures of the body; none on ranks other than the first. Collective."""
+    body, scene = body_of(study), study.scene
+    if body is None:
         return []
-    scene, titles = study.scene, shape_titles(study, named)
-    grid, values = found
-    seen = [EQUILIBRIUM] if solid.loaded else list(named)[:1]
-    moved = largest_of(values[seen[0]]) if seen else None
-    marks = marks_of(solid, scene, regions, grid.points, values)
-
-    @cache
-    def surface() -> tuple[PolyData, View]:
-        """The surface with its fields, and the projection of all pictures but the stresses'."""
-        shown = surface_of(grid, {label: values[label] for label in {*named, *seen}})
-        study.view = setup_view(shown, marks, moved)
-        return shown, study.view
-
-    def draw_shapes() -> Figure:
-        shown, view = surface()
-        return shape_figure(shown, titles, modes, view)
-
-    def draw_equilibrium() -> Figure:
-        shown, view = surface()
-        largest = 1e3 * float(np.linalg.norm(values[EQUILIBRIUM], axis=1).max())
-        title = f"equilibrium: largest displacement {largest:.4g} mm"
-        return deflection_figure(shown, EQUILIBRIUM, title, view)
-
-    def draw_setup() -> Figure:
-        return setup_figure(grid, marks, _title(scene), surface()[1])
-
-    pictures = [Picture("Set-up", "setup.png", draw_setup, in_space=True)]
-    if named:
-        pictures.append(Picture("Shapes", "shapes.png", draw_shapes, in_space=True))
-    if solid.loaded:
-        pictures.append(Picture("Equilibrium", "equilibrium.png", draw_equilibrium, in_space=True))
-    return pictures
+    modes = list(shapes(study).get("normal_modes", ()))
+    largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
+    title = f"equilibrium: largest displacement {largest:.4g} mm"
+    drawn = [
+        (True, "Set-up", lambda: setup_figure(body.grid, body.marks, _title(scene), body.view)),
+        (body.titles, "Shapes", lambda: shape_figure(body.surface, body.titles, modes, body.view)),
+        (
+            study.solid.loaded,
+            "Equilibrium",
+            lambda: deflection_figure(body.surface, EQUILIBRIUM, title, body.view),
+        ),
+    ]
+    return [
+        Picture(heading, f"{heading.lower().replace('-', '')}.png", draw, in_space=True)
+        for there, heading, draw in drawn
+        if there
+    ]
 
 
 def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     """The picture of the set-up to a file; None on ranks other than the first. Collective."""
-    regions = marked(solid, scene)
-    found = gathered_grid(solid.space, _filled(solid, regions.fields))
+    found = gathered_marks(solid, scene, {})
     if found is None:
         return None
-    grid, values = found
-    marks = marks_of(solid, scene, regions, grid.points, values)
+    grid, _, marks = found
     return Picture("Set-up", name, lambda: setup_figure(grid, marks, _title(scene)), in_space=True)
 
 
@@ -125,39 +154,24 @@ def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
     return [] if picture is None else [picture]
 
 
-def _filled(solid: Solid, fields: Mapping[str, Array]) -> dict[str, Any]:
-    """Fields with ghost values from fields (local,)."""
-    return {name: solid.field(values) for name, values in fields.items()}
-
-
 def film_of(study: Study) -> Film | None:
     """The last period of the reduced model about its equilibrium, to be animated. Collective.
 
     Returns:
         The film; None on ranks other than the first.
     """
-    motion, solid, basis = study.motions["reduced"], study.solid, study.basis
-    assert basis is not None
-    fields = {f"{k}": solid.field(vector) for k, vector in enumerate(basis.vectors.T)}
-    found = gathered_grid(solid.space, fields | {EQUILIBRIUM: solid.field(solid.equilibrium)})
+    motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
     marks = contact_points(study, motion) if study.scene.contacts else None
-    if marks is not None and solid.loaded:
+    if marks is not None and study.solid.loaded:
         marks = about_equilibrium(study, *marks)
-    if found is None:
+    if body is None:
         return None
-    surface = surface_of(*found)
-    rest = surface.warp_by_vector(EQUILIBRIUM)
-    some = slice(None, None, ROWS_PER_FRAME)
-    coordinates, times = frame_coordinates(motion)[some], motion.time[frame_rows(motion)][some]
-    moved = np.tensordot(coordinates, np.array([surface.point_data[k] for k in fields]), 1)
     dots = None
     if marks is not None:
-        dots = Dots(marks[0], marks[1]["displacement"][some], marks[1]["state"][some])
-    view = study.view
-    if view is None:
-        shown = surface.point_data[EQUILIBRIUM] if solid.loaded else moved.reshape(-1, 3)
-        view = view_of(rest, moved=largest_of(shown))
-    return Film(rest, times, moved, view, solid.loaded, dots)
+        dots = Dots(marks[0], marks[1]["displacement"][rows], marks[1]["state"][rows])
+    rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
+    moved = body.frames_at(rest, len(rows))
+    return Film(rest, times, moved, body.view, study.solid.loaded, dots)
 
 
 def turning_view(study: Study) -> str | None:
@@ -166,38 +180,27 @@ def turning_view(study: Study) -> str | None:
     Returns:
         The HTML text; None on ranks other than the first.
     """
-    solid, kinds = study.solid, shapes(study)
-    equilibrium = kinds.pop(EQUILIBRIUM, {})
-    named = {label: field for fields in kinds.values() for label, field in fields.items()}
-    regions = marked(solid, study.scene)
-    film = film_of(study) if "reduced" in study.motions else None
-    found = gathered_grid(
-        solid.space,
-        _filled(solid, regions.fields) | named | {EQUILIBRIUM: solid.field(solid.equilibrium)},
-    )
-    if found is None:
+    body = body_of(study)
+    if body is None:
         return None
-    grid, values = found
-    marks = marks_of(solid, study.scene, regions, grid.points, values)
-    whole = surface_of(grid, {label: values[label] for label in {*named, EQUILIBRIUM}})
-    surface = simplified(whole)
-    view = study.view or setup_view(whole, marks)
-    titles, length = shape_titles(study, named), view.length
-    still = np.zeros((1, surface.n_points, 3))
-    shown = [Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))]
-    shown += [swinging(titles[label], surface.point_data[label], length) for label in named]
-    if equilibrium:
-        shown.append(loaded("equilibrium", surface.point_data[EQUILIBRIUM], length))
-    if film is not None:
-        row = np.argsort(whole.point_data[NODE])
-        kept = row[np.searchsorted(whole.point_data[NODE], surface.point_data[NODE], sorter=row)]
-        rest = surface.point_data[EQUILIBRIUM]
-        shown.append(running("periodic motion", rest, film.moved[:, kept], length))
+    surface, length = simplified(body.surface), body.view.length
+    still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, UNPAINTED)
+    shown = [Shown("set-up", "", still, plain)]
+    shown += [
+        swinging(title, surface.point_data[label], length)
+        for label, title in list(body.titles.items())[:MOST_SHAPES]
+    ]
+    rest = surface.point_data[EQUILIBRIUM]
+    if study.solid.loaded:
+        shown.append(loaded(EQUILIBRIUM, rest, length))
+    if "reduced" in study.motions:
+        moved = body.frames_at(surface, len(_film_rows(study)))
+        shown.append(running("periodic motion", rest, moved, length))
     if study.stresses is not None and study.recovery is not None:
         shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
-    parts = [symbol.part for symbol in symbols(marks, grid.points, view)]
-    parts += held_points(whole, marks)
-    return turning_page(surface, shown, parts, view)
+    parts = symbols(body.marks, body.grid.points, length)
+    parts += held_points(body.surface, body.marks)
+    return turning_page(surface, shown, parts, body.view)
 
 
 def _stressed(table: StressTable, found: Stresses, surface: PolyData, length: float) -> Shown:
@@ -233,11 +236,13 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     place = ", ".join(f"{x:.4g}" for x in peak.position)
     title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
 
-    def draw() -> Figure:
-        shown = surface_of(*stress_state(table, peak, measure))
-        return stress_figure(shown, "displacement", title)
-
-    return Picture("Von Mises stress", "stress.png", draw, in_space=True)
+    state = stress_state(table, peak, measure)
+    return Picture(
+        "Von Mises stress",
+        "stress.png",
+        lambda: stress_figure(surface_of(*state), "displacement", title),
+        in_space=True,
+    )
 
 
 def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:

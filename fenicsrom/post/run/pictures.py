@@ -15,10 +15,12 @@ from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
+from fenicsrom.post.body.body_surface import is_flat
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
-from fenicsrom.post.paraview.fields import shapes
 from fenicsrom.post.run.body_pictures import (
+    Body,
+    body_of,
     body_pictures,
     film_of,
     is_slender,
@@ -152,8 +154,8 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     Raises:
         OSError: a file cannot be written.
     """
-    bodies = body_pictures(study)
-    along, coordinates = _along_the_axis(study), _coordinates(study)
+    bodies, along = body_pictures(study), _along_the_axis(body_of(study))
+    coordinates = _coordinates(study)
     if study.solid.comm.rank != 0:
         return []
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
@@ -208,33 +210,19 @@ def _coordinates(study: Study) -> list[Picture]:
     ]
 
 
-def _along_the_axis(study: Study) -> list[Picture]:
-    """The picture of the shapes along the axis of a straight slender body. Collective."""
-    fields = {
-        label: field
-        for kind, named in shapes(study).items()
-        if kind != "equilibrium"
-        for label, field in named.items()
-    }
-    boxes = [box for box in study.solid.comm.allgather(_box(study)) if box is not None]
-    if not fields or not is_slender(np.concatenate(boxes)):
+def _along_the_axis(body: Body | None) -> list[Picture]:
+    """The picture of the shapes along the axis of a straight slender body."""
+    if body is None or not body.titles or not is_slender(body.grid.points):
         return []
-    positions, values = centreline(study.solid.space, fields)
-    labels, lengths = list(fields), np.ptp(np.concatenate(boxes), axis=0)
-    axis, *across = sorted(range(len(lengths)), key=lambda k: (k != np.argmax(lengths), k))
-    names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in across)]
+    d = 2 if is_flat(body.grid.points) else 3
+    points, fields = body.grid.points[:, :d], [body.values[label][:, :d] for label in body.titles]
+    axis, *across = np.argsort(np.ptp(points, axis=0).max() - np.ptp(points, axis=0) > 0.0)
+    names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in sorted(across))]
 
     def draw() -> Figure:
-        return plot_modes(labels, positions, values, names)
+        return plot_modes(list(body.titles), *centreline(points, np.array(fields)), names)
 
     return [Picture("Shapes along the axis", "modes.png", draw)]
-
-
-def _box(study: Study) -> Array | None:
-    """Opposite corners (2, d) of the box around the nodes of this rank, m."""
-    d = study.solid.dimension
-    nodes = study.solid.space.tabulate_dof_coordinates()[:, :d]
-    return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
 
 
 def turning_pages(study: Study) -> list[Page]:

@@ -230,9 +230,13 @@ def write_checkpoint(
 
 
 def stored_model(study: Study) -> StoredModel:
-    """Collect the contents of `reduced_model.npz`."""
+    """Collect the contents of `reduced_model.npz`.
+
+    Raises:
+        SceneError: the model has no such `basis.size`.
+    """
     assert study.basis is not None and study.modes is not None
-    return StoredModel(
+    found = StoredModel(
         study.model,
         study.scene,
         study.basis.method,
@@ -247,6 +251,8 @@ def stored_model(study: Study) -> StoredModel:
         finer=study.finer,
         finer_labels=study.finer_labels,
     )
+    found.require_size()
+    return found
 
 
 def write_numbers(study: Study, folder: Path, whole: bool = False) -> list[Path]:

@@ -7,7 +7,7 @@ all of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,12 +24,12 @@ from fenicsrom.post.body.body_surface import (
 from fenicsrom.post.body.body_view import View, frame_of, view_of
 from fenicsrom.post.body.rendering import body_panel, drawn_lines, painted, show
 from fenicsrom.post.paraview.vtk_files import Grid
-from fenicsrom.post.setup.setup_marks import Marks
+from fenicsrom.post.setup.setup_marks import CLAMPED, Mark
 from fenicsrom.post.setup.setup_symbols import (
     COLOURS,
+    LOADED,
     REACH,
-    legend_handles,
-    load_arrows,
+    load_tips,
     region_parts,
     surroundings,
     symbols,
@@ -45,7 +45,7 @@ OVERVIEW = 0.32
 
 
 @styled
-def setup_figure(grid: Grid, marks: Marks, title: str, view: View | None = None) -> Figure:
+def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | None = None) -> Figure:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
     Several loads and contact points have numbers. The projection is that of `setup_view` by
@@ -53,20 +53,20 @@ def setup_figure(grid: Grid, marks: Marks, title: str, view: View | None = None)
     """
     surface = surface_of(grid)
     view = view or setup_view(surface, marks)
-    edges, drawn = form_edges(surface), symbols(marks, grid.points, view)
-    places = [view.project(mesh.points) for mesh in (surface, *(symbol.mesh for symbol in drawn))]
+    drawn = symbols(marks, grid.points, view.length)
+    places = [view.project(mesh.points) for mesh in (surface, *(part.mesh for part in drawn))]
     low, high = frame_of(places, 0.05 * view.length)
     low = low - [0.0, 0.13 * view.length]
-    body = [*region_parts(surface, edges, marks), drawn_lines(edges)]
-    body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *(symbol.part for symbol in drawn)]
+    body = [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
+    body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]
     around = surroundings(marks, grid.points)
 
-    handles = legend_handles(marks, drawn)
+    handles = _legend_handles(marks)
     columns = 2 if len(handles) > 3 else len(handles)
     rows = -(-len(handles) // max(columns, 1))
     figure, axis, wide = body_panel(view, low, high, 0.6 + 0.21 * (rows + title.count("\n")))
     show(axis, [*body, *around], view, low, high, wide)
-    _write_numbers(axis, _numbers(marks, view), (high[0] - low[0]) / (72.0 * wide))
+    _write_numbers(axis, marks, view, (high[0] - low[0]) / (72.0 * wide))
     reach = [view.project(part.mesh.points) for part in around]
     if any(np.any(seen < low) or np.any(seen > high) for seen in reach):
         low, high = frame_of([*places, *reach], 0.05 * view.length)
@@ -79,50 +79,36 @@ def setup_figure(grid: Grid, marks: Marks, title: str, view: View | None = None)
     return figure
 
 
-def setup_view(surface: PolyData, marks: Marks, moved: Array | None = None) -> View:
+def setup_view(surface: PolyData, marks: Sequence[Mark], moved: Array | None = None) -> View:
     """The projection of a body in its set-up and its motions.
 
     The viewer sees the side on which the loads act, and looks across the displacement `moved`
     (3,) if it is given.
     """
-    sizes = areas(surface)
-    loaded = [faces_on(surface, load.on[surface.point_data[NODE]]) for load in marks.loads]
-    facing = np.sum([sizes[found].sum(axis=0) for found in loaded], axis=0) + np.zeros(3)
+    sizes, facing = areas(surface), np.zeros(3)
+    for load in (mark for mark in marks if mark.kind == "load" and mark.on.any()):
+        facing += sizes[faces_on(surface, load.on[surface.point_data[NODE]])].sum(axis=0)
     return view_of(surface, facing, moved=moved)
 
 
-class Number(NamedTuple):
-    """A number beside a symbol.
+def _legend_handles(marks: Sequence[Mark]) -> list[Any]:
+    """The entries of the legend: the loaded regions, each label once, and round walls."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
-    Attributes:
-        text: the number.
-        at: (2,) place of the symbol in the picture, m.
-        way: (2,) direction from there in which there should be room.
-        colour: of the text.
-        needed: whether it is written where there is no room, too.
-    """
-
-    text: str
-    at: Array
-    way: Array
-    colour: str
-    needed: bool
-
-
-def _numbers(marks: Marks, view: View) -> list[Number]:
-    """The numbers of several loads and contact points, the most important ones first."""
-    found = []
-    if len(marks.loads) > 1:
-        for number, start, end in load_arrows(marks.loads, REACH * view.length):
-            (at,), (way,) = view.project(start[None]), view.project((start - end)[None])
-            found.append(Number(str(number + 1), at, way, COLOURS["load"], True))
-    if sum(len(mark.places) for mark in marks.contacts) > 1:
-        for mark in marks.contacts:
-            at, ways = view.project(mark.places), -view.project(mark.normals)
-            for k in halving(len(at)):
-                text = str(mark.first + k)
-                found.append(Number(text, at[k], ways[k], COLOURS["contact"], False))
-    return found
+    handles: list[Any] = []
+    for mark in {mark.label: mark for mark in marks}.values():
+        look: dict[str, Any] = {"color": COLOURS[mark.kind], "label": mark.label}
+        if mark.label == CLAMPED:
+            handles.append(Patch(**look))
+            continue
+        look |= {"marker": mark.marker, "markersize": 13.0 if "$" in mark.marker else 7.0}
+        handles.append(Line2D([], [], linestyle="none", **look))
+    if any(mark.kind == "load" and mark.on.any() for mark in marks):
+        handles.append(Patch(color=LOADED, label="loaded region"))
+    if any(mark.wall is not None for mark in marks):
+        handles.append(Patch(color=COLOURS["contact"], alpha=0.35, label="round wall"))
+    return handles
 
 
 def halving(count: int) -> list[int]:
@@ -133,33 +119,33 @@ def halving(count: int) -> list[int]:
     return list(dict.fromkeys(k for step in steps for k in range(0, count, step)))
 
 
-def _write_numbers(axis: Axes, numbers: Sequence[Number], point: float) -> None:
-    """Write numbers beside their symbols; one that would lie on an earlier one is left out.
+def _write_numbers(axis: Axes, marks: Sequence[Mark], view: View, point: float) -> None:
+    """Number several loads and contact points; numbers that would overlap are left out.
 
-    Args:
-        axis: the panel.
-        numbers: the numbers.
-        point: length of a typographic point in the picture, m.
+    The argument `point` is the length of a typographic point in the picture, m.
     """
     from matplotlib.patheffects import withStroke
 
-    taken: list[tuple[Array, Array]] = []
-    for text, at, way, colour, needed in numbers:
-        half = point * np.array([3.0 * len(text) + 1.0, 5.0])
+    loads = [mark for mark in marks if mark.kind == "load"]
+    contacts = [mark for mark in marks if mark.kind == "contact"]
+    wanted: list[tuple[str, int, Array, Array]] = []
+    if len(loads) > 1:
+        reach = REACH * view.length
+        for number, (load, tips) in enumerate(zip(loads, load_tips(loads, reach), strict=True), 1):
+            (way,) = load.ways
+            wanted += [("load", number, tip - reach * way, -way) for tip in tips]
+    first = 1
+    for mark in contacts if sum(len(mark.places) for mark in contacts) > 1 else ():
+        for k in halving(len(mark.places)):
+            wanted.append(("contact", first + k, mark.places[k], -mark.ways[k]))
+        first += len(mark.places)
+    taken: list[Array] = []
+    for kind, number, place, step in wanted:
+        at, way, half = view.project(place), view.project(step), point * np.array([10.0, 5.0])
         size = float(np.linalg.norm(way))
-        way = np.asarray(way / size) if size > 1e-9 else np.array([0.0, -1.0])
-        across = np.array([-way[1], way[0]])
-        steps = (across, -across, way, -way) if needed else (way,)
-        places = [at + 11.0 * point * step for step in steps]
-        free = [
-            place
-            for place in places
-            if all(np.any(np.abs(place - other) > half + room) for other, room in taken)
-        ]
-        if not free and not needed:
-            continue
-        place = (free or places)[0]
-        taken.append((place, half))
-        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 7}
-        look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
-        axis.text(place[0], place[1], text, color=colour, weight="bold", **look)
+        at = at + 11.0 * point * (way / size if size > 1e-9 else np.array([0.0, -1.0]))
+        if all(np.any(np.abs(at - other) > 2.0 * half) for other in taken):
+            taken.append(at)
+            look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 7}
+            look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
+            axis.text(at[0], at[1], str(number), color=COLOURS[kind], weight="bold", **look)

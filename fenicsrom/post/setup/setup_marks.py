@@ -6,8 +6,9 @@ to the face that is drawn, also if the pressure follows the deformation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import SceneError
+from fenicsrom.post.body.body_surface import gathered_grid
 from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.paraview.vtk_files import Grid, in_space
@@ -25,149 +27,111 @@ from fenicsrom.scene.tables import keys
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
 
-Flags = NDArray[np.bool_]
-
-CLAMPED = "clamped"
-"""The legend of supports that hold every component."""
+CLAMPED = "support, clamped"
+"""The label of supports that hold every component."""
 
 WEIGHTY = 0.1
 """Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
 
-STIFFNESS_UNITS = {"area": "N/m³", "length": "N/m²", "node": "N/m per node"}
-"""What stiffnesses and damping coefficients "per area" of a region refer to -> the unit of the
-stiffness. The area of an edge of a plane body contains its thickness."""
-
-PRELOAD_UNITS = {"area": "Pa", "length": "N/m", "node": "N per node"}
-"""The unit of the preload of all nodes of a region, by what it refers to."""
+PER = {"area": " per m²", "length": " per m", "node": " per node"}
+"""How a region is measured -> what its stiffnesses, damping coefficients and preload refer to. The
+area of an edge of a plane body contains its thickness."""
 
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
 
+ARROW = r"$\rightarrow$"
+"""The marker of an arrow in the legend."""
 
-@dataclass(frozen=True, eq=False)
-class SupportMark:
-    """Supports that hold the same directions.
+CONTACT_FORMS = ("o", "s", "D", "^")
+"""Markers of the contacts: sphere, cube, octahedron and cone."""
 
-    Attributes:
-        label: which directions they hold, for the legend.
-        on: (n,) whether a point of the body belongs to them.
-        directions: (c, 3) unit vectors of the held directions; (0, 3) if every component is held.
-    """
-
-    label: str
-    on: Flags
-    directions: Array
+ATTACHED_FORMS = {"mass": "s", "spring": "D", "dashpot": "^"}
+"""The same of attachments."""
 
 
 @dataclass(frozen=True, eq=False)
-class LoadMark:
-    """A load.
+class Mark:
+    """One thing in the picture of the set-up.
 
     Attributes:
-        label: kind, place, size and history of the load, for the legend.
-        places: (k, 3) ends of the arrows of the load, m.
-        direction: (3,) unit vector.
-        on: (n,) whether a point of the body belongs to the region on which it is distributed.
-    """
-
-    label: str
-    places: Array
-    direction: Array
-    on: Flags
-
-
-@dataclass(frozen=True, eq=False)
-class AttachmentMark:
-    """A concentrated mass, spring or dashpot.
-
-    Attributes:
-        kind: "mass", "spring" or "dashpot".
-        label: with its size, for the legend.
-        place: (3,) where it is, m.
+        kind: "support", "load", "attachment", "contact", "probe" or "rotation".
+        label: its name in the legend.
+        marker: its marker in the legend, as in matplotlib.
+        places: (k, 3) where it is: tips of arrows, contact points, a point of the axis, m.
+        ways: unit vectors: (c, 3) held directions, (1, 3) direction of a load or axis of rotation,
+            which turns the body by the right-hand rule, or (k, 3) normals into the wall.
+        on: (n,) whether a point of the body belongs to the region; empty without a region.
+        wall: the round surface of a contact; None of a plane.
     """
 
     kind: str
     label: str
-    place: Array
-
-
-@dataclass(frozen=True, eq=False)
-class ContactMark:
-    """A contact.
-
-    Attributes:
-        label: name of the contact in the legend.
-        places: (P, 3) its contact points, m.
-        normals: (P, 3) unit normals into the wall.
-        first: number of the first point of the contact, from 1 over all contacts.
-        wall: the round surface of the contact; None of a plane.
-    """
-
-    label: str
+    marker: str
     places: Array
-    normals: Array
-    first: int = 1
+    ways: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    on: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     wall: Grid | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class RotationMark:
-    """The axis of rotation.
+def gathered_marks(
+    solid: Solid, scene: Scene, fields: Mapping[str, Any]
+) -> tuple[Grid, dict[str, Array], list[Mark]] | None:
+    """Find the marks of a scene. Collective.
 
-    Attributes:
-        speed_rpm: the speed, at least 0, rev/min.
-        point: (3,) a point of the axis, m.
-        axis: (3,) unit vector; the body turns about it by the right-hand rule.
+    Args:
+        solid: the body.
+        scene: its scene.
+        fields: more fields on the body, by their names.
+
+    Returns:
+        The grid of the body, the values (n, 3) of the fields at its points, and the marks; None on
+        ranks other than the first.
     """
-
-    speed_rpm: float
-    point: Array
-    axis: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Marks:
-    """What the picture of the set-up marks.
-
-    Attributes:
-        supports, loads, attachments, contacts: the marks of each kind.
-        probe: (3,) the place where the motion is read, or None.
-        rotation: the axis of rotation, or None.
-    """
-
-    supports: Sequence[SupportMark] = ()
-    loads: Sequence[LoadMark] = ()
-    attachments: Sequence[AttachmentMark] = ()
-    contacts: Sequence[ContactMark] = ()
-    probe: Array | None = None
-    rotation: RotationMark | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Marked:
-    """The data of a solid, from all ranks, that `marks_of` needs.
-
-    Attributes:
-        fields: label -> field (local,): 1 at the first component of the nodes of a region, or
-            nodal forces of a pressure.
-        positions: the centre of each region on which a point is marked, m.
-        measures: how regions with attachments and contacts are measured, a key of
-            `STIFFNESS_UNITS`.
-    """
-
-    fields: dict[str, Array]
-    positions: Mapping[Place, Array]
-    measures: Mapping[Place, str]
+    regions = _regions(solid, scene)
+    placed: list[tuple[str, Any]] = [
+        *((f"loads[{k}]", load) for k, load in enumerate(scene.loads) if _is_concentrated(load)),
+        *((f"attachments[{k}]", found) for k, found in enumerate(scene.attachments)),
+    ]
+    at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
+    pressed: list[Any] = [*scene.attachments, *scene.contacts]
+    per = {found.place: _per(solid, found.place) for found in pressed}
+    gathered = gathered_grid(
+        solid.space, {name: solid.field(field) for name, field in regions.items()} | {**fields}
+    )
+    if gathered is None:
+        return None
+    grid, values = gathered
+    marks = _support_marks(scene, grid.points, values)
+    marks += [_load_mark(scene, k, grid.points, values, at) for k in range(len(scene.loads))]
+    marks += [
+        Mark("attachment", label, ATTACHED_FORMS[kind], at[found.place][None])
+        for found in scene.attachments
+        for kind, label in _attached(found, per[found.place])
+    ]
+    forms = zip(itertools.cycle(CONTACT_FORMS), scene.contacts, strict=False)
+    for k, (form, contact) in enumerate(forms):
+        mine = solid.points.contact == k
+        label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}{_pressed(contact, per)}"
+        places, normals = contact_places(solid.points)[mine], in_space(solid.points.frame[mine, 0])
+        marks.append(Mark("contact", label, form, places, normals, wall=_round(solid, scene, k)))
+    if not (scene.contacts and scene.probe is None) and not np.isnan(solid.probe_position).any():
+        marks.append(Mark("probe", "probe", "*", solid.probe_position[None]))
+    if scene.rotation is not None:
+        speed = scene.rotation.speed_rpm
+        point = in_space(np.array([scene.rotation.point or np.zeros(solid.dimension)]))
+        axis = np.copysign(1.0, speed) * np.array([scene.rotation.axis or (0.0, 0.0, 1.0)])
+        label = f"axis of rotation, {abs(speed):g} rpm"
+        marks.append(Mark("rotation", label, ARROW, point, axis / np.linalg.norm(axis)))
+    return grid, values, marks
 
 
-def marked(solid: Solid, scene: Scene) -> Marked:
-    """Find the nodes and centres of the regions that a scene names. Collective."""
+def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
+    """Fields (local,): 1 at the first component of the nodes of a region, or nodal forces."""
     from fenicsrom.fem.body.supports import support_directions
 
     d = solid.dimension
     fields: dict[str, Array] = {}
-    positions: dict[Place, Array] = {}
-    measures: dict[Place, str] = {}
 
     def mark(label: str, nodes: Any) -> None:
         fields[label] = np.zeros(solid.local)
@@ -176,71 +140,31 @@ def marked(solid: Solid, scene: Scene) -> Marked:
     for k, support in enumerate(scene.supports):
         mark(f"support {k}", support_directions(solid.mesh, solid.space, support, scene.source)[0])
     for k, load in enumerate(scene.loads):
-        if load.everywhere:
-            continue
-        if _is_region(load.place) and load.place.at == "mean":
-            mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
         if load.kind == "pressure":
             fields[f"pressure {k}"] = solid.load_vector(load, f"loads[{k}]")
-        elif _is_region(load.place):
-            positions[load.place] = solid.place(load.place, f"loads[{k}]")[1]
-    for k, attachment in enumerate(scene.attachments):
-        if _is_region(attachment.place):
-            positions[attachment.place] = solid.place(attachment.place, f"attachments[{k}]")[1]
-            measures[attachment.place] = _measure(solid, attachment.place)
-    for contact in scene.contacts:
-        if contact.place.at == "nodes":
-            measures[contact.place] = _measure(solid, contact.place)
-    return Marked(fields, positions, measures)
+        if not load.everywhere and _is_region(load.place) and load.place.at == "mean":
+            mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
+    return fields
 
 
-def _measure(solid: Solid, place: Place) -> str:
-    """How a region is measured: by the area of its facets, the length of its edges, or by nodes."""
+def _is_concentrated(load: Load) -> bool:
+    """Whether a load has one arrow, at its place."""
+    return not load.everywhere and load.kind != "pressure"
+
+
+def _is_region(place: Place) -> bool:
+    """Whether a place is a region, and not given by the coordinates of a point."""
+    return place.node is None and place.nearest is None
+
+
+def _per(solid: Solid, place: Place) -> str:
+    """How values per area of a region are meant; "" of a point."""
+    if not _is_region(place):
+        return ""
     if solid.mesh.has_facets(place):
-        return "area"
+        return PER["area"]
     edges = solid.mesh.entities(place).get(1)
-    return "length" if solid.comm.allreduce(0 if edges is None else len(edges)) else "node"
-
-
-def marks_of(
-    solid: Solid, scene: Scene, found: Marked, points: Array, values: Mapping[str, Array]
-) -> Marks:
-    """The marks of a scene. On the first rank.
-
-    Args:
-        solid: the body.
-        scene: its scene.
-        found: its regions.
-        points: (n, 3) all points of the body, m.
-        values: the fields of `found` (n, 3) at the points.
-    """
-
-    def place_of(place: Place) -> Array:
-        if place in found.positions:
-            return np.asarray(found.positions[place])
-        wanted = np.zeros(3)
-        coordinates = place.node if place.node is not None else place.nearest
-        wanted[: solid.dimension] = coordinates or ()
-        return np.asarray(points[np.argmin(np.linalg.norm(points - wanted, axis=1))])
-
-    supports = _support_marks(scene, values)
-    loads = [_load_mark(scene, k, points, values, place_of) for k in range(len(scene.loads))]
-    attachments = [
-        AttachmentMark(kind, label, place_of(attachment.place))
-        for attachment in scene.attachments
-        for kind, label in _attached(attachment, found.measures.get(attachment.place, "node"))
-    ]
-    contacts = []
-    places = contact_places(solid.points)
-    for k in range(len(scene.contacts)):
-        mine = solid.points.contact == k
-        label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
-        label += _pressed(scene.contacts[k], found.measures)
-        inward, first = in_space(solid.points.frame[mine, 0]), int(np.flatnonzero(mine)[0]) + 1
-        contacts.append(ContactMark(label, places[mine], inward, first, _round(solid, scene, k)))
-    hidden = (scene.contacts and scene.probe is None) or np.isnan(solid.probe_position).any()
-    probe = None if hidden else solid.probe_position
-    return Marks(supports, loads, attachments, contacts, probe, _rotation_mark(scene))
+    return PER["length" if solid.comm.allreduce(0 if edges is None else len(edges)) else "node"]
 
 
 def _round(solid: Solid, scene: Scene, k: int) -> Grid | None:
@@ -248,56 +172,42 @@ def _round(solid: Solid, scene: Scene, k: int) -> Grid | None:
 
     Of a surface that cuts into the undeformed body, none is drawn: a run refuses it.
     """
-    if scene.contacts[k].surface is None:
-        return None
     try:
-        return surface_grid(scene, solid.points, k, 0.0)
+        return surface_grid(scene, solid.points, k, 0.0) if scene.contacts[k].surface else None
     except SceneError:
         return None
 
 
-def _rotation_mark(scene: Scene) -> RotationMark | None:
-    """The axis of rotation, with the sense of the speed."""
-    rotation = scene.rotation
-    if rotation is None:
-        return None
-    point = in_space(np.array([rotation.point or np.zeros(scene.geometry.dimension)]))[0]
-    axis = np.array(rotation.axis or (0.0, 0.0, 1.0)) / np.linalg.norm(rotation.axis or 1.0)
-    sense = -1.0 if rotation.speed_rpm < 0.0 else 1.0
-    return RotationMark(abs(rotation.speed_rpm), point, sense * axis)
-
-
-def _support_marks(scene: Scene, values: Mapping[str, Array]) -> list[SupportMark]:
+def _support_marks(scene: Scene, points: Array, values: Mapping[str, Array]) -> list[Mark]:
     """The supports, those with the same directions together."""
-    marks: dict[str, SupportMark] = {}
+    marks: dict[str, Mark] = {}
     for k, support in enumerate(scene.supports):
         label, directions = _held(support, scene.geometry.dimension)
         on = values[f"support {k}"][:, 0] > 0.5
         if label in marks:
             on = on | marks[label].on
-        marks[label] = SupportMark(label, on, directions)
+        marks[label] = Mark("support", label, "<", points[on], directions, on)
     return list(marks.values())
 
 
 def _held(support: Support, d: int) -> tuple[str, Array]:
-    """The legend of a support and its held directions (c, 3); empty if the support holds all."""
+    """The label of a support and its held directions (c, 3); empty if the support holds all."""
     if support.normal is not None:
         along = ", ".join(f"{x:.3g}" for x in support.normal)
-        return f"held along ({along})", in_space(np.array([support.normal]))
+        return f"support, held along ({along})", in_space(np.array([support.normal]))
     axes = support.components or tuple("xyz"[:d])
     if len(set(axes)) == d:
         return CLAMPED, np.zeros((0, 3))
-    return f"held along {' and '.join(axes)}", np.eye(3)[["xyz".index(axis) for axis in axes]]
+    held = np.eye(3)[["xyz".index(axis) for axis in axes]]
+    return f"support, held along {' and '.join(axes)}", held
 
 
 def _load_mark(
-    scene: Scene, k: int, points: Array, values: Mapping[str, Array], place_of: Any
-) -> LoadMark:
+    scene: Scene, k: int, points: Array, values: Mapping[str, Array], at: Mapping[Place, Array]
+) -> Mark:
     """The mark of a load. A motion of the supports has an arrow at each of them."""
     load = scene.loads[k]
-    on: Flags = np.zeros(len(points), dtype=bool)
-    if f"load {k}" in values:
-        on = values[f"load {k}"][:, 0] > 0.5
+    on = values.get(f"load {k}", np.zeros((0, 3)))[:, 0] > 0.5
     direction = np.zeros(3)
     if load.direction is not None:
         direction[: len(load.direction)] = load.direction
@@ -314,8 +224,10 @@ def _load_mark(
         nearest = weighty[np.argmin(np.linalg.norm(points[weighty] - middle, axis=1))]
         places, direction = points[[nearest]], forces[nearest] / sizes[nearest]
     else:
-        places = place_of(load.place)[None]
-    return LoadMark(_load_label(load), places, np.copysign(1.0, load.size) * direction, on)
+        places = at[load.place][None]
+    number = f"{k + 1}: " * (len(scene.loads) > 1)
+    way = np.copysign(1.0, load.size) * direction[None]
+    return Mark("load", f"{number}{_load_label(load)}", ARROW, places, way, on)
 
 
 def _load_label(load: Load) -> str:
@@ -335,24 +247,22 @@ def _load_label(load: Load) -> str:
     return f"{kind}{where}, {size}, {history}"
 
 
-def _pressed(contact: Contact, measures: Mapping[Place, str]) -> str:
+def _pressed(contact: Contact, per: Mapping[Place, str]) -> str:
     """The preload or the gap of a contact, for the legend."""
     if contact.preload:
-        nodes = contact.place.at == "nodes"
-        unit = PRELOAD_UNITS[measures[contact.place]] if nodes else "N"
-        return f", preload {contact.preload:g} {unit}"
+        spread = per[contact.place] if contact.place.at == "nodes" else ""
+        return f", preload {contact.preload:g} N{spread}"
     return f", gap {1e3 * contact.gap:g} mm" if contact.gap else ""
 
 
-def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:
-    """The kinds and the legends of the parts of an attachment at a region with this measure."""
-    per = STIFFNESS_UNITS[measure]
+def _attached(attachment: Any, per: str) -> list[tuple[str, str]]:
+    """The kinds and the labels of the parts of an attachment."""
     parts = (
         ("mass", attachment.mass, "kg"),
         ("spring", attachment.stiffness, "N/m"),
-        ("spring", attachment.stiffness_per_area, per),
+        ("spring", attachment.stiffness_per_area, f"N/m{per}"),
         ("dashpot", attachment.damping, "N s/m"),
-        ("dashpot", attachment.damping_per_area, per.replace("N", "N s")),
+        ("dashpot", attachment.damping_per_area, f"N s/m{per}"),
     )
     along = " in each direction"
     if attachment.components is not None:
@@ -362,8 +272,3 @@ def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:
         for kind, size, unit in parts
         if size
     ]
-
-
-def _is_region(place: Place) -> bool:
-    """Whether a place is a region, and not given by the coordinates of a point."""
-    return place.node is None and place.nearest is None

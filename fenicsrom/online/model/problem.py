@@ -1,0 +1,54 @@
+"""A problem: a model with everything that determines its motion."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.contact.surfaces import Contacts
+
+
+class Problem(NamedTuple):
+    """A model under its loads, its damping and its contacts, and how its motion is computed.
+
+    Attributes:
+        model: a `online.model.model.ReducedModel` or any `online.model.operations.Model`.
+        contacts: parameters of the P contact points, in the order of the model's contact
+            displacements.
+        time: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance and way
+            to the steady state, or duration.
+        period: period of the loads, s; None runs for `time.duration`.
+        drift: derivatives of the data by the parameter of a family of problems, a
+            `online.derivative.sensitivity.Drift`; None of a problem by itself.
+    """
+
+    model: Any
+    contacts: Contacts
+    time: Any
+    period: Any
+    drift: Any = None
+
+    @classmethod
+    def of(cls, model: Any, scene: Any) -> Problem:
+        """The problem of a model that has the loads and the damping of a scene.
+
+        Raises:
+            SceneError: as `contacts_of`.
+        """
+        return cls(model, contacts_of(scene, model.points), scene.time, scene.period)
+
+    @property
+    def dimension(self) -> int:
+        """The dimension of space d."""
+        return int(self.contacts.centre.shape[1])
+
+    def settled(self) -> Problem:
+        """The problem after all surfaces have approached the body."""
+        contacts = self.contacts
+        if contacts.times.size == 0:
+            return self
+        last = np.ascontiguousarray(contacts.approach[:, -1:])
+        moved = contacts._replace(times=contacts.times[-1:].copy(), approach=last)
+        return self._replace(contacts=moved)
