@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel, load_model, save_model
     from fenicsrom.post.base.report import Report
     from fenicsrom.post.reports import report
+    from fenicsrom.post.run.body_pictures import view
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
@@ -84,6 +85,7 @@ _MODULES = {
     ),
     "fem.mesh.inspection": ("inspect",),
     "post.reports": ("report",),
+    "post.run.body_pictures": ("view",),
     "post.base.report": ("Report",),
 }
 """The public names of each module."""

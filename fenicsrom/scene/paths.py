@@ -10,15 +10,6 @@ def shared_meshes() -> Path:
 
     The folder lies inside the installed package; in a checkout it lies beside the package.
     """
-    return _shared("meshes")
-
-
-def shared_demos() -> Path:
-    """Give the folder of the demos, inside the package or beside it."""
-    return _shared("demos")
-
-
-def _shared(name: str) -> Path:
     package = Path(__file__).resolve().parents[1]
-    installed = package / name
-    return installed if installed.is_dir() else package.parent / name
+    installed = package / "meshes"
+    return installed if installed.is_dir() else package.parent / "meshes"

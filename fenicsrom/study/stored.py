@@ -240,7 +240,12 @@ def _draw(found: Rerun, folder: Path) -> list[Drawn]:
 
     stored = found.stored
     names = direction_names(stored.scene, stored.model.points)
-    pictures = motion_pictures({"reduced": found.motion}, names=names, work=working(stored.scene))
+    pictures = motion_pictures(
+        {"reduced": found.motion},
+        names=names,
+        work=working(stored.scene),
+        points=stored.model.points,
+    )
     pictures += size_pictures(found.sized)
     written = draw_pictures(pictures, folder, found.warnings)
     if found.stresses is not None:

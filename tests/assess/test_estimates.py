@@ -17,6 +17,7 @@ from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
+from fenicsrom.scene.step_size import with_time
 
 
 def two_modes(kind: str) -> tuple[ReducedModel, ReducedModel, Scene]:
@@ -109,6 +110,34 @@ def test_check_takes_only_a_stable_motion_nearby_without_a_march(
     assert found.period == pytest.approx(multiple * scene.period)
     assert (found.search is None) == nearby
     np.testing.assert_allclose(amplitude(found), amplitude(marched), rtol=1e-5)
+
+
+def test_check_of_another_model_takes_the_adaptive_steps_of_the_motion() -> None:
+    model, scene = double_well(0.24)
+    scene = with_time(scene, tolerance=1e-6)
+    motion = simulate(model, scene, start=(np.array([1.0]), np.array([0.0])))
+    check, _ = double_well(0.245)
+    found = estimates.nested_motion(check, scene, motion)
+    assert found is not None and found.search is None
+    steps = motion.time[motion.last_period()]
+    np.testing.assert_allclose(found.time, steps - steps[0], atol=1e-9)
+    marched = simulate(check, scene, start=(np.array([1.0]), np.array([0.0])))
+    np.testing.assert_allclose(amplitude(found), amplitude(marched), rtol=1e-4)
+
+
+def test_check_of_a_surface_that_has_approached_takes_the_motion_nearby() -> None:
+    """The surface moves by more than the amplitude; the check does not wait for it again."""
+    scene = beam_scene(2, ("contacts.0.approach=[[0, 0], [1, 0.02]]", "material.mass_damping=8.0"))
+    loads = {"loads": [[0.5], [1.0]], "load_histories": load_histories(scene), "masters": 2}
+    model, check = (
+        linear_model(np.eye(2), np.diag([k, 500.0]), damping=8.0, **loads) for k in (900.0, 905.0)
+    )
+    motion = simulate(model, scene)
+    assert motion.newton_from is not None and motion.newton_from > 1.0
+    found = estimates.nested_motion(check, scene, motion)
+    assert found is not None and found.search is None
+    np.testing.assert_allclose(amplitude(found), amplitude(simulate(check, scene)), rtol=1e-5)
+    assert estimates.distances(motion, found).amplitude > 1e-4
 
 
 @pytest.mark.parametrize(("part", "error"), [(None, 0.6), (0.6, 0.6), (0.4, np.inf)])

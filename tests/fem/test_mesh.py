@@ -20,7 +20,7 @@ from mpi4py import MPI
 from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.body.supports import unclamped_pieces
+from fenicsrom.fem.body.supports import connected_pieces
 from fenicsrom.fem.mesh import gmsh_model
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
@@ -380,7 +380,7 @@ def test_mesh_of_another_dimension_is_refused(dimension: int) -> None:
 
 def test_missing_group_is_refused_with_known_names() -> None:
     mesh = beam(2)
-    for ask in (mesh.facets, mesh.surface, lambda name: unclamped_pieces(mesh, [name])):
+    for ask in (mesh.facets, mesh.surface):
         with refusal(ErrorKind.PLACE, file="beam2d.geo", names="load, root, tip"):
             ask("rot")
     with refusal(ErrorKind.PLACE, file="beam2d.geo", names="'solid'"):
@@ -402,7 +402,6 @@ def test_mesh_without_facet_groups_is_read(tmp_path: Path) -> None:
     assert mesh.cell_groups.keys() == {"solid"} and not mesh.facet_groups and not mesh.node_groups
     left = Region(box=((0.0, 0.0), (0.0, 1.0)))
     assert integral(mesh, 1.0, mesh.surface(left)) == pytest.approx(1.0)
-    assert unclamped_pieces(mesh, [left]) == 0
     with refusal(ErrorKind.PLACE, file="two.msh", names="'root'"):
         mesh.facets("root")
 
@@ -426,7 +425,6 @@ def test_groups_of_points_and_curves_become_node_groups(tmp_path: Path) -> None:
     assert not mesh.has_facets("points") and mesh.has_facets("root")
     with refusal(ErrorKind.PLACE, file="beam.msh", names="'points'"):
         mesh.facets("points")
-    assert unclamped_pieces(mesh, ["points"]) == 0
 
 
 def test_facet_in_two_groups_is_in_both(tmp_path: Path) -> None:
@@ -552,15 +550,12 @@ def test_curved_file_keeps_its_curved_cells(tmp_path: Path) -> None:
         read(write_msh(tmp_path / "two.msh", SQUARE, squares()), curved=True)
 
 
-def test_piece_without_clamp_is_found(tmp_path: Path) -> None:
-    assert unclamped_pieces(beam(2), ["root"]) == 0
-    assert unclamped_pieces(beam(2), []) == 1
+def test_pieces_that_share_no_node_are_counted(tmp_path: Path) -> None:
+    assert connected_pieces(beam(2))[1] == 1
     doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]  # the second square has its own nodes at x = 1
     elements = [squares()[0], (QUADRILATERAL, 1, (6, 4, 5, 7)), *squares()[2:]]
     mesh = read(write_msh(tmp_path / "two.msh", doubled, elements))
-    assert [
-        unclamped_pieces(mesh, groups) for groups in ([], ["root"], ["tip"], ["root", "tip"])
-    ] == [2, 1, 1, 0]
+    assert connected_pieces(mesh)[1] == 2
 
 
 def test_settings_of_gmsh_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -591,7 +586,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.body.supports import unclamped_pieces
+from fenicsrom.fem.body.supports import connected_pieces
 from fenicsrom.scene import Geometry
 beam, pieces = Path(sys.argv[1]), Path(sys.argv[2])
 comm = MPI.COMM_WORLD

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.curves.bifurcations import LOCATED, outside, special_points
+from fenicsrom.online.curves.bifurcations import LOCATED, MOST_EVENTS, outside, special_points
 from fenicsrom.online.curves.brackets import bracketed
 from fenicsrom.online.curves.contact_events import (
     NEGLIGIBLE,
@@ -216,6 +217,15 @@ def test_every_change_of_the_number_of_multipliers_outside_is_located(
     for point, place in zip(found, places, strict=True):
         assert place is None or point.parameter == pytest.approx(place, abs=LOCATED)
     assert line.calls < 150
+
+
+def test_many_contact_events_in_one_step_are_at_its_end() -> None:
+    line = Line(lambda p: [0.5])
+    a = replace(line.at(0.0), states=np.full(MOST_EVENTS + 1, STICKS))
+    b = replace(line.at(1.0), states=np.full(MOST_EVENTS + 1, STICKS | SLIPS))
+    found = special_points(line, a, b)
+    assert [point.kind for point in found] == ["first slip"] * (MOST_EVENTS + 1)
+    assert {point.parameter for point in found} == {1.0} and line.calls == 0
 
 
 @pytest.mark.parametrize("bend", [-0.5, 0.0, 0.5])

@@ -49,7 +49,7 @@ def test_rub_map_shows_force_and_state_of_each_point(tmp_path):
     cases = [jenkins(normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
     case = side_by_side(*cases)
     figure = motion_figures.plot_rub_map(case)
-    force, state = (axis.images[0].get_array() for axis in figure.axes[:2])
+    force, state = (axis.collections[0].get_array() for axis in figure.axes[:2])
     assert force.shape == state.shape == (6, motion_figures.COLUMNS)
     assert np.ma.getmaskarray(force)[2].any() and not np.ma.getmaskarray(force)[0].any()
     np.testing.assert_allclose(force.max(axis=1), [30, 40, 80, 50, 40, 30], rtol=5e-3)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browser import browser, changed, choose_shape, picture, severe, turn
 from test_body_surface import beam_surface
 
 pytest.importorskip("pyvista")
@@ -30,13 +28,11 @@ from fenicsrom.post.body.turning_view import (
     simplified,
     swinging,
     turning_page,
+    turning_plot,
 )
 
 LENGTH = 2.0
-FLAGS = (
-    "--headless=new --no-sandbox --disable-dev-shm-usage --use-gl=angle --use-angle=swiftshader "
-    "--enable-unsafe-swiftshader --ignore-gpu-blocklist --window-size=1000,900"
-)
+__all__ = ["browser"]
 
 
 def bent(surface: Any, size: float) -> Any:
@@ -75,7 +71,7 @@ def report(tmp_path: Path) -> Path:
     still = np.zeros((1, surface.n_points, 3))
     setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
     shown = [setup, swinging("1V", bent(surface, 1.0), LENGTH)]
-    page = turning_page(surface, shown, [], view_of(surface))
+    page = turning_page(*turning_plot(surface, shown, [], view_of(surface)))
     figure = new_figure(5.0, 3.0)
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], color="#d55e00", linewidth=8.0, label="thick")
@@ -83,35 +79,6 @@ def report(tmp_path: Path) -> Path:
     (drawn,) = draw_pictures([Picture("Curve", "motion.png", lambda: figure)], tmp_path, [])
     sections = [("The body", [Page(page)]), ("Curve", [drawn])]
     return write_report(tmp_path / "report.html", "a beam", sections)
-
-
-@pytest.fixture
-def browser() -> Iterator[Any]:
-    """A headless Chromium that draws by software."""
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    driver = shutil.which("chromedriver")
-    if driver is None:
-        pytest.skip("chromedriver is not installed")
-    options = webdriver.ChromeOptions()
-    for flag in FLAGS.split():
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    started = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield started
-    started.quit()
-
-
-def picture(browser: Any) -> Any:
-    """What the browser shows, (height, width, 3)."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as image:
-        return np.asarray(image.convert("RGB")).astype(int)
-
-
-def changed(one: Any, other: Any) -> int:
-    """The number of pixels that differ."""
-    return int(np.sum(np.abs(one - other).max(axis=2) > 40))
 
 
 @pytest.mark.slow
@@ -124,22 +91,12 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     browser.get(report.as_uri())
     browser.switch_to.frame(browser.find_element(By.ID, "body"))
     wait = WebDriverWait(browser, 60)
-    wait.until(lambda found: found.find_elements(By.ID, "shape"))
-    play = browser.find_element(By.ID, "play")
-    play.click()  # the body stands still
+    setup = choose_shape(browser, wait, 0)
     shapes = Select(browser.find_element(By.ID, "shape"))
     assert [option.text for option in shapes.options] == ["set-up", "1V"]
-    blank = picture(browser)
-    wait.until(lambda found: np.std(picture(found)[300:, :, 0]) > 5.0)
-    setup = picture(browser)
-    shapes.select_by_index(1)
-    wait.until(lambda found: changed(setup, picture(found)) > 1000)
-    shape = picture(browser)
-    canvas = browser.find_element(By.ID, "canvasTarget")
-    drag = ActionChains(browser).move_to_element_with_offset(canvas, 100, 100).click_and_hold()
-    drag.move_by_offset(120, 80).release().perform()
-    wait.until(lambda found: changed(shape, picture(found)) > 1000)
-    assert blank.shape == setup.shape
+    shape = choose_shape(browser, wait, 1)
+    assert changed(setup, shape) > 1000
+    turn(browser, wait, shape)
     browser.switch_to.default_content()
     chart = browser.find_element(By.ID, "chart-motion.png")
     wait.until(lambda found: not chart.find_elements(By.TAG_NAME, "img"))  # the chart replaces it
@@ -149,8 +106,7 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     box = ActionChains(browser).move_to_element(chart).click_and_hold()
     box.move_by_offset(150, 60).release().perform()
     wait.until(lambda found: found.execute_script(first) > start + 0.01)
-    severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    assert not severe
+    assert not severe(browser)
     loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")
     assert not [entry["name"] for entry in loaded_files if entry["name"].startswith("http")]
 

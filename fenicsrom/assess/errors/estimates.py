@@ -287,7 +287,7 @@ def nested_motion(
     scene: Scene,
     motion: Motion,
     chosen: Sequence[int] | None = None,
-    march: bool = True,
+    near: Motion | None = None,
 ) -> Motion | None:
     """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
 
@@ -300,7 +300,8 @@ def nested_motion(
         motion: the motion.
         chosen: the coordinates of the motion with which those of the model begin, -1 for another
             coordinate; by default all.
-        march: whether to march where there is no periodic motion near a periodic motion.
+        near: a motion of more coordinates, which those of `chosen` belong to; near a motion of
+            Newton's method only a periodic motion near this one is sought, without a march.
 
     Returns:
         The motion; None if the model fails, or does not settle although the motion did.
@@ -311,10 +312,12 @@ def nested_motion(
             other = simulate(model, alike, keep_coordinates=True)
         else:
             *state, sliders = end_of(motion)
+            if near is not None and near.coordinates is not None and near.velocity is not None:
+                state = [near.coordinates[-1], near.velocity[-1]]
             first = np.arange(state[0].size) if chosen is None else np.array(chosen)
             more = np.zeros(model.size - first.size)
             q, v = (np.concatenate([(first >= 0) * values[first], more]) for values in state)
-            other = check_motion(model, scene, motion, (q, v, sliders), march)
+            other = check_motion(model, scene, motion, (q, v, sliders), march=near is None)
     except (ConvergenceError, AccuracyError):
         return None
     return None if has_settled(motion) and not has_settled(other) else other

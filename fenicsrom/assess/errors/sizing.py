@@ -102,10 +102,10 @@ class Sized:
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
             part = with_size(stored, other, n)
-            common = [stored.labels.index(label) for label in part.labels[: stored.size]]
             near: Motion | None = motion
             if n != stored.size:
-                near = nested_motion(part.model, scene, motion, common, march=False)
+                chosen = [known.index(label) for label in part.labels]
+                near = nested_motion(part.model, scene, motion, chosen, near=other)
             error = np.inf if near is None else basis_errors(near, other).largest
             if near is not None and np.isfinite(error):
                 rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
@@ -280,10 +280,11 @@ def _enlarged(
         return None
     if is_unsteady(motion):  # each trial would run as long as the run
         return stored.resized((*stored.labels, *labels))
-    best, least = None, np.inf
+    best, least, known = None, np.inf, (*stored.labels, *stored.further)
     for joining in growing(labels):
         trial = stored.resized((*stored.labels, *joining))
-        near = nested_motion(trial.model, stored.scene, motion, march=False)
+        chosen = [known.index(label) for label in trial.labels]
+        near = nested_motion(trial.model, stored.scene, motion, chosen, near=other)
         error = np.inf if near is None else basis_errors(near, other).largest
         if error <= least:
             best, least = trial, error

@@ -23,7 +23,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.slanted import Held
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
-from fenicsrom.scene import Region, Support
+from fenicsrom.scene import Support
 from fenicsrom.scene.places import AXES
 
 SAME_DIRECTION = 1e-12
@@ -219,29 +219,6 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
         key="supports",
         source=mesh.source,
     )
-
-
-def unclamped_pieces(mesh: Mesh, regions: Sequence[str | Region]) -> int:
-    """Count the connected pieces of the mesh that no region touches. Collective.
-
-    Args:
-        mesh: the mesh.
-        regions: the clamped facet groups, node groups, or regions of the scene.
-
-    Returns:
-        The number of pieces that can move as rigid bodies, the same on every rank.
-
-    Raises:
-        SceneError: the mesh has no such group, or a region is empty.
-    """
-    topology = mesh.domain.topology
-    pieces, count = connected_pieces(mesh)
-    touched = [np.empty(0, dtype=pieces.dtype)]
-    for dimension, entities in (item for where in regions for item in mesh.entities(where).items()):
-        topology.create_connectivity(dimension, 0)
-        vertices = topology.connectivity(dimension, 0)
-        touched += [pieces[vertices.links(entity)] for entity in entities]
-    return count - len(np.unique(np.concatenate(mesh.domain.comm.allgather(np.hstack(touched)))))
 
 
 def connected_pieces(mesh: Mesh) -> tuple[Ints, int]:

@@ -31,6 +31,7 @@ from fenicsrom.online.periodic.shooting import STABLE_WITHIN
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
+MOST_EVENTS = 8  # in one step of a curve: 84 points that begin to slip together took half a minute
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
 REAL = 1e-6  # angle of a multiplier below which it counts as real
@@ -60,12 +61,15 @@ def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]
         b: the next point; the tangents of both point along the path.
 
     Returns:
-        The special points; one that could not be located is an end of its bracket.
+        The special points; one that could not be located is an end of its bracket. Of more than
+        `MOST_EVENTS` contact events between two points, each is at the second point.
     """
     found: list[CurvePoint] = []
-    for kind, contact, test in _changes(a, b):
-        bracket = change_of_sign(path, test, a, b)
-        found.append(replace(bracket.nearest, kind=kind, contact=contact))
+    changes = list(_changes(a, b))
+    for kind, contact, test in changes:
+        located = kind == "fold" or len(changes) <= MOST_EVENTS
+        nearest = change_of_sign(path, test, a, b).nearest if located else b
+        found.append(replace(nearest, kind=kind, contact=contact))
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in _crossings(path, a, b):
         apart = [norm(path.place(point) - fold) for fold in folds]

@@ -12,7 +12,6 @@ problem.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -77,19 +76,13 @@ def _eigenvector(path: Continuation, point: CurvePoint) -> Array | None:
     return np.asarray(real / np.linalg.norm(real))
 
 
-def motions_through_load(
-    shooting: Shooting,
-    problem: Problem,
-    s: Array,
-    progress: Callable[[CurvePoint], None] | None = None,
-) -> list[CurvePoint]:
+def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list[CurvePoint]:
     """The motions of a problem that are connected with one of them through the size of the loads.
 
     Args:
         shooting: the equation of the motion.
         problem: the problem.
         s: (N,) scaled variables of one motion.
-        progress: called with each point of the curve over the factor on the loads.
 
     Returns:
         The points at which the factor on the loads is 1, without the start; empty if no periodic
@@ -105,7 +98,7 @@ def motions_through_load(
         start = path.at_parameter(s, 1.0)
         if start is None:
             return found
-        curve = path.run(start, direction, points=LOAD_POINTS, locate=False, progress=progress)
+        curve = path.run(start, direction, points=LOAD_POINTS, locate=False)
         for a, b in pairwise(curve.points[1:]):
             if (a.parameter - 1.0) * (b.parameter - 1.0) >= 0.0:
                 continue

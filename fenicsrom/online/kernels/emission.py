@@ -6,6 +6,12 @@ intermediate code. An entry, which Python calls, is linked with all parts below 
 then optimises the whole, and makes its machine code once. The parts are internal to the entry:
 their names cannot meet those of the same parts in another entry, or in stored machine code.
 
+A part becomes internal only when all are linked. Numba optimises each function alone before that,
+and may remove the only call of a part (`if derive:` where `derive` is the literal False). LLVM
+would then drop a part that it may drop (`internal`, `linkonce_odr`), and a caller that is linked
+later would miss it. LLVM's MCJIT does not report a missing function: it leaves the addresses of all
+outer functions zero, and the entry ends with a segmentation fault at its first call.
+
 The passes are those of numba, as described in its documentation ("Customizing the Compiler"). These
 names are private to numba, and were checked with its versions from `FIRST` to `LAST`:
 
@@ -93,7 +99,7 @@ class EntryLowering(_Lowering):
         for function in module.functions:
             if not function.is_declaration and function.name not in own:
                 function.linkage = "internal"
-            elif function.is_declaration and function.name.startswith("_ZN"):
+            elif function.is_declaration and function.name.startswith("_ZN"):  # MCJIT is silent
                 raise CompilerError(f"{function.name} was not linked")
         return state.targetctx.get_executable(library, lowered.fndesc, lowered.env)
 

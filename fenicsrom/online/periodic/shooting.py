@@ -272,7 +272,6 @@ def periodic_motion(
     m: int = 1,
     *,
     tolerance: float = TOLERANCE,
-    fractions: Array | None = None,
 ) -> PeriodicMotion:
     """Find a periodic motion near a start by Newton's method.
 
@@ -282,13 +281,11 @@ def periodic_motion(
             (q (n,), v (n,), sliders (P, d)) or variables z (N,).
         m: number of periods of the loads in one of the motion.
         tolerance: tolerance of the residual relative to the variables.
-        fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
-            steps if not given.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
     """
-    shooting = Shooting(problem.settled(), m, fractions)
+    shooting = Shooting(problem.settled(), m)
     return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
 
 
@@ -296,7 +293,6 @@ def solve(
     shooting: Shooting,
     s: Array,
     tolerance: float = TOLERANCE,
-    iterations: int = ITERATIONS,
     found: tuple[Array, Array, Array, PeriodEnd] | None = None,
     step_tolerance: float = 0.0,
 ) -> PeriodicMotion:
@@ -313,7 +309,6 @@ def solve(
         shooting: the equation.
         s: (N,) scaled variables of the start.
         tolerance: tolerance of the residual relative to the variables.
-        iterations: largest number of iterations.
         found: `shooting.march(s)`, if the caller has it.
         step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
             ends where the next step would be at most so large.
@@ -324,7 +319,7 @@ def solve(
     found = shooting.march(s) if found is None else found
     residuals: list[float] = []
     lengths: list[float] = []
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         if found is None:
             break
         residual, matrix, _, end = found

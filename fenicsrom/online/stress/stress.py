@@ -41,7 +41,6 @@ from fenicsrom.scene import Elasticity, Scene
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
 CAUCHY = "cauchy"

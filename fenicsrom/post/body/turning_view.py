@@ -145,10 +145,27 @@ def simplified(surface: PolyData) -> PolyData:
     return surface.decimate_pro(1.0 - MOST_TRIANGLES / surface.n_cells, preserve_topology=True)
 
 
-def turning_page(
+def turning_page(plot: Any, entries: Sequence[Mapping[str, Any]]) -> str:
+    """Compose the page, as HTML text, of what `turning_plot` gives."""
+    return _page(plot, CONTROLS.replace("SHOWN", json.dumps(entries)))
+
+
+def turning_widget(plot: Any, entries: Sequence[Mapping[str, Any]]) -> Any:
+    """Compose a widget for notebooks, with the list above the plot."""
+    import ipywidgets
+
+    def choose(change: Mapping[str, Any]) -> None:
+        plot.time = float(change["new"])
+
+    found = ipywidgets.Dropdown(options=[(one["name"], one["first"]) for one in entries])
+    found.observe(choose, "value")
+    return ipywidgets.VBox([found, plot])
+
+
+def turning_plot(
     surface: PolyData, shown: Sequence[Shown], symbols: Sequence[Part], view: View
-) -> str:
-    """Compose the page.
+) -> tuple[Any, list[dict[str, Any]]]:
+    """Draw the body with k3d.
 
     Args:
         surface: the undeformed body.
@@ -157,7 +174,7 @@ def turning_page(
         view: the first projection.
 
     Returns:
-        The HTML text.
+        The plot, and the name, the note and the times of each entry.
     """
     import k3d
 
@@ -195,7 +212,7 @@ def turning_page(
         else:
             size = 0.012 * view.length
             plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
-    return _page(plot, CONTROLS.replace("SHOWN", json.dumps(entries)))
+    return plot, entries
 
 
 def named_page(parts: Mapping[str, Part], view: View) -> str:
@@ -229,9 +246,7 @@ def _plot(surface: PolyData, view: View) -> Any:
     """A plot in k3d that looks at a surface."""
     import k3d
 
-    plot = k3d.plot(
-        grid_visible=False, menu_visibility=False, colorbar_object_id=0, camera_auto_fit=False
-    )
+    plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
     plot.lighting, plot.camera_fov = 0.3, 20.0
     middle = surface.points.mean(axis=0)
     plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
@@ -240,7 +255,7 @@ def _plot(surface: PolyData, view: View) -> Any:
 
 def _page(plot: Any, script: str) -> str:
     """A page with a plot, and what the script adds to it."""
-    plot.snapshot_type = "full"
+    plot.snapshot_type, plot.menu_visibility = "full", False
     return str(plot.get_snapshot(9, additional_js_code=script))
 
 

@@ -286,10 +286,10 @@ def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[int]]]:
     return found
 
 
-def shown_curves(found: Response, most: int = 4) -> list[ResponseCurve]:
-    """At most so many curves, evenly chosen, with the first and the last."""
+def shown_curves(found: Response) -> list[ResponseCurve]:
+    """At most four curves, evenly chosen, with the first and the last."""
     count = len(found.curves)
-    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, min(4, count)).round().astype(int))
     return [found.curves[k] for k in chosen]
 
 

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,8 @@ from fenicsrom.post.body.turning_view import (
     simplified,
     swinging,
     turning_page,
+    turning_plot,
+    turning_widget,
 )
 from fenicsrom.post.paraview.fields import (
     about_equilibrium,
@@ -174,12 +176,30 @@ def film_of(study: Study) -> Film | None:
     return Film(rest, times, moved, body.view, study.solid.loaded, dots)
 
 
+def view(study: Study) -> Any:
+    """The body as a widget for notebooks: turn it, and choose a shape, its motion or stress.
+
+    It needs pyvista and k3d. The times of the motion follow those of the shapes.
+
+    Args:
+        study: the result of `run` or `modes`, on one rank.
+    """
+    found = _turning(study)
+    return None if found is None else turning_widget(*found)
+
+
 def turning_view(study: Study) -> str | None:
     """A page on which the body turns, with its set-up, shapes, motion and stress. Collective.
 
     Returns:
         The HTML text; None on ranks other than the first.
     """
+    found = _turning(study)
+    return None if found is None else turning_page(*found)
+
+
+def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
+    """What `turning_plot` gives of a study; None on ranks other than the first. Collective."""
     body = body_of(study)
     if body is None:
         return None
@@ -200,7 +220,7 @@ def turning_view(study: Study) -> str | None:
         shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
     parts = symbols(body.marks, body.grid.points, length)
     parts += held_points(body.surface, body.marks)
-    return turning_page(surface, shown, parts, body.view)
+    return turning_plot(surface, shown, parts, body.view)
 
 
 def _stressed(table: StressTable, found: Stresses, surface: PolyData, length: float) -> Shown:

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import STATES, line_styles, new_figure, styled
+from fenicsrom.post.run.contact_axis import contact_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,15 +156,19 @@ def plot_points(
     motions: Mapping[str, Motion],
     points: Mapping[str, Sequence[Mapping[str, Any]]],
     names: Sequence[str] = (),
+    places: ContactPoints | None = None,
 ) -> Figure:
     """Draw the peak force, the time in contact and the dissipation of all contact points.
 
-    Below are the loops of the point with the largest normal force in the first motion.
+    Points on a line stand at their positions, with their numbers above. Force and dissipation are
+    per length or area. Below are the loops of the point with the largest normal force in the first
+    motion.
 
     Args:
         motions: model name -> motion; motions without contact are left out.
         points: model name -> the result of `point_summaries`.
         names: names of the directions.
+        places: the contact points.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     styles = line_styles(motions)
@@ -172,24 +179,29 @@ def plot_points(
     figure = new_figure(3.6 * loops, 7.2)
     above, below = figure.subfigures(2, 1)
     axes = above.subplots(1, 3)
+    line = contact_axis(places, len(points[first]))
     curves = {
-        "peak normal force, N": lambda point: point["peak_normal_force_N"],
-        "time in contact, %": lambda point: 100.0 * (1.0 - point["fraction"]["open"]),
-        "friction dissipation, J": lambda point: point["friction_dissipation_per_period_J"],
+        f"peak normal force, {line.unit}": ("peak_normal_force_N", line.share),
+        "time in contact, %": ("fraction", 1.0),
+        f"friction dissipation, {line.unit.replace('N', 'J')}": (
+            "friction_dissipation_per_period_J",
+            line.share,
+        ),
     }
-    for axis, (label, value) in zip(axes, curves.items(), strict=True):
+    for axis, (label, (key, share)) in zip(axes, curves.items(), strict=True):
         for name in motions:
-            found = [value(point) for point in points[name]]
-            axis.plot(
-                range(1, len(found) + 1),
-                found,
-                marker="o",
-                markersize=3.5,
-                label=name,
-                **styles[name],
+            values = [point[key] for point in points[name]]
+            found = np.array(
+                [100.0 * (1.0 - v["open"]) if key == "fraction" else v for v in values]
             )
-        axis.set(xlabel="contact point", ylabel=label)
+            at = line.at if len(found) == line.at.size else np.arange(1.0, len(found) + 1.0)
+            heights = found / share if len(found) == line.at.size else found
+            look = {"marker": "o", "markersize": 3.5, "label": name, **styles[name]}
+            (drawn,) = axis.plot(at, heights, **look)
+            noted(drawn, [f"contact point {k + 1}" for k in range(len(found))])
+        axis.set(xlabel=line.label, ylabel=label)
         axis.xaxis.get_major_locator().set_params(integer=True)
+        line.write_numbers(axis)
     panels = below.subplots(1, loops)
     _plot_loops(
         panels,

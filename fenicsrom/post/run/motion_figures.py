@@ -16,9 +16,11 @@ from fenicsrom.assess.errors.signals import (
     stroboscopic_states,
     strongest_oscillation,
 )
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import STATES, new_figure, styled
+from fenicsrom.post.run.contact_axis import contact_axis
 from fenicsrom.post.run.figures import LOADS, note_noise
 
 if TYPE_CHECKING:
@@ -118,36 +120,36 @@ def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> F
 
 
 @styled
-def plot_rub_map(motion: Motion) -> Figure:
-    """Draw the normal force and the state of all contact points over the last period."""
+def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
+    """Draw the normal force and the state of all contact points over the last period.
+
+    The axis of the contact points is that of `contact_axis`.
+    """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
     start = motion.time[-1] - motion.period if motion.period is not None else motion.time[0]
     instants = np.linspace(max(start, motion.time[0]), motion.time[-1], COLUMNS)
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
-    points = motion.state.shape[1]
-    length = motion.period or 1.0
-    reach = (0.0, (instants[-1] - instants[0]) / length, 0.5, points + 0.5)
-    look: dict[str, Any] = {
-        "origin": "lower",
-        "aspect": "auto",
-        "interpolation": "nearest",
-        "extent": reach,
-    }
+    line = contact_axis(places, motion.state.shape[1])
+    middles = 0.5 * (line.at[1:] + line.at[:-1])
+    first, last = 2.0 * line.at[[0, -1]] - middles[[0, -1]]
+    cells = np.concatenate([[first], middles, [last]])
+    across = np.linspace(0.0, (instants[-1] - instants[0]) / (motion.period or 1.0), COLUMNS + 1)
     figure = new_figure(9.0, 5.6)
     force, state = figure.subplots(2, 1, sharex=True)
-    pressed = motion.force[rows, :, 0].T
+    pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
-    drawn = force.imshow(shown, cmap="viridis_r", vmin=0.0, **look)
-    bar: Any = figure.colorbar(drawn, ax=force, pad=0.01)
-    bar.set_label("normal force, N")
+    drawn = force.pcolormesh(across, cells, shown, cmap="viridis_r", vmin=0.0, rasterized=True)
+    bar: Any = figure.colorbar(drawn, ax=force, pad=0.03)
+    bar.set_label(f"normal force, {line.unit}")
     paint = ListedColormap([STATES[number][1] for number in sorted(STATES)])
-    state.imshow(motion.state[rows].T, cmap=paint, vmin=-1.5, vmax=1.5, **look)
+    state.pcolormesh(across, cells, motion.state[rows].T, cmap=paint, vmin=-1.5, vmax=1.5)
     for axis in (force, state):
-        axis.set_ylabel("contact point")
+        axis.set_ylabel(line.label.replace(" along", "\nalong"))
         axis.locator_params(axis="y", integer=True)
         axis.grid(visible=False)
+        line.write_numbers(axis, upright=True)
     state.set_xlabel("time / period" if motion.period is not None else "time, s")
     present = {int(number) for number in np.unique(motion.state[rows])}
     handles = [

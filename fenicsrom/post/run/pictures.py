@@ -10,6 +10,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
@@ -68,6 +69,7 @@ def motion_pictures(
     natural_hz: Array = NO_FREQUENCIES,
     names: Sequence[str] = (),
     work: str = LOADS,
+    points: ContactPoints | None = None,
 ) -> list[Picture]:
     """List the pictures of the motion, of the contact and of the energy.
 
@@ -80,6 +82,7 @@ def motion_pictures(
         natural_hz: (n,) natural frequencies, Hz.
         names: names of the directions.
         work: what does work.
+        points: the contact points.
     """
     first = next(iter(motions.values()))
     pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))]
@@ -91,9 +94,9 @@ def motion_pictures(
         pictures.append(
             Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names))
         )
-    pictures += _contact_pictures(motions, first.force.shape[1], names)
+    pictures += _contact_pictures(motions, first.force.shape[1], names, points)
     if first.state.shape[1] > FEW_POINTS and touching_points(motions):
-        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
+        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)))
     pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
     if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
         pictures.append(
@@ -118,7 +121,10 @@ def working(scene: Scene) -> str:
 
 
 def _contact_pictures(
-    motions: Mapping[str, Motion], count: int, names: Sequence[str]
+    motions: Mapping[str, Motion],
+    count: int,
+    names: Sequence[str],
+    points: ContactPoints | None,
 ) -> list[Picture]:
     """List the pictures of contact points: one for each of a few points, or one for many points."""
     touching = touching_points(motions)
@@ -132,7 +138,7 @@ def _contact_pictures(
                 for name, motion in motions.items()
                 if motion.state.shape[1]
             }
-            return plot_points(motions, found, names)
+            return plot_points(motions, found, names, points)
 
         return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
 
@@ -161,7 +167,9 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
     names = direction_names(study.scene, study.solid.points)
     work = working(study.scene)
-    motions = motion_pictures(study.motions, natural, names, work) if study.motions else []
+    motions = []
+    if study.motions:
+        motions = motion_pictures(study.motions, natural, names, work, study.solid.points)
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
     listed += size_pictures(study.sized)
     return draw_pictures(listed, folder, study.warnings)

@@ -1,0 +1,99 @@
+"""The reports of all commands in a headless browser: small variants of the gallery."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import browser, changed, choose_shape, picture, severe, turn
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("pyvista")
+pytest.importorskip("k3d")
+
+from fenicsrom.cli import main
+
+DEMOS = Path(__file__).parents[2] / "demos"
+PAGES: dict[str, tuple[str, ...]] = {
+    "run_2d": ("run", "slip_liftoff_2d.toml", "time.periods=6"),
+    "run_blade": (
+        "run",
+        "blade_rub.toml",
+        "time.periods=1",
+        "geometry.parameters.elements_along=4",
+        "geometry.parameters.elements_across=3",
+        "basis.accuracy=1.0",
+    ),
+    "modes": ("modes", "blade_modes.toml", "geometry.parameters.elements_along=6"),
+    "statics": ("statics", "arch_snap.toml"),
+    "campbell": ("campbell", "blade_campbell.toml", "campbell.speeds_rpm=[0,3000]"),
+    "response": ("response", "response_2d.toml", "response.points=12"),
+    "backbone": ("backbone", "backbone_2d.toml", "backbone.last=2e-3"),
+    "sweep": (
+        "sweep",
+        "open_2d.toml",
+        "--over",
+        "loads.0.force=[10,20]",
+        "time.periods=6",
+    ),
+}
+"""Name of a page -> command, scene and overrides."""
+
+__all__ = ["browser"]
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The reports, made on first use by `made`."""
+    return {"": tmp_path_factory.mktemp("gallery")}
+
+
+def made(pages: dict[str, Path], name: str) -> Path:
+    """The report of this name."""
+    if name not in pages:
+        folder = pages[""] / name
+        if name == "comparison":
+            outputs = [str(made(pages, one).parent) for one in ("run_2d", "response", "backbone")]
+            words = ["report", *outputs, "--output", str(folder)]
+        else:
+            command, scene, *rest = PAGES[name]
+            words = [command, str(DEMOS / scene), "--output", str(folder)]
+            for word in rest:
+                words += [word] if word.startswith("--") else []
+                if "=" in word:
+                    words += [word] if words[-1] == "--over" else ["--set", word]
+        assert main(words) in (0, 1), name  # 1: some checks fail in so short a computation
+        pages[name] = folder / "report.html"
+    return pages[name]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*PAGES, "comparison"])
+def test_report_has_no_error_in_a_browser_and_its_body_turns(
+    name: str, pages: dict[str, Path], browser: Any
+) -> None:
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.get(made(pages, name).as_uri())
+    wait = WebDriverWait(browser, 120)
+    charts = browser.find_elements(By.CSS_SELECTOR, "[id^=chart-]")
+    wait.until(lambda found: not [c for c in charts if c.find_elements(By.TAG_NAME, "img")])
+    frames = browser.find_elements(By.ID, "body")
+    assert charts or frames
+    assert bool(frames) == (name in ("run_2d", "run_blade", "modes"))
+    folder = os.environ.get("FENICSROM_SCREENSHOTS")  # to look at them
+    if folder:
+        browser.save_screenshot(f"{folder}/{name}.png")
+    if frames:
+        browser.execute_script("arguments[0].scrollIntoView()", frames[0])
+        browser.switch_to.frame(frames[0])
+        shown = [choose_shape(browser, wait, k) for k in (0, 1)]
+        assert changed(*shown) > 1000
+        assert changed(shown[1], turn(browser, wait, shown[1])) > 1000
+        if folder:
+            browser.save_screenshot(f"{folder}/{name}_turned.png")
+        browser.switch_to.default_content()
+    assert picture(browser).size and not severe(browser)
