@@ -42,6 +42,7 @@ SILENT = {
     "END ASSEMBLY",
     "END INSTANCE",
     "END STEP",
+    "FREQUENCY",
     "NODE PRINT",
     "EL PRINT",
     "NODE FILE",

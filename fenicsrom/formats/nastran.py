@@ -67,7 +67,7 @@ HOLES = {
 }
 """Solids that this program cannot use, which would leave a hole in the body."""
 
-SILENT = {"GRID", "GRDSET", "ENDDATA", "BEGIN", *SYSTEMS, *TAKEN}
+SILENT = {"GRID", "GRDSET", "ENDDATA", "BEGIN", "EIGR", "EIGRL", *SYSTEMS, *TAKEN}
 """Entries that are read, or are no data."""
 
 
