@@ -431,8 +431,8 @@ def given(arguments: list[str]) -> tuple[float, int, str]:
     return used, done.returncode, done.stdout + done.stderr
 
 
-def take(part: Part, folder: Path) -> dict[str, Any]:
-    """Take a part from its file to its curves."""
+def take(part: Part, folder: Path, finer: bool) -> dict[str, Any]:
+    """Take a part from its file to its curves, and a CAD body to the modes of finer cells."""
     scene, stem = str((folder / part.file).with_suffix(".toml")), Path(part.file).stem
     Path(scene).unlink(missing_ok=True)
     os.environ["FENICSROM_CACHE"] = str(folder / "cache")
@@ -454,12 +454,12 @@ def take(part: Part, folder: Path) -> dict[str, Any]:
         if name == "modes":
             found["frequencies"] = [float(f) for f in re.findall(r"^\d+V +(\S+) Hz", text, re.M)]
         print(f"{part.file} {name}: {seconds:.1f} s, exit code {code}", file=sys.stderr, flush=True)
-    if part.write is None:
+    if finer and part.write is None:
         size = re.search(r"^size = (\S+)", Path(scene).read_text(), re.M)
         assert size is not None
-        finer = f"geometry.size={FINER * float(size[1]):.4g}"
+        smaller = f"geometry.size={FINER * float(size[1]):.4g}"
         seconds, _, text = given(
-            ["modes", scene, "--output", str(folder / "finer"), *QUIET, "--set", finer]
+            ["modes", scene, "--output", str(folder / "finer"), *QUIET, "--set", smaller]
         )
         found["finer"] = [float(f) for f in re.findall(r"^\d+V +(\S+) Hz", text, re.M)]
     return found
@@ -500,6 +500,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Take ten parts from file to response curve.")
     parser.add_argument("--output", default="out/own_parts", type=Path, metavar="DIR")
     parser.add_argument("--only", nargs="*", metavar="FILE", help="some of the parts")
+    parser.add_argument("--finer", action="store_true", help="modes of CAD bodies on finer cells")
     options = parser.parse_args()
     folder: Path = options.output
     folder.mkdir(parents=True, exist_ok=True)
@@ -510,7 +511,7 @@ def main() -> int:
         numbers = folder / NUMBERS
         found = json.loads(numbers.read_text()) if numbers.is_file() else {}
         for part in chosen:
-            found[part.file] = take(part, folder)
+            found[part.file] = take(part, folder, options.finer)
             numbers.write_text(json.dumps(found, indent=2))
         again = f"run this script where it is, with --output {folder}"
         print(f"ccx is not installed; the decks are in {folder}: {again}", file=sys.stderr)

@@ -303,33 +303,28 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
             constants = archive.real_constants.get(archive.reals[label], [0.0])
             found.masses[numbers[nodes[0]]] += constants[0]
         elif archive.types.get(type_) == 14:
-            spring = _stiffness(archive, (label, type_, nodes), held)
-            if spring is None:
+            component = _component(archive, type_, nodes)
+            stiffness, damping, *_ = [*archive.real_constants.get(archive.reals[label], []), 0, 0]
+            ends = [numbers.get(node, -1) for node in nodes]
+            if damping or not found.spring(ends, [component] * len(ends), stiffness):
                 found.leave("springs (type 14) but those along x, y or z to a held node")
-            else:
-                found.springs[numbers.get(spring[0], -1), spring[1]] += spring[2]
     if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
         vector = tuple(-value for value in archive.acceleration)
         found.others.append(DeckLoad("acceleration", vector))
     return found.finished(mesh)
 
 
-def _stiffness(
-    archive: Archive, element: tuple[int, int, list[int]], held: dict[int, set[int]]
-) -> tuple[int, int, float] | None:
-    """Free node, component and stiffness of a COMBIN14 along x, y or z, held at its other node.
+def _component(archive: Archive, type_: int, nodes: list[int]) -> int:
+    """The component of a COMBIN14: KEYOPT(2), from 1, or 0 for that along the line of its nodes.
 
-    KEYOPT(2) is the component, from 1, or 0 for the direction from node to node.
+    Returns:
+        -1 if the line is not along x, y or z.
     """
-    label, type_, nodes = element
-    stiffness, damping, *_ = [*archive.real_constants.get(archive.reals[label], []), 0.0, 0.0]
-    along = [archive.options.get(type_, {}).get(2, 0) - 1]
-    if along == [-1] and set(nodes) <= archive.nodes.keys():
-        along = np.flatnonzero(np.ptp([archive.nodes[node] for node in nodes], axis=0)).tolist()
-    free = [node for node in nodes if along[0] not in held.get(node, ())] if along else []
-    if len(free) != 1 or len(along) != 1 or along[0] not in (0, 1, 2) or damping:
-        return None
-    return free[0], along[0], stiffness
+    option = archive.options.get(type_, {}).get(2, 0)
+    if option or not set(nodes) <= archive.nodes.keys():
+        return option - 1
+    along = np.flatnonzero(np.ptp([archive.nodes[node] for node in nodes], axis=0))
+    return int(along[0]) if len(along) == 1 else -1
 
 
 def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:

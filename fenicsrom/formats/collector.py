@@ -52,6 +52,25 @@ class Collector:
             self.held[name] |= components
             self.held_nodes[name] = nodes
 
+    def is_held(self, node: int, component: int) -> bool:
+        """Whether a component of a node is held, by the supports up to now."""
+        return any(
+            component in components and node in self.held_nodes[name]
+            for name, components in self.held.items()
+        )
+
+    def spring(self, nodes: list[int], components: list[int], stiffness: float | None) -> bool:
+        """Take a spring between these components of nodes, if one of them or the ground is held.
+
+        Returns:
+            Whether it was taken; others act between two points, or about an axis.
+        """
+        free = [end for end in zip(nodes, components, strict=True) if not self.is_held(*end)]
+        if len(free) != 1 or free[0][1] not in (0, 1, 2) or stiffness is None:
+            return False
+        self.springs[free[0]] += stiffness
+        return True
+
     def leave(self, what: str) -> None:
         """Name something that a scene cannot state."""
         self.not_taken[what] = None
@@ -77,9 +96,9 @@ class Collector:
             return tuple(float(x) for x in mesh.points[node])
 
         masses = [(place(n), mass) for n, mass in self.masses.items() if n in used and mass]
-        self._leave_away("point mass", [n for n in self.masses if n not in used])
+        self._leave_away("point mass", "attachments", [n for n in self.masses if n not in used])
         springs = [(place(n), k, value) for (n, k), value in self.springs.items() if n in used]
-        self._leave_away("spring", [n for n, _ in self.springs if n not in used])
+        self._leave_away("spring", "attachments", [n for n, _ in self.springs if n not in used])
         loads = list(self.others)
         near = {node: force for node, force in self.forces.items() if force.any()}
         if len(near) > MOST_FORCES:
@@ -87,7 +106,7 @@ class Collector:
             listed = ", ".join(f"{value:.6g}" for value in total)
             self.leave(f"forces at {len(near)} nodes, in total ({listed})")
         else:
-            self._leave_away("force", [n for n in near if n not in used])
+            self._leave_away("force", "loads", [n for n in near if n not in used])
             loads += [
                 DeckLoad("force", tuple(force.tolist()), place(node))
                 for node, force in near.items()
@@ -103,12 +122,10 @@ class Collector:
         )
         return replace(mesh, node_groups=groups, physics=physics)
 
-    def _leave_away(self, what: str, nodes: list[int]) -> None:
+    def _leave_away(self, what: str, table: str, nodes: list[int]) -> None:
         if nodes:
-            self.leave(
-                f"{counted(len(nodes), what, f'{what}s' if what[-1] != 's' else f'{what}es')} "
-                "at nodes beside the solid"
-            )
+            number = counted(len(nodes), what, f"{what}{'es' if what[-1] == 's' else 's'}")
+            self.leave(f"{number} at nodes beside the solid; [[{table}]] can act on a group of it")
 
     def _materials(self, mesh: MeshFile, solid: int) -> tuple[DeckMaterial, ...]:
         """The materials of the cells, each of several with a group of its own."""

@@ -25,6 +25,17 @@ TAKEN = (
 """Entries from which something is taken."""
 
 
+LEFT = {
+    "CELAS1": " between two points that move, or about an axis",
+    "CELAS2": " between two points that move, or about an axis",
+    "CONM2": " with an offset or moments of inertia",
+    "SPC": " with a displacement",
+    "FORCE": " in another coordinate system",
+    "GRAV": " in another coordinate system",
+}
+"""What is not taken of some entries."""
+
+
 def with_physics(
     path: Path, mesh: MeshFile, cards: list[Card], numbers: Mapping[int, int]
 ) -> MeshFile:
@@ -54,7 +65,7 @@ def with_physics(
         if card.name == "PELAS" and card.text(k)
     }
     left: Counter[str] = Counter()
-    for card in cards:
+    for card in sorted(cards, key=lambda card: not card.name.startswith("SPC")):
         command = SELECTED.get(card.name)
         if command and len(sets[command]) > 1 and selected.get(command) != card.text(0):
             left[f"{card.name} of the set {card.text(0)}"] += 1
@@ -64,7 +75,7 @@ def with_physics(
         except ValueError:
             taken = False
         if not taken:
-            left[card.name] += 1
+            left[card.name + LEFT.get(card.name, "")] += 1
     for name, count in left.items():
         found.leave(f"{count} {name}")
     return found.finished(mesh)
@@ -118,13 +129,11 @@ def _take(
             card.real(k) for k in range(4, 15)
         )
     elif card.name in ("CELAS1", "CELAS2"):
-        (grid, component), *others = [
-            (card.integer(k), card.integer(k + 1)) for k in (2, 4) if card.integer(k)
-        ]
+        ends = [k for k in (2, 4) if card.integer(k)]
+        nodes = [numbers.get(card.integer(k), -1) for k in ends]
+        components = [card.integer(k + 1) - 1 for k in ends]
         stiffness = elastic.get(card.text(1)) if card.name == "CELAS1" else card.real(1)
-        if others or component not in (1, 2, 3) or stiffness is None:
-            return False
-        found.springs[numbers.get(grid, -1), component - 1] += stiffness
+        return found.spring(nodes, components, stiffness)
     elif card.name in ("FORCE", "GRAV"):
         return _load(found, card, numbers)
     return True

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.problem import Problem, Problems
-from fenicsrom.scene.response import parameter_of
+from fenicsrom.scene.response import Response, parameter_of
 from fenicsrom.scene.schema import Scene
+from fenicsrom.scene.unit_system import REGIONAL
 from fenicsrom.words import counted
 
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
@@ -31,6 +32,7 @@ def response_problems(scene: Scene) -> Problems:
             allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
             yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
             return
+    yield from _peak_problems(scene, response)
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
         present = len(getattr(scene, table))
@@ -50,6 +52,49 @@ def response_problems(scene: Scene) -> Problems:
     if table == "contacts" and name == "gap" and _has_radius(scene, index):
         allowed = "not allowed with surface.radius, which determines the gap"
         yield Problem("response.parameter", response.parameter, allowed)
+
+
+def keys_over(scene: Scene, over: str) -> list[str]:
+    """The keys of `response.peak_over`: one, or one for each contact where it has a star."""
+    return [over.replace("*", f"{k}") for k in range(len(scene.contacts) if "*" in over else 1)]
+
+
+def values_over(scene: Scene, over: str) -> list[float]:
+    """The numbers of the scene with these keys; none if the scene lacks such a contact."""
+    table, *which, name = over.split(".")
+    if table == "material":
+        return [float(getattr(scene.material, name))]
+    chosen = scene.contacts if which == ["*"] else scene.contacts[int(which[0]) :][:1]
+    return [float(getattr(contact, name)) for contact in chosen]
+
+
+def _peak_problems(scene: Scene, response: Response) -> Problems:
+    """Yield the problems of the keys `peak_over` and `peak_range`."""
+    over, given = response.peak_over, response.peak_range
+    if over is None:
+        if given is not None:
+            yield Problem("response.peak_range", list(given), "only allowed with peak_over")
+        return
+    if response.parameter != "frequency":
+        allowed = 'needs response.parameter = "frequency"'
+        yield Problem("response.peak_over", over, allowed)
+    values = values_over(scene, over)
+    if not values:
+        allowed = f"the scene has {counted(len(scene.contacts), 'contact')}, numbered from 0"
+        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+        return
+    regions = {contact.place.at == "nodes" for contact in scene.contacts}
+    if "*" in over and over.rsplit(".", 1)[-1] in REGIONAL and len(regions) > 1:
+        allowed = "not allowed with contacts at points and with the nodes of regions"
+        yield Problem("response.peak_over", over, allowed)
+    if min(values) <= 0.0 or min(values) < max(values):
+        allowed = "needs a number above 0 in the scene, where the peaks begin"
+        if "*" in over:
+            allowed += ", the same of all contacts"
+        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+    elif given is not None and not (len(given) == 2 and given[0] <= values[0] <= given[1]):
+        allowed = f"must be two numbers, with the {values[0]:g} of the scene between them"
+        yield Problem("response.peak_range", list(given), allowed, ErrorKind.RANGE)
 
 
 def backbone_problems(scene: Scene) -> Problems:

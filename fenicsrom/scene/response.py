@@ -22,6 +22,14 @@ ALLOWED = (
     '"frequency", "material.mass_damping", the size of a load such as "loads.0.force", or '
     f"contacts.N. and one of {', '.join(CONTACT_NUMBERS)}"
 )
+OVER_NUMBERS = tuple(name for name in CONTACT_NUMBERS if name != "gap")
+OVER_PATTERN = (
+    rf"^(material\.mass_damping|contacts\.([0-9]{{1,6}}|\*)\.({'|'.join(OVER_NUMBERS)}))$"
+)
+OVER_ALLOWED = (
+    '"material.mass_damping", or contacts.N., or contacts.*. for all contacts, and one of '
+    f"{', '.join(OVER_NUMBERS)}"
+)
 
 
 class Parameter(NamedTuple):
@@ -44,14 +52,20 @@ def parameter_of(key: str) -> Parameter:
     return Parameter(path[0] if path else "", int(path[1]) if len(path) > 1 else 0, last)
 
 
-def _read_parameter(value: Any, where: Where) -> str:
-    if not isinstance(value, str) or not re.fullmatch(PATTERN, value):
-        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-        raise where.refuse(value, f"must be {ALLOWED}", kind)
-    return value
+def _key(pattern: str, allowed: str) -> Rule:
+    """Make the rule of a key of the scene that matches a pattern."""
+
+    def read(value: Any, where: Where) -> str:
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            raise where.refuse(value, f"must be {allowed}", kind)
+        return value
+
+    return Rule(read, {"type": "string", "pattern": pattern}, allowed)
 
 
-PARAMETER = Rule(_read_parameter, {"type": "string", "pattern": PATTERN}, ALLOWED)
+PARAMETER = _key(PATTERN, ALLOWED)
+PEAK_OVER = _key(OVER_PATTERN, OVER_ALLOWED)
 
 
 MOST_FULL = 1000  # motions of the full model on a curve
@@ -111,6 +125,11 @@ class Response:
             with the first one. From the motion at such a value, all periodic loads are increased up
             to four times and reduced again, through all folds. Each other motion that is found at
             the loads of the scene starts a curve.
+        peak_over: a number of the scene over which the largest amplitude of the probe is followed,
+            to find its value for the smallest peak: the optimum of a friction damper.
+            "contacts.*.preload" changes the number of all contacts at once.
+        peak_range: smallest and largest value of this number; without it a tenth and ten times the
+            value of the scene, at which the peaks begin.
         full: values of the parameter at which the periodic motion of the full model is computed
             too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
     """
@@ -122,6 +141,8 @@ class Response:
     families: Annotated[Families | None, table_of(Families)] = None
     branches: Annotated[int, integer(0, 10)] = 0
     isolated: Annotated[tuple[float, ...] | None, list_of(number())] = None
+    peak_over: Annotated[str | None, PEAK_OVER] = None
+    peak_range: Annotated[tuple[float, ...] | None, list_of(number(above=0.0), least=2)] = None
     full: Annotated[int | tuple[float, ...] | None, FULL] = None
 
     @property

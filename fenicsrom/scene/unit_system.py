@@ -2,8 +2,8 @@
 
 A unit of the reference of the keys is a product of powers of N, Pa, kg, m and s. The numbers of a
 scene are in the same product of the units of [units]: with mm, t and s, a force is in N, a stress
-in MPa and a density in t/mm³. Radians, Hz and rev/min stay as they are. The conversion shifts the
-decimal point, so that 7.85e-9 t/mm³ becomes exactly 7850 kg/m³.
+in MPa and a density in t/mm³. Radians, Hz and rev/min stay as they are. The conversion is that of
+decimal numbers, so that 7.85e-9 t/mm³ becomes exactly 7850 kg/m³.
 """
 
 from __future__ import annotations
@@ -18,12 +18,26 @@ from fenicsrom.scene import rules
 from fenicsrom.scene.rules import choice, is_number, is_sequence
 from fenicsrom.scene.tables import keys, table_kind
 
+INCH, POUND = Decimal("0.0254"), Decimal("4.4482216152605")
+"""An inch in m, and a pound of force in N."""
+
 LENGTHS, MASSES, TIMES = (
-    {"m": 0, "cm": -2, "mm": -3},
-    {"kg": 0, "g": -3, "t": 3},
-    {"s": 0, "ms": -3},
+    {"m": Decimal(1), "cm": Decimal("1e-2"), "mm": Decimal("1e-3"), "in": INCH},
+    {"kg": Decimal(1), "g": Decimal("1e-3"), "t": Decimal("1e3"), "slinch": POUND / INCH},
+    {"s": Decimal(1), "ms": Decimal("1e-3")},
 )
-"""Powers of ten of the units of length, mass and time in SI units."""
+"""Units of length, mass and time in SI units; a slinch is a lbf s²/in."""
+
+DERIVED = {
+    **{
+        (f"{factor:g}", unit): f"{prefix}{unit}"
+        for prefix, factor in {"": 1, "k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "µ": 1e-6}.items()
+        for unit in ("N", "Pa")
+    },
+    (f"{POUND:.6g}", "N"): "lbf",
+    (f"{POUND / INCH**2:.6g}", "Pa"): "psi",
+}
+"""Names of units of force and stress by their size in SI units."""
 
 BASE = {
     "m": (1, 0, 0),
@@ -64,26 +78,26 @@ class Units:
     time: Annotated[str, choice(*TIMES)] = "s"
     si: Annotated[bool, rules.flag] = False
 
-    def power(self, unit: str) -> int:
-        """The power of ten by which a number in these units is multiplied to be in SI units."""
+    def factor(self, unit: str) -> Decimal:
+        """The factor by which a number in these units is multiplied to be in SI units."""
+        found = Decimal(1)
         if unit in FIXED:
-            return 0
-        tens = (LENGTHS[self.length], MASSES[self.mass], TIMES[self.time])
+            return found
+        own = (LENGTHS[self.length], MASSES[self.mass], TIMES[self.time])
         over, _, under = unit.partition("/")
-        found = 0
         for part, sign in ((over, 1), (under, -1)):
             for name, exponent in re.findall(r"([A-Za-z1–]+)([²³]?)", part):
-                power = {"": 1, "²": 2, "³": 3}[exponent]
-                found += sign * power * sum(a * b for a, b in zip(BASE[name], tens, strict=True))
+                power = sign * {"": 1, "²": 2, "³": 3}[exponent]
+                for size, times in zip(own, BASE[name], strict=True):
+                    found *= size ** (power * times)
         return found
 
     def name_of(self, unit: str) -> str:
         """The unit in which the scene gives a number, such as "MPa" for "Pa" and "mm" for "m"."""
-        prefixes = {0: "", 3: "k", 6: "M", 9: "G", -3: "m", -6: "µ"}
         own = {"m": self.length, "kg": self.mass, "s": self.time}
         for name in ("N", "Pa"):
-            power = self.power(name)
-            own[name] = f"{prefixes[power]}{name}" if power in prefixes else f"1e{power} {name}"
+            size = f"{float(self.factor(name)):.6g}"
+            own[name] = DERIVED.get((size, name), f"{size} {name}")
         if unit in FIXED:
             return unit
         return re.sub(r"[A-Za-z]+", lambda match: own.get(match[0], match[0]), unit)
@@ -92,8 +106,17 @@ class Units:
         """A number, or the numbers in lists, in SI units; other values stay as they are."""
         if is_sequence(value):
             return [self.in_si(entry, unit) for entry in value]
-        power = self.power(unit)
-        return shifted(value, power) if is_number(value) and power else value
+        factor = self.factor(unit)
+        if factor == 1 or not is_number(value):
+            return value
+        return float(Decimal(repr(value)) * factor)
+
+    def from_si(self, value: Any, unit: str) -> Any:
+        """A number in SI units in these units; other values stay as they are."""
+        factor = self.factor(unit)
+        if factor == 1 or not is_number(value):
+            return value
+        return float(Decimal(repr(value)) / factor)
 
     def rows_in_si(self, rows: Any, unit: str) -> Any:
         """The rows of a table in SI units, whose columns have the units in a list with commas."""
@@ -116,11 +139,6 @@ class Units:
     def is_si(self) -> bool:
         """Whether the scene is written in SI units."""
         return self.names == Units().names
-
-
-def shifted(value: float, power: int) -> float:
-    """A number times a power of ten, with the same decimal digits."""
-    return float(Decimal(repr(value)).scaleb(power))
 
 
 def table_in_si(table: Mapping[str, Any], kind: type, units: Units) -> dict[str, Any]:

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from fenicsrom.scene.overrides import names_of, parsed_override
-from fenicsrom.scene.rules import is_number, is_sequence
+from fenicsrom.scene.rules import is_sequence
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import keys, table_kind
-from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, shifted, table_in_si
+from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, table_in_si
 from fenicsrom.scene.writing import toml_value
 
-ALONG = ("first", "last", "isolated", "full")
-"""Keys of [response] in the unit of its parameter."""
+ALONG = ("first", "last", "isolated", "full", "peak_range")
+"""Keys of [response] in the unit of its parameter, the last one in that of `peak_over`."""
 
 
 def unit_of(scene: Scene, path: str) -> str:
@@ -36,7 +36,7 @@ def _found(names: list[str]) -> tuple[str, type | None]:
     kind: type | None = Scene
     unit = ""
     for name in names:
-        if name.isdecimal():
+        if name.isdecimal() or name == "*":
             continue
         rule = next((rule for key, rule, *_ in keys(kind) if key == name), None) if kind else None
         if rule is None:
@@ -52,8 +52,7 @@ def given_unit_of(scene: Scene, path: str) -> str:
 
 def as_given(scene: Scene, path: str, value: Any) -> Any:
     """The value of a key of a scene in the units of its file; the scene itself is in SI units."""
-    power = scene.units.power(_whole_unit(scene, path))
-    return shifted(value, -power) if is_number(value) and power else value
+    return scene.units.from_si(value, _whole_unit(scene, path))
 
 
 def _whole_unit(scene: Scene, path: str) -> str:
@@ -61,7 +60,8 @@ def _whole_unit(scene: Scene, path: str) -> str:
     names = names_of(path)
     unit = _found(names)[0]
     if names[:1] == ["response"] and names[-1] in ALONG and scene.response is not None:
-        return _whole_unit(scene, scene.response.parameter)
+        over = scene.response.peak_over if names[-1] == "peak_range" else None
+        return _whole_unit(scene, over or scene.response.parameter)
     return PER_AREA.get(unit, unit) if _is_regional(scene, names) else unit_of(scene, path)
 
 
@@ -99,9 +99,8 @@ def scene_in_si(table: Mapping[str, Any], scene: Scene, units: Units) -> dict[st
         found["geometry"] = {**found["geometry"], "scale": units.in_si(geometry.scale, "m")}
     response = scene.response
     if response is not None:
-        unit = _whole_unit(scene, response.parameter)
         changed = {
-            key: units.in_si(value, unit)
+            key: units.in_si(value, _whole_unit(scene, f"response.{key}"))
             for key, value in table["response"].items()
             if key in ALONG and (key != "full" or is_sequence(value))
         }
@@ -133,7 +132,7 @@ def column_name(scene: Scene, path: str, given: bool = False) -> str:
 
 def units_sentence(scene: Scene) -> str:
     """Say in which units the scene is written; "" if it is written in SI units."""
-    return "" if scene.units.is_si else f"units: the scene is in {scene.units.names}; results in SI"
+    return "" if scene.units.is_si else f"units of the scene: {scene.units.names}; results in SI"
 
 
 def _is_regional(scene: Scene, names: list[str]) -> bool:
@@ -141,4 +140,4 @@ def _is_regional(scene: Scene, names: list[str]) -> bool:
     if names[0] != "contacts" or names[-1] not in REGIONAL:
         return False
     places = [contact.place for contact in scene.contacts]
-    return any(f"{k}" == names[1] and place.at == "nodes" for k, place in enumerate(places))
+    return any(names[1] in (f"{k}", "*") and place.at == "nodes" for k, place in enumerate(places))

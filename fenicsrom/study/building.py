@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log
 from fenicsrom.study.stage import Run
+from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
@@ -36,8 +37,9 @@ def solid(run: Run) -> None:
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
-    if body.flutters:
-        log.info(f"  warning: {body.warnings[-1]}")
+    for text in body.warnings:
+        if text.startswith(IMPLAUSIBLE) or (body.flutters and text is body.warnings[-1]):
+            log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long
     run.study.deformation = equilibrium_deformation(body, run.study.scene)
     body.warnings += equilibrium_warnings(run.study.deformation)
     if body.loaded and len(body.probe_rows):

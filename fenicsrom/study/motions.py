@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
 
@@ -29,6 +30,8 @@ def integrate(run: Run, name: str) -> None:
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
         found = implausible_loads(study.model, scene, study.modes.frequencies_hz)
         study.warnings.extend(found)
+        for text in found:  # said now, because a wrong scene may run for long
+            log.info(f"  warning: {text}")
     options = _checkpoints(run) if name == "reduced" else {}
     try:
         if isinstance(options.get("resume"), Motion):  # only its checks are missing

@@ -29,7 +29,7 @@ from fenicsrom.study.reasons import (
 )
 from fenicsrom.study.stage import Item, Run, Stage
 
-ALL_STATIC = "all loads are static, so only the equilibrium is computed"
+ALL_STATIC = "no load varies in time, so only the equilibrium is computed"
 MODES_ONLY = "only the modes are asked for"
 
 

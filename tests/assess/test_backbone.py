@@ -88,7 +88,7 @@ def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
 
 def test_forced_peaks_lie_on_the_backbone() -> None:
     found = backbone(oscillator())
-    assert [peak.factor for peak in found.peaks] == [0.5, 1.0] and not found.warnings
+    assert [peak.value for peak in found.peaks] == [0.5, 1.0] and not found.warnings
     assert all(peak.ends == ("fallen", "fallen") for peak in found.peaks)
     amplitudes = [point.amplitude[0] for point in found.points]
     for peak in found.peaks:
@@ -96,7 +96,7 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
         assert peak.frequency == pytest.approx(free, rel=1e-3)
         omega = 2.0 * np.pi * peak.frequency
         assert peak.amplitude == pytest.approx(
-            2.0 * peak.factor * FORCE / (DAMPING * omega), rel=0.01
+            2.0 * peak.value * FORCE / (DAMPING * omega), rel=0.01
         )
 
 

@@ -60,7 +60,7 @@ def test_inspection_gives_cells_box_volume_groups_and_what_is_not_read(tmp_path:
 
 def test_body_of_150_m_draws_a_hint(tmp_path: Path) -> None:
     path = bar(tmp_path / "bar.inp", size=50.0)
-    assert "150 m" in mesh_report.scale_hint(inspect(path))
+    assert "mm, t, s" in mesh_report.scale_hint(inspect(path))
     scaled = inspect(path, scale=1e-3)
     assert not mesh_report.scale_hint(scaled) and scaled.extent == pytest.approx(0.15)
 

@@ -277,16 +277,16 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
             amplitude,
         )
     )
-    assert [peak.factor for peak in found] == factors
+    assert [peak.value for peak in found] == factors
     for peak in found:
         # one harmonic: force = damping omega a at the peak, on omega^2 = 1 + 3/4 cubic a^2
-        a = peak.factor / (damping * 2.0 * np.pi * peak.frequency)
+        a = peak.value / (damping * 2.0 * np.pi * peak.frequency)
         assert 2.0 * np.pi * peak.frequency == pytest.approx(
             np.sqrt(1.0 + 0.75 * cubic * a**2), rel=1e-3
         )
         assert peak.amplitude == pytest.approx(a, rel=0.01)
         # no other motion of the curve nearby is higher
-        family = frequency_family(force_family(problem)(peak.factor))
+        family = frequency_family(force_family(problem)(peak.value))
         assert family(peak.frequency).period == pytest.approx(1.0 / peak.frequency)
 
 

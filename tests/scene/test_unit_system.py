@@ -224,3 +224,12 @@ def test_names_of_derived_units() -> None:
     assert Units(length="mm", mass="t").names == "mm, t, s, N, MPa"
     assert Units(length="mm", mass="kg", time="ms").names == "mm, kg, ms, kN, GPa"
     assert Units(length="mm", mass="t").name_of("kg/m³") == "t/mm³"
+    assert Units(length="in", mass="slinch").names == "in, slinch, s, lbf, psi"
+
+
+def test_pounds_and_inches_are_those_of_the_tables() -> None:
+    units = Units(length="in", mass="slinch")
+    assert units.in_si(1.0, "N") == pytest.approx(4.4482216152605, rel=1e-15)
+    assert units.in_si(30e6, "Pa") == pytest.approx(206.8427e9, rel=1e-6)
+    assert units.in_si(0.1 / 386.0886, "kg/m³") == pytest.approx(2767.990, rel=1e-6)  # 0.1 lb/in³
+    assert units.from_si(units.in_si(2.7, "N s/m³"), "N s/m³") == 2.7

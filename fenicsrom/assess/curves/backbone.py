@@ -31,6 +31,9 @@ from fenicsrom.words import brief, counted
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
+LARGEST_STEP = 0.02
+"""Of the arc length. At strong friction, negative damping of the higher modes makes loops beside
+the nonlinear mode; a step of 0.05 jumped onto one and went round it."""
 ADVICE = {
     LOST: "the nonlinear mode was lost at a linear amplitude of {}: no next point was found; more "
     "time.steps_per_period may help",
@@ -274,6 +277,7 @@ def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
     curve = path.run(
         found.points[0].motion,
         1.0,
+        largest_step=LARGEST_STEP,
         points=found.table.points,
         locate=False,
         progress=keep,
@@ -358,13 +362,13 @@ def _peaks(problem: Problem, found: Backbone) -> None:
     ):
         found.peaks.append(peak)
         log.info(
-            f"  {peak.factor:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm "
+            f"  {peak.value:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm "
             f"at {peak.frequency:.6g} Hz"
         )
         reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
         if reasons:
             found.warnings.append(
-                f"{peak.factor:g} times the loads: the curve over the frequency ended early "
+                f"{peak.value:g} times the loads: the curve over the frequency ended early "
                 f"({' and '.join(reasons)}), before the amplitude had fallen on both sides of the "
                 "peak; a larger amplitude may lie beyond."
             )

@@ -15,10 +15,12 @@ import numpy as np
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
+from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
 from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
 from fenicsrom.assess.curves.response_problem import check_response
 from fenicsrom.assess.curves.response_results import (
+    Optimum,
     Response,
     ResponseCurve,
     curve_title,
@@ -29,6 +31,7 @@ from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
+from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
@@ -37,7 +40,10 @@ from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
-CLASSES = {kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check)}
+CLASSES = {
+    kind.__name__: kind
+    for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, ForcedPeak, Optimum)
+}
 """The dataclasses of which a kept curve consists."""
 
 
@@ -138,6 +144,7 @@ def response(
     _leave_out_unresolved(found)
     found.warnings += _light_modes(stored)
     _warn_of_errors(found)
+    _warn_of_peaks(found, stored)
     found.seconds = working_time() - begin
     return found
 
@@ -190,6 +197,19 @@ def _warn_of_errors(found: Response) -> None:
         found.warnings += said
         if said and found.unfinished is None:
             found.unfinished = AccuracyError(f"response: {said[0]}")
+
+
+def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
+    """Judge peaks over a second number that end within its range, or that are not the largest."""
+    over = found.table.peak_over
+    if over is None or found.interrupted:
+        return
+    for curve in found.curves:
+        said = incomplete_peaks(curve, over, peak_range(stored), found.scene)
+        if said:
+            said = f"{curve_title(found.scene, curve.value)}{said}"
+            found.warnings.append(said)
+            found.unfinished = found.unfinished or ConvergenceError(f"response: {said}")
 
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named

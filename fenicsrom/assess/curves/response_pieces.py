@@ -13,6 +13,7 @@ import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.assess.curves.curve_progress import CurveWalk
+from fenicsrom.assess.curves.peaks import follow_peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
@@ -65,6 +66,8 @@ def follow_curve(
         if not curve.points and error is not None:
             raise error
         _follow_more(stored, family, curve, walk)
+        if response_table(stored.scene).peak_over is not None:
+            follow_peaks(stored, curve, richer, walk)
         other = None
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)

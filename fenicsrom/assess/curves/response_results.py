@@ -11,6 +11,7 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.periodic.shooting import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene
@@ -50,6 +51,25 @@ class FullPoint:
         return change / size if size else 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The smallest peak over a second number.
+
+    Attributes:
+        peak: the peak.
+        step_error: relative change of its amplitude with half the time step; None if not found.
+        basis_error: likewise with a richer basis; None too if there is none.
+        within: the values between which the optimum lies, if all peaks have these errors.
+        larger: a motion on the same curve with a larger amplitude; None if there is none.
+    """
+
+    peak: ForcedPeak
+    step_error: float | None
+    basis_error: float | None
+    within: tuple[float, ...]
+    larger: CurvePoint | None = None
+
+
 @dataclass(eq=False)
 class ResponseCurve:
     """The periodic motions over the parameter, at one value of the second number.
@@ -61,6 +81,9 @@ class ResponseCurve:
         marches: number of all marched periods, and of those with derivatives.
         seconds: run time, without that of the full model.
         full: the motions of the full model at some values of the parameter.
+        peaks: the peaks over the number `peak_over`: a list for each one that was followed, in the
+            order in which they were found.
+        optimum: the smallest of the largest ones; None without `peak_over`.
     """
 
     value: float | None
@@ -69,6 +92,8 @@ class ResponseCurve:
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
     full: list[FullPoint] = field(default_factory=list)
+    peaks: list[list[ForcedPeak]] = field(default_factory=list)
+    optimum: Optimum | None = None
 
     @property
     def points(self) -> list[CurvePoint]:

@@ -128,6 +128,12 @@ class Richer:
     family: Family
     transfer: Array
 
+    def start(self, point: CurvePoint, shooting: Shooting) -> Array:
+        """The variables z (N',) of the richer basis at a point of the model."""
+        blocks, n = shooting.map.blocks, self.transfer.shape[1]
+        moved = (point.z[: blocks * n].reshape(blocks, n) @ self.transfer.T).ravel()
+        return np.concatenate([moved, point.z[blocks * n :]])
+
 
 def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     """The points of a curve at which its errors are estimated, each with its name."""
@@ -310,10 +316,7 @@ def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, 
 def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
-    n = richer.transfer.shape[1]
-    blocks = Shooting(problem, point.periods).map.blocks
-    moved = (point.z[: blocks * n].reshape(blocks, n) @ richer.transfer.T).ravel()
-    start = np.concatenate([moved, point.z[blocks * n :]])
+    start = richer.start(point, Shooting(problem, point.periods))
     try:
         return periodic_motion(problem, start, point.periods, tolerance=TOLERANCE)
     except ConvergenceError:

@@ -113,12 +113,6 @@ class Inspection:
         """The largest extent, m."""
         return float(np.max(self.high - self.low))
 
-    @property
-    def may_be_in_millimetres(self) -> bool:
-        """Whether the body is so large that its coordinates may not be in m."""
-        given = self.geometry.scale != 1.0 or self.path.suffix.lower() in (".geo", ".step", ".stp")
-        return self.extent > LARGE and not given
-
 
 def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspection:
     """Read a mesh file, or mesh a geometry, and describe it.

@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
+from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units
 from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
@@ -35,10 +36,6 @@ DENSITIES = (1.0, 30e3)
 
 EXTENTS = (1e-7, 200.0)
 """Lengths of bodies, m; a longer one is most likely given in mm."""
-
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-MASSES = {"t": 1e3, "kg": 1.0, "g": 1e-3}
-TIMES = {"s": 1.0, "ms": 1e-3}
 
 MODULI = {"MPa": 1e6, "GPa": 1e9}
 PER_VOLUME = {"g/cm³": 1e3, "kg/mm³": 1e9, "t/mm³": 1e12}
@@ -102,12 +99,13 @@ def _likely_units(young: float, density: float) -> str:
             1.0, factor, f"is the density in {unit}? Give {density * factor:.6g} kg/m³, {or_units}"
         )
     if not found:
-        for (length, metres), (mass, kilograms), (time, seconds) in product(
-            LENGTHS.items(), MASSES.items(), TIMES.items()
-        ):
+        for length, mass, time in product(LENGTHS, MASSES, TIMES):
+            if (length == "in") != (mass == "slinch"):
+                continue
+            units = Units(length=length, mass=mass, time=time)
             given = f'[units] length = "{length}", mass = "{mass}", time = "{time}"'
             words = f"are the units {length}, {mass} and {time}? Give {given}"
-            consider(kilograms / (metres * seconds**2), kilograms / metres**3, words)
+            consider(float(units.factor("Pa")), float(units.factor("kg/m³")), words)
     return min(found)[1] if found else "all numbers are in SI units, or in those of [units]"
 
 

@@ -34,7 +34,7 @@ class ForcedPeak:
     """The largest amplitude over the frequency.
 
     Attributes:
-        factor: on the loads.
+        value: factor on the loads, or another number over which peaks are followed.
         frequency: Hz.
         amplitude: m.
         point: the motion.
@@ -42,7 +42,7 @@ class ForcedPeak:
             amplitude had fallen enough, else as `Curve.reason`: a larger amplitude may lie beyond.
     """
 
-    factor: float
+    value: float
     frequency: float
     amplitude: float
     point: CurvePoint
@@ -87,7 +87,7 @@ def forced_peaks(
         size, family = float(np.linalg.norm(s)), at_force(factor)
         path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
-        top, ends = (None, ()) if first is None else _climb(path, first, amplitude)
+        top, ends = (None, ()) if first is None else climb(path, first, amplitude)
         if top is None:
             early = [end for end in dict.fromkeys(ends) if end != "fallen"]
             reasons = " and ".join(early) or "no convergence"
@@ -140,7 +140,7 @@ def _at_larger_force(
     return np.asarray(curve.points[-1].s)
 
 
-def _climb(
+def climb(
     path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> tuple[CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.

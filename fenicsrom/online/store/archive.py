@@ -43,7 +43,8 @@ Arrays with the prefix `finer_` are those of a model of finer elements, which ju
 header.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
-unknowns of the mesh (`dofs`), scene with its source, units and provenance.
+unknowns of the mesh (`dofs`), scene with its source, units and provenance. The entry `digest` is
+the SHA-256 of all other entries: a file that was changed is refused.
 
 `fenicsrom.online.store.scene_changes` states which keys may change when a stored model runs again.
 """

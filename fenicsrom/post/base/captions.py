@@ -27,6 +27,8 @@ CAPTIONS = {
     "sizes": "A larger basis costs more time and has a smaller error. The chosen size is marked.",
     "response": "Amplitude, phase and energies over the parameter. Stable parts are solid, "
     "unstable ones dashed.",
+    "peaks": "The largest amplitude of the probe over the frequency, and its frequency, over a "
+    "second number. Thin lines are the peaks that were followed; the diamond marks the smallest.",
     "contact_map": "The state of contact over the period, along the curve.",
     "harmonics": "Amplitudes of the harmonics along the curve.",
     "backbone": "Frequency and damping of the mode over its amplitude.",
@@ -44,6 +46,7 @@ NUMBERS = {
         for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
     },
     "harmonics": "response.csv",
+    "peaks": "response_peaks.csv",
     "stress": "stresses.csv",
     "sizes": "summary.json",
     "mac": "summary.json",

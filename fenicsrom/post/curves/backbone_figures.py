@@ -38,7 +38,7 @@ def figure(found: Backbone) -> Figure:
         )
         for k, (peak, place) in enumerate(zip(found.peaks, peaks, strict=True)):
             upper.annotate(
-                f"× {peak.factor:g}",
+                f"× {peak.value:g}",
                 place,
                 xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
                 arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},

@@ -78,7 +78,7 @@ def summary(found: Backbone) -> dict[str, Any]:
         ],
         "peaks": [
             {
-                "load_factor": peak.factor,
+                "load_factor": peak.value,
                 "frequency_Hz": peak.frequency,
                 "amplitude_m": peak.amplitude,
                 "stability": peak.point.verdict,
@@ -138,7 +138,7 @@ def peak_table(found: Backbone) -> list[list[Any]]:
     head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
     listed = [
         [
-            f"{peak.factor:g}",
+            f"{peak.value:g}",
             f"{peak.frequency:.7g}",
             f"{1e3 * peak.amplitude:.5g}",
             "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",

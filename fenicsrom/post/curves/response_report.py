@@ -13,6 +13,7 @@ from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.curves.contact_map import contact_map
+from fenicsrom.post.curves.peak_tables import peak_figure, peak_rows, peak_table
 from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
 from fenicsrom.post.curves.response_motion import (
@@ -44,12 +45,14 @@ CHECKS_NOTE = (
     "the amplitude, at the same value of the parameter; at a fold, to the value of the parameter."
 )
 """What the table of estimated errors holds."""
+PEAKS = "Peaks over a second number"
 
 
 def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     """The report of response curves: `response.csv`, `response.json` and the pictures.
 
-    Where points of the full model were computed, `response_full.csv` has their numbers.
+    Where points of the full model were computed, `response_full.csv` has their numbers, and
+    `response_peaks.csv` those of the peaks over `peak_over`.
 
     Args:
         found: the curves.
@@ -58,6 +61,8 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     found.warnings[:] = joined_warnings(found)
     keys = 1 if found.table.families is None else 2
     special, full, of_full = event_table(found), full_table(found), full_rows(found)
+    peaks = peak_table(found)
+    more = {"response_full.csv": of_full, "response_peaks.csv": peak_rows(found)}
     states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
@@ -70,6 +75,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         [
             Section("Results", [result_table(found)], terminal=False, top=True),
             Section("Special points", [special] if special else [], keys=keys),
+            Section(PEAKS, [peaks] if peaks else [], keys=keys, terminal=False),
             Section("Full model", [full] if full else [], keys=keys),
             Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
             Section("Effort", [run_table(found)], terminal=False),
@@ -78,6 +84,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         lambda: summary(found),
         [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
+            *([Picture(PEAKS, "peaks.png", lambda: peak_figure(found))] if peaks else []),
             *([states] if found.contacts else []),
             Picture(
                 "Floquet multipliers",
@@ -89,7 +96,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         ],
         varied=varied_keys(found),
         failure=found.unfinished,
-        more_rows={"response_full.csv": of_full} if of_full else {},
+        more_rows={name: listed for name, listed in more.items() if listed},
     )
 
 

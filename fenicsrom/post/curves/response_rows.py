@@ -14,6 +14,7 @@ from fenicsrom.assess.curves.response_results import (
 )
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.curves.peak_tables import optimum_summary
 from fenicsrom.post.curves.response_figures import (
     directions,
     in_order,
@@ -126,6 +127,7 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
         "seconds": curve.seconds,
+        "optimum": optimum_summary(found, curve),
         "full_model": [_full_row(found, point) for point in curve.full],
     }
 

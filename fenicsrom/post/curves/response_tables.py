@@ -14,6 +14,7 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
+from fenicsrom.post.curves.peak_tables import optimum_sentences
 from fenicsrom.post.curves.response_figures import (
     direction_name,
     key_label,
@@ -75,6 +76,7 @@ def sentences(found: Response) -> list[str]:
                 f"At {counted(free, 'point')}, a contact point sticks all the time: the "
                 "position of its slider is not unique."
             )
+        lines += optimum_sentences(found, curve)
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"The curve is incomplete: {reason}." for reason in sorted(ends)]
         for line in lines:

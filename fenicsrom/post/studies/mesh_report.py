@@ -15,6 +15,7 @@ from fenicsrom.post.base.picture import Picture, softly
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_text
 from fenicsrom.post.body.group_drawing import group_figure, group_page
+from fenicsrom.post.studies.starter import units_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -95,13 +96,12 @@ def _physics_lines(physics: Physics) -> list[str]:
 
 
 def scale_hint(found: Inspection) -> str:
-    """Advise on the unit of length of a large body, or ""."""
-    if not found.may_be_in_millimetres:
+    """Advise on the units of a file that is most likely not in SI units, or ""."""
+    units, why = units_of(found, None)
+    if units.is_si:
         return ""
-    return (
-        f"the body is {found.extent:.4g} m long; if the file is in millimetres, "
-        "use geometry.scale = 1e-3"
-    )
+    scale = f"geometry.scale = {units.factor('m')}"
+    return f"the units are probably {units.names} ({why}), not m; give them in [units], or {scale}"
 
 
 def _box(low: Array, high: Array) -> str:

@@ -16,7 +16,7 @@ from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
-from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units, shifted
+from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
 """Names of groups that are probably clamped."""
@@ -25,6 +25,12 @@ ON_PLANE = 1e-6
 """Facets at smaller distances from a plane, relative to the extent, lie on it."""
 
 FRICTION = 0.3
+
+IMPACTS = 0.002
+"""Damping ratio of mode 1 of a starter scene with contact, in proportion to the stiffness."""
+
+STOP = 3.0
+"""Stiffness of a stop, relative to the modal stiffness."""
 
 SLIDING = 0.1
 """Cosine of the angle between motion and normal below which a point slides along a surface."""
@@ -37,6 +43,7 @@ SYSTEMS = (
     Units(length="mm", mass="t"),
     Units(length="mm", mass="kg", time="ms"),
     Units(length="mm", mass="g", time="ms"),
+    Units(length="in", mass="slinch"),
 )
 """Systems of units in which decks are written."""
 
@@ -68,8 +75,8 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
         return Units(), ""
     for material in found.physics.materials:
         for units in SYSTEMS:
-            young = shifted(material.young, units.power("Pa"))
-            density = shifted(material.density or 0.0, units.power("kg/m³"))
+            young = units.in_si(material.young, "Pa")
+            density = units.in_si(material.density or 0.0, "kg/m³")
             if DENSITIES[0] <= density <= DENSITIES[1] and MODULI[0] <= young <= MODULI[1]:
                 why = f"guessed from E = {material.young:g} and density = {material.density:g}"
                 return units, why
@@ -125,6 +132,7 @@ def starter_scene(
         "",
         "[damping]",
         f"ratios = {DAMPING} # of the first modes",
+        *_stiffness_damping(system, mode, template),
         "",
         *_support_lines(found, root),
         *_attachment_lines(found),
@@ -135,6 +143,15 @@ def starter_scene(
     if mode is not None:
         lines += _task_lines(found, system, mode, tip, template)
     return "\n".join([*lines, "[basis]", "modes = 6", ""])
+
+
+def _stiffness_damping(units: Units, mode: FirstMode | None, template: str) -> list[str]:
+    """The damping of the modes above the first ones, without which impacts make them ring."""
+    if mode is None or template not in ("rub", "damper"):
+        return []
+    factor = _two_digits(units, "s", IMPACTS / (math.pi * mode.frequency))
+    why = f"a damping ratio of {IMPACTS} at mode 1 that grows with the frequency"
+    return [f"stiffness = {factor} # {units.time}: {why}, for impacts"]
 
 
 def _geometry_lines(found: Inspection) -> list[str]:
@@ -311,7 +328,7 @@ def _task_lines(
     frequency = float(f"{mode.frequency:.5g}")
 
     def given(unit: str, value: float) -> str:
-        return f"{_in(units, unit, float(f'{value:.2g}')):.6g}"
+        return _two_digits(units, unit, value)
 
     if template == "statics":
         size = given("N", 10.0 * mode.stiffness * mode.amplitude)
@@ -365,13 +382,14 @@ def _contact_lines(
     towards = abs(float(normal @ motion))
     if towards < SLIDING:
         stiffness, preload = mode.stiffness, 0.5 * mode.force / FRICTION  # it slips at resonance
-        limit = f"preload = {_in(units, 'N', float(f'{preload:.2g}')):.6g} # {units.name_of('N')}"
+        limit = f"preload = {_two_digits(units, 'N', preload)} # {units.name_of('N')}"
     else:
-        stiffness, gap = 10.0 * mode.stiffness, 0.5 * mode.amplitude * towards
-        limit = f"gap = {_in(units, 'm', float(f'{gap:.2g}')):.6g} # {units.length}"
-    size = f"{_in(units, 'N/m', float(f'{stiffness:.2g}')):.6g} # {units.name_of('N/m')}"
+        stiffness, gap = STOP * mode.stiffness, 0.5 * mode.amplitude * towards
+        limit = f"gap = {_two_digits(units, 'm', gap)} # {units.length}"
+    size = f"{_two_digits(units, 'N/m', stiffness)} # {units.name_of('N/m')}"
+    kind = "a stop" if towards >= SLIDING else "a friction damper"
     return [
-        f"[[contacts]] # {'a stop' if template == 'rub' else 'a friction damper'}",
+        f"[[contacts]] # {kind}",
         place,
         f"normal = {_rounded(normal)} # {why}",
         limit,
@@ -420,7 +438,12 @@ def _areas(x: Array, facets: Array) -> Array:
 
 def _in(units: Units, unit: str, value: float) -> float:
     """A number in SI units in the units of the scene."""
-    return shifted(value, -units.power(unit))
+    return float(units.from_si(value, unit))
+
+
+def _two_digits(units: Units, unit: str, value: float) -> str:
+    """A number in SI units in the units of the scene, with two digits."""
+    return f"{float(f'{_in(units, unit, value):.2g}'):.6g}"
 
 
 def _rounded(direction: Sequence[float] | Array) -> list[float]:

@@ -1,0 +1,301 @@
+"""The peak of a response curve over a second number, and where the peak is smallest.
+
+Friction dampers have an optimal preload: with less the contacts slip and dissipate little, with
+more they stick and dissipate nothing. The peaks begin at the largest amplitude of the probe on the
+curve of the scene. From the peak of one value to that of the next, only the neighbourhood of the
+peak is followed (`fenicsrom.online.curves.forced_peak.climb`). The smallest peak is located between
+the values. If its whole curve over the frequency has a larger amplitude elsewhere, this other peak
+is followed, too, and the smallest of the larger ones is sought again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.assess.curves.response_results import Optimum, ResponseCurve, response_table
+from fenicsrom.assess.curves.trust import Richer, RicherModel
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import CurvePoint, norm
+from fenicsrom.online.curves.forced_peak import ForcedPeak, climb
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+from fenicsrom.scene.curve_checks import keys_over, values_over
+from fenicsrom.scene.units import in_words
+
+VALUES = 24
+"""Values over the whole range, in equal ratios."""
+DECADE = 10.0  # ratio of both ends of the range to the value of the scene, where no range is given
+HALVINGS = 5  # times the way to the next value is halved where its peak is not found from the last
+MOST = 4  # peaks of one curve that are followed
+LOCATED = 5e-3  # relative width of the bracket of the smallest peak
+SAME = 1e-9  # relative difference of values below which they are the same
+LARGER = 1e-3  # relative difference by which another motion is larger than the peak
+
+
+def follow_peaks(
+    stored: StoredModel,
+    curve: ResponseCurve,
+    richer: RicherModel | None,
+    say: Callable[[str], None],
+) -> None:
+    """Add the peaks over the second number and the optimum to a curve that has its points.
+
+    Args:
+        stored: the model under the scene of the curve.
+        curve: the curve; its peaks may be there in part.
+        richer: a model with a richer basis, or None.
+        say: receives a line, or "" where it is only asked whether to stop.
+    """
+    settings = stored.scene.time
+    value, top = own_value(stored), max((p for p in curve.points if p.periods == 1), key=height)
+    while True:
+        if curve.peaks:
+            _follow(stored, curve.peaks[-1], say)
+            if curve.optimum is None:
+                say("the smallest peak")
+                curve.optimum = _optimum(stored, curve.peaks, richer, say)
+            if curve.optimum.larger is None or len(curve.peaks) == MOST:
+                return
+            value, top = curve.optimum.peak.value, curve.optimum.larger
+        found = _peak(stored, value, top, settings)
+        if found is None:
+            return
+        curve.peaks.append([found])
+        curve.optimum = None
+
+
+def _follow(stored: StoredModel, peaks: list[ForcedPeak], say: Callable[[str], None]) -> None:
+    """Follow one peak over all values, from the value of its first one to both sides."""
+    over = str(response_table(stored.scene).peak_over)
+    values = np.geomspace(*peak_range(stored), VALUES)
+    start = peaks[0].value
+    for side in (values[values > start], values[values < start][::-1]):
+        for value in map(float, side):
+            if all(peak.value != value for peak in peaks):
+                peak = _reached(stored, value, _nearest(peaks, value), HALVINGS, say)
+                if peak is None:
+                    break
+                peaks.append(peak)
+                say(
+                    f"{in_words(stored.scene, over, value)}: peak of the probe "
+                    f"{1e3 * peak.amplitude:.5g} mm at {peak.frequency:.6g} Hz"
+                )
+
+
+def _nearest(peaks: list[ForcedPeak], value: float) -> ForcedPeak:
+    """The peak whose value has the smallest ratio to a value."""
+    return min(peaks, key=lambda peak: abs(np.log(peak.value / value)))
+
+
+def largest_peaks(curves: list[list[ForcedPeak]]) -> list[ForcedPeak]:
+    """The largest of the peaks at each value, in the order of the values.
+
+    The first one of each list is left out: it has a value that the other lists lack.
+    """
+    largest: dict[float, ForcedPeak] = {}
+    for peak in (peak for peaks in curves for peak in peaks[1:]):
+        known = largest.get(peak.value, peak)
+        largest[peak.value] = max(known, peak, key=lambda peak: peak.amplitude)
+    return [largest[value] for value in sorted(largest)]
+
+
+def own_value(stored: StoredModel) -> float:
+    """The value of the scene, at which the peaks begin."""
+    return values_over(stored.scene, str(response_table(stored.scene).peak_over))[0]
+
+
+def peak_range(stored: StoredModel) -> tuple[float, float]:
+    """The smallest and the largest value."""
+    own, given = own_value(stored), response_table(stored.scene).peak_range
+    return (own / DECADE, own * DECADE) if given is None else (given[0], given[1])
+
+
+def height(point: CurvePoint) -> float:
+    """The largest amplitude of the probe in any direction, m."""
+    return float(point.probe_amplitude.max())
+
+
+def _at(stored: StoredModel, value: float) -> StoredModel:
+    """The model under the scene with a value."""
+    keys = keys_over(stored.scene, str(response_table(stored.scene).peak_over))
+    return stored.with_overrides(dict.fromkeys(keys, value))
+
+
+def _peak(
+    stored: StoredModel,
+    value: float,
+    near: CurvePoint,
+    settings: Any,
+    richer: RicherModel | None = None,
+) -> ForcedPeak | None:
+    """The peak at a value, from a motion near it; None if it is not found.
+
+    Args:
+        stored: the model.
+        value: the value.
+        near: a motion, perhaps of another value.
+        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+        richer: a model with a richer basis, whose peak is found instead.
+    """
+    table = response_table(stored.scene)
+    family = family_of(_at(stored if richer is None else richer.stored, value))
+    problem = family(near.parameter)
+    shooting = Shooting(problem._replace(time=settings))
+    z = near.z if richer is None else Richer(family, richer.transfer).start(near, shooting)
+    s = shooting.scaled(z)
+    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    start = path.at_parameter(s, near.parameter)
+    if start is None:
+        return None
+    top, ends = climb(path, start, height)
+    if top is None:
+        return None
+    return ForcedPeak(value, top.parameter, height(top), top, (ends[0], ends[1]))
+
+
+def _reached(
+    stored: StoredModel, value: float, near: ForcedPeak, halvings: int, say: Callable[[str], None]
+) -> ForcedPeak | None:
+    """The peak at a value from that at another one, if need be by way of values between them."""
+    say("")
+    peak = _peak(stored, value, near.point, stored.scene.time)
+    if peak is not None or not halvings:
+        return peak
+    middle = _reached(stored, float(np.sqrt(value * near.value)), near, halvings - 1, say)
+    return None if middle is None else _reached(stored, value, middle, halvings - 1, say)
+
+
+def _optimum(
+    stored: StoredModel,
+    followed: list[list[ForcedPeak]],
+    richer: RicherModel | None,
+    say: Callable[[str], None],
+) -> Optimum:
+    """The smallest peak, located between its neighbours, with its errors."""
+    best, settings = _smallest(stored, followed, say), stored.scene.time
+    steps = 2 * (settings.steps_per_period or FALLBACK_STEPS)
+    say("checking the smallest peak with half the step and a richer basis")
+    finer = _peak(stored, best.value, best.point, settings.changed(steps_per_period=steps))
+    other = None
+    if richer is not None:
+        other = _peak(stored, best.value, best.point, settings, richer)
+    errors = [
+        None if peak is None else abs(peak.amplitude / best.amplitude - 1.0)
+        for peak in (finer, other)
+    ]
+    found = Optimum(best, errors[0], errors[1], (best.value, best.value))
+    worst = max((error for error in errors if error is not None), default=0.0)
+    level = best.amplitude * (1.0 + worst) / max(1.0 - worst, 0.1)
+    within = tuple(_crossing(largest_peaks(followed), best, level))
+    return replace(found, within=within, larger=_larger(stored, best, say))
+
+
+def _smallest(
+    stored: StoredModel, followed: list[list[ForcedPeak]], say: Callable[[str], None]
+) -> ForcedPeak:
+    """The smallest of the largest peaks, located between its neighbours."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    peaks = largest_peaks(followed)
+    k = min(range(len(peaks)), key=lambda k: peaks[k].amplitude)
+    best = peaks[k]
+    if not 0 < k < len(peaks) - 1:
+        return best
+    low, high = peaks[k - 1].value, peaks[k + 1].value
+    near = [[peak for peak in one if low <= peak.value <= high] for one in followed]
+
+    def size(logarithm: float) -> float:
+        nonlocal best
+        value = float(np.exp(logarithm))
+        found = [
+            _reached(stored, value, _nearest(one, value), HALVINGS, say) for one in near if one
+        ]
+        top = max((p for p in found if p is not None), key=lambda p: p.amplitude, default=None)
+        if top is None:
+            return np.inf
+        best = min(best, top, key=lambda peak: peak.amplitude)
+        return top.amplitude
+
+    bounds = np.log(low), np.log(high)
+    minimize_scalar(size, bounds=bounds, method="bounded", options={"xatol": LOCATED})
+    return best
+
+
+def _crossing(peaks: list[ForcedPeak], best: ForcedPeak, level: float) -> Iterator[float]:
+    """Where the peaks pass a level below and above the smallest one; the end if they do not."""
+    for side in (
+        [peak for peak in reversed(peaks) if peak.value < best.value],
+        [peak for peak in peaks if peak.value > best.value],
+    ):
+        before = best
+        for peak in side:
+            if peak.amplitude >= level:
+                share = (level - before.amplitude) / (peak.amplitude - before.amplitude)
+                yield float(before.value * (peak.value / before.value) ** share)
+                break
+            before = peak
+        else:
+            yield before.value
+
+
+def _larger(stored: StoredModel, best: ForcedPeak, say: Callable[[str], None]) -> CurvePoint | None:
+    """The motion of the largest amplitude on the whole curve of a peak; None: it is the peak."""
+    table, family = response_table(stored.scene), family_of(_at(stored, best.value))
+    problem = family(best.frequency)
+    shooting = Shooting(problem)
+    s = shooting.scaled(best.point.z)
+    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    start = path.at_parameter(s, best.frequency)
+    points = (
+        []
+        if start is None
+        else [
+            point
+            for direction in (1.0, -1.0)
+            for point in path.run(
+                start,
+                direction,
+                points=table.points,
+                locate=False,
+                progress=lambda point: say(""),
+            ).points
+        ]
+    )
+    top = max(points, key=height, default=best.point)
+    if height(top) <= (1.0 + LARGER) * best.amplitude:
+        return None
+    return top
+
+
+def incomplete_peaks(
+    curve: ResponseCurve, over: str, ends: tuple[float, float], scene: Scene
+) -> str:
+    """Why the peaks of a curve do not give the optimum; "" if they do."""
+    if curve.optimum is None:
+        return (
+            "the peaks were not followed: the largest amplitude of the probe is at an end of the "
+            "range of the frequency; choose other response.first and response.last"
+        )
+    largest = largest_peaks(curve.peaks)
+    reached = largest[0].value, largest[-1].value
+    if max(np.abs(np.log(np.array(reached) / ends))) > SAME:
+        return (
+            f"the peak was followed between {in_words(scene, over, *reached)} only: beyond, it was "
+            "lost or left the range of the frequency; choose another response.peak_range, or a "
+            "wider range of the frequency"
+        )
+    if curve.optimum.larger is not None:
+        larger = curve.optimum.larger
+        return (
+            f"at {in_words(scene, over, curve.optimum.peak.value)} the peak that was followed, at "
+            f"{curve.optimum.peak.frequency:.6g} Hz, is not the largest: the amplitude of the "
+            f"probe is {1e3 * height(larger):.5g} mm at {larger.parameter:.6g} Hz; the smallest "
+            "peak of the whole range is another one"
+        )
+    return ""

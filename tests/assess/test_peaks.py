@@ -1,0 +1,178 @@
+"""Peaks of response curves over a second number: the optimum of a friction damper."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene, heard, linear_model
+from test_response import run, scene_with
+
+from fenicsrom.assess.curves.peaks import largest_peaks
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_results import Response
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel, save_model
+
+FORCE, DAMPING, SPRING, FRICTION = 1.0, 0.04, 0.5, 0.5
+LOW, HIGH = 0.85 / (2.0 * np.pi), 1.4 / (2.0 * np.pi)
+
+
+def damper(*overrides: str) -> StoredModel:
+    """x'' + damping x' + x + friction = force sin(omega t), along the second coordinate."""
+    contact = {
+        "nearest": [0.0, 0.0],
+        "normal": [1.0, 0.0],
+        "preload": 2.0,
+        "normal_stiffness": 10.0,
+        "tangential_stiffness": SPRING,
+        "friction": FRICTION,
+    }
+    scene = beam_scene(
+        2,
+        (
+            f"loads.0.force={FORCE}",
+            f"loads.0.frequency={LOW}",
+            f"material.mass_damping={DAMPING}",
+            "time.steps_per_period=200",
+            f"response.first={LOW}",
+            f"response.last={HIGH}",
+            'response.peak_over="contacts.0.preload"',
+            "response.peak_range=[0.5, 12.0]",
+            *overrides,
+        ),
+        contacts=[contact],
+        probe={"group": "tip"},
+        geometrically_nonlinear=False,
+    )
+    model = linear_model(
+        np.eye(2),
+        np.diag([1e4, 1.0]),
+        damping=DAMPING,
+        loads=[[0.0], [1.0]],
+        load_histories=load_histories(scene),
+        masters=2,
+    )
+    return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([1.0, 10.0]), {})
+
+
+def harmonic_peaks(preloads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Peaks by the first harmonic of the slider's force (Griffin 1980)."""
+    a = np.linspace(0.3, 30.0, 1500)[:, None]
+    omega = np.linspace(0.85, 1.4, 300)
+    found = []
+    for preload in preloads:
+        slip = FRICTION * preload / SPRING  # largest displacement without slip
+        theta = np.arccos(1.0 - 2.0 * np.minimum(slip / a, 1.0))
+        stiffness = SPRING / np.pi * (theta - 0.5 * np.sin(2.0 * theta))
+        loss = 4.0 * FRICTION * preload * np.maximum(1.0 - slip / a, 0.0) / (np.pi * a)
+        size = a * np.hypot(1.0 + stiffness - omega**2, DAMPING * omega + loss)
+        found.append(float(a[size.min(axis=1) <= FORCE].max()))
+    return np.array(found)
+
+
+@pytest.fixture(scope="module")
+def found() -> Response:
+    return response(damper())
+
+
+def test_peaks_and_optimum_of_a_damper_are_those_of_the_first_harmonic(found: Response) -> None:
+    (curve,) = found.curves
+    peaks = largest_peaks(curve.peaks)
+    values = np.array([peak.value for peak in peaks])
+    assert len(values) == 24 and (values[0], values[-1]) == pytest.approx((0.5, 12.0))
+    own = [peak.amplitude for peak in peaks]
+    np.testing.assert_allclose(own, harmonic_peaks(values), rtol=0.03)
+    assert curve.optimum is not None and not found.warnings
+    scan = np.geomspace(0.5, 12.0, 80)
+    reference = harmonic_peaks(scan)
+    assert curve.optimum.peak.amplitude == pytest.approx(reference.min(), rel=0.02)
+    best = scan[reference <= 1.01 * reference.min()]
+    assert best[0] < curve.optimum.peak.value < best[-1]
+    low, high = curve.optimum.within
+    assert low <= curve.optimum.peak.value <= high
+    assert curve.optimum.step_error is not None and curve.optimum.step_error < 2e-3
+
+
+@pytest.mark.slow
+def test_peaks_are_those_of_the_whole_curves(found: Response) -> None:
+    peaks = largest_peaks(found.curves[0].peaks)[::8]
+    values = ", ".join(f"{peak.value!r}" for peak in peaks)
+    stored = damper()
+    families = f'families={{key="contacts.0.preload", values=[{values}]}}'
+    table = f"response={{first={LOW}, last={HIGH}, {families}}}"
+    whole = response(stored.with_overrides([table]))
+    for peak, curve in zip(peaks, whole.curves, strict=True):
+        top = max(float(point.probe_amplitude.max()) for point in curve.points)
+        assert peak.amplitude == pytest.approx(top, rel=1e-4)
+
+
+def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Path) -> None:
+    count = 0
+
+    def say(line: str) -> None:
+        nonlocal count
+        count += "contacts.0.preload =" in line
+        if count == 6:
+            raise KeyboardInterrupt
+
+    with heard(say):
+        assert response(damper(), state=tmp_path).interrupted
+    again = response(damper(), resume=tmp_path)
+    pairs = zip(*(largest_peaks(one.curves[0].peaks) for one in (again, found)), strict=True)
+    for mine, its in pairs:
+        assert (mine.value, mine.amplitude) == (its.value, its.amplitude)
+
+
+@pytest.mark.slow
+def test_range_without_the_optimum_says_to_widen_it(tmp_path: Path) -> None:
+    save_model(tmp_path / "m.npz", damper("response.peak_range=[1.0, 2.5]"))
+    assert run(tmp_path / "m.npz", tmp_path / "out") == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "widen this range" in page
+    with open(tmp_path / "out" / "response_peaks.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["smallest"] for row in rows].count("True") == 1
+    (curve,) = json.loads((tmp_path / "out" / "response.json").read_text())["curves"]
+    assert curve["optimum"]["contacts.0.preload_N"] == pytest.approx(2.5)
+    assert (tmp_path / "out" / "peaks.png").exists()
+
+
+@pytest.mark.slow
+def test_peak_that_leaves_the_range_of_the_frequency_exits_1(tmp_path: Path) -> None:
+    save_model(tmp_path / "m.npz", damper(f"response.last={1.1 / (2.0 * np.pi)}"))
+    assert run(tmp_path / "m.npz", tmp_path / "out") == 1
+    summary = json.loads((tmp_path / "out" / "response.json").read_text())
+    assert "wider range of the frequency" in summary["unfinished"]
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "kind"),
+    [
+        ('response.peak_over="loads.0.force"', "response.peak_over", ErrorKind.RANGE),
+        ('response.peak_over="contacts.0.preload"', "response.peak_over", ErrorKind.RANGE),
+        ("response.peak_over=3", "response.peak_over", ErrorKind.TYPE),
+        ("response.peak_range=[1.0, 2.0]", "response.peak_range", ErrorKind.CONFLICT),
+        (
+            'response={first=0.1, last=0.2, peak_over="material.mass_damping", '
+            "peak_range=[1.0, 2.0]}",
+            "response.peak_range",
+            ErrorKind.RANGE,
+        ),
+        (
+            'response={first=0.1, last=0.2, parameter="loads.0.force", '
+            'peak_over="material.mass_damping"}',
+            "response.peak_over",
+            ErrorKind.CONFLICT,
+        ),
+    ],
+)
+def test_wrong_peak_is_refused_with_its_key(override: str, key: str, kind: ErrorKind) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_with(override)
+    assert (caught.value.key, caught.value.kind) == (key, kind)
