@@ -80,7 +80,7 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
     """Write a reduced model for another program.
 
     Args:
-        stored: the model.
+        stored: the model; it is written with the `basis.size` of its scene, if that gives one.
         path: the file to write.
         form: a key of `SUFFIXES`.
 
@@ -91,6 +91,7 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
     scene = path.with_suffix(".toml")
     if form != "fmu":
         _require_own(scene)
+    stored = stored.resized(stored.scene.basis.size or stored.size)
     arrays, linear = model_arrays(stored.model, stored.scene.source), stored.model.linear
     if form == "fmu":
         compiled = write_fmu(path, stored, arrays)

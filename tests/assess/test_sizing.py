@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from fenicsrom.assess.errors import estimates, sizing
 from fenicsrom.assess.errors.estimates import distances, nested_motion
 from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
 from fenicsrom.errors import ErrorKind
+from fenicsrom.exchange.export import export
+from fenicsrom.exchange.superelement import read_matrices
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
@@ -152,6 +155,12 @@ def test_size_that_a_model_does_not_have_is_refused_before_it_moves() -> None:
     alone = replace(stored_with(), candidates=None, further=())
     with refusal(ErrorKind.RANGE, "basis.size"):
         alone.with_overrides("basis.size=1")
+
+
+def test_exported_model_has_the_size_that_its_scene_asks_for(tmp_path: Path) -> None:
+    for stored, size in ((stored_with(), 1), (stored_with().with_overrides("basis.size=3"), 3)):
+        export(stored, tmp_path / f"{size}.op4", "op4")
+        assert read_matrices(tmp_path / f"{size}.op4").mass.shape == (size, size)
 
 
 def test_motion_that_does_not_settle_is_judged_by_a_march_and_takes_all_at_once(
