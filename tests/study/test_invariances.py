@@ -6,6 +6,7 @@ scene is written, so that every key with a dimension takes part.
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -179,9 +180,9 @@ def test_body_of_other_size_mass_and_time_has_the_same_answer(
     length: int, mass: int, time: int, kind: str, own: Answer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The unit "cm" stands for another power of ten here, as do "g" and "ms"."""
-    monkeypatch.setitem(unit_system.LENGTHS, "cm", length)
-    monkeypatch.setitem(unit_system.MASSES, "g", mass)
-    monkeypatch.setitem(unit_system.TIMES, "ms", time)
+    monkeypatch.setitem(unit_system.LENGTHS, "cm", Decimal(10) ** length)
+    monkeypatch.setitem(unit_system.MASSES, "g", Decimal(10) ** mass)
+    monkeypatch.setitem(unit_system.TIMES, "ms", Decimal(10) ** time)
     table = scene_table(kind) | {"units": {"length": "cm", "mass": "g", "time": "ms"}}
     table["loads"][0]["frequency"] *= 10.0**-time
     if "rotation" in table:
