@@ -115,16 +115,14 @@ def chart(figure: Figure) -> str | None:
     grid.children = [(plot, *_place(axes)) for axes, plot in zip(figure.axes, plots, strict=True)]
     labels, details = getattr(figure, DETAILS, ((), ()))
     if details:
-        grid = column(grid, *_details(plots[0], labels, details), sizing_mode="stretch_width")
+        grid = column(grid, _details(plots[0], labels, details), sizing_mode="stretch_width")
     return json.dumps(json_item(grid))
 
 
-def _details(
-    plot: Any, labels: Sequence[tuple[str, str]], details: Sequence[Detail]
-) -> tuple[Any, Any]:
-    """Ring the points of details in a plot; a title and the small plots, which a click fills."""
+def _details(plot: Any, labels: Sequence[tuple[str, str]], details: Sequence[Detail]) -> Any:
+    """Ring the points of details in a plot; the row of small plots, which a click fills."""
     from bokeh.layouts import row
-    from bokeh.models import ColumnDataSource, CustomJS, Div, TapTool
+    from bokeh.models import ColumnDataSource, CustomJS, TapTool
     from bokeh.plotting import figure as new_plot
 
     lines = [[{"x": _short(x), "y": _short(y)} for x, y in detail.lines] for detail in details]
@@ -139,11 +137,12 @@ def _details(
         small[-1].line("x", "y", source=source, line_width=2)
         for axis in (*small[-1].xaxis, *small[-1].yaxis):
             axis.axis_label_text_font_style = "normal"
-    title = Div(text=details[0].title)
+    title = small[0].title  # a text of its own would need another library of Bokeh
+    title.text, title.text_font_size = details[0].title, "12px"
     known = {"sources": sources, "lines": lines, "title": title}
     known["titles"] = [detail.title for detail in details]
     points.selected.js_on_change("indices", CustomJS(args=known, code=CLICKED))
-    return title, row(*small, sizing_mode="stretch_width")
+    return row(*small, sizing_mode="stretch_width")
 
 
 def _short(values: Array) -> list[float]:
