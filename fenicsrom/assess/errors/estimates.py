@@ -87,13 +87,13 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     third of the distance between the last periods of both runs for a scheme of second order, and
     the whole distance for one of first order. The order counts as one if the estimated error of the
     peak force is above `UNRESOLVED_FORCE`. The peak force of impacts is compared with a run of four
-    times the step, too. If a stiff contact lasts only a few steps, its peak
-    force is not resolved. The error of this force counts as unknown if a contact has a blending
-    weight of a half or more (`fenicsrom.online.contact.law`). A motion with such a contact may
-    repeat for this step only, and any motion may fail to repeat for this step only. There is then
-    no estimate unless the motion with half the step, or with a quarter where the motion does not
-    settle, does the same. The estimate of a motion that does not settle is that from a quarter or
-    from twice the step, whichever is larger.
+    times the step, too. If a stiff contact lasts only a few steps, its peak force is not resolved.
+    The error of this force counts as unknown if a contact has a blending weight of a half or more
+    (`fenicsrom.online.contact.law`). A motion with such a contact may repeat for this step only,
+    and any motion may fail to repeat for this step only. There is then no estimate unless the
+    motion with half the step, or with a quarter where the motion does not settle, does the same.
+    The estimate of a motion that does not settle is that from a quarter or from twice the step,
+    whichever is larger.
 
     Args:
         model: the model that was integrated.
@@ -144,7 +144,8 @@ def _impact_error(model: Any, scene: Scene, motion: Motion, other: Motion) -> fl
 
     The step changes the instants at which the contact is seen to close, so the peak forces of
     impacts converge with first order and scatter. Two runs may then agree by chance; the difference
-    of the two longer steps is the error of first order that is left with the step itself.
+    of the two longer steps is the error of first order that is left with the step itself. Without a
+    motion with four times the step, the result is 0, and the estimate of the two runs stands.
 
     Args:
         model: the model that was integrated.
