@@ -123,8 +123,10 @@ def confirmed(path: Continuation, point: CurvePoint, settings: Any) -> bool:
     if not point.stable:
         steps = 2 * settings.steps_per_period
         fine = Shooting(problem._replace(time=settings.changed(steps_per_period=steps)))
-        near = Continuation(fine, path.family, 0.0, point.parameter, size)
-        other = near.at_parameter(fine.scaled(point.z), point.parameter)
+        s = fine.scaled(point.z)
+        other = Continuation(fine, path.family, 0.0, point.parameter, s).at_parameter(
+            s, point.parameter
+        )
         top = float(point.amplitude.max())
         return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
     s = (1.0 + BESIDE) * point.s
@@ -167,7 +169,7 @@ def follow_curve(stored: StoredModel) -> Followed:
     motion = start_motion(stored, family, table.first)
     shooting = shooting_of(stored, family)
     s = shooting.scaled(motion.z)
-    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    path = Continuation(shooting, family, table.low, table.high, s)
     first = path.at_parameter(s, table.first)
     if first is None:
         raise ConvergenceError("the first motion was lost")

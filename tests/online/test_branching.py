@@ -67,7 +67,8 @@ def path_at(
     problem = family(value)
     equation = shooting(problem.model, problem.period, m, **size)
     s = equation.scaled(solve(equation, equation.scaled(start)).z)
-    path = Continuation(equation, family, *bounds, size=max(float(np.linalg.norm(s)), 0.1))
+    size = s if np.linalg.norm(s) > 0.1 else np.full(s.size, 0.1)
+    path = Continuation(equation, family, *bounds, size)
     point = path.at_parameter(s, value)
     assert point is not None
     return path, point
