@@ -208,6 +208,7 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     return np.array(rates), np.array(forces), np.array(reactions)
 
 
+@pytest.mark.slow
 def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
     """The full model balances to rounding in every step.
 

@@ -30,7 +30,6 @@ from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study
 from fenicsrom.scene import Scene, make_scene
-from fenicsrom.study import offline_key
 from fenicsrom.study.offline_key import keys_of
 
 MESH = Path(__file__).parents[2] / "meshes" / "blade.geo"
