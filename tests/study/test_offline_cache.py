@@ -108,6 +108,7 @@ MOTION = {
     "contacts.0.surface.radius",
     "contacts.0.surface.spin",
     "contacts.0.surface.waves",
+    "contacts.0.surface.angle_from",
 }
 """Keys and tables on which a reduced model depends only if a motion selects its derivatives."""
 
