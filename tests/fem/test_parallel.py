@@ -215,7 +215,13 @@ def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
 def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
     """Some ranks have no cell and no unknown."""
     cells = ["geometry.parameters.elements_along=2", "geometry.parameters.load_at=0.5"]
-    wanted = [*cells, "time.periods=2", "output.pictures=false", "output.paraview=false"]
+    wanted = [
+        *cells,
+        "time.periods=2",
+        "time.steps_per_period=50",
+        "output.pictures=false",
+        "output.paraview=false",
+    ]
     wanted += ["reference.beam=false", "loads=[{group='load',direction=[0,1],force=9,frequency=3}]"]
     overrides = [part for item in wanted for part in ("--set", item)]
     found = []
