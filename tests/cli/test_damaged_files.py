@@ -31,7 +31,6 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
-
 LONG = (pytest.mark.slow, pytest.mark.long)
 
 

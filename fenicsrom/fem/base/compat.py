@@ -36,7 +36,7 @@ def model_to_mesh(
 
 
 def cells_of(geometry: dolfinx.mesh.Geometry) -> tuple[Any, np.ndarray]:
-    """The map from the reference cell of a mesh of one kind of cells, and its nodes of each cell."""
+    """The map from the reference cell of a mesh with one kind of cells; the nodes of each cell."""
     if hasattr(geometry, "cmaps"):
         return geometry.cmaps[0], geometry.dofmaps[0]
     return geometry.cmap, geometry.dofmap  # dolfinx 0.9, 0.10
