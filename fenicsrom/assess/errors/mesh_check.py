@@ -110,7 +110,9 @@ def of_solid(
         return MeshCheck(missing=reason)
     try:
         finer = FinerSolid(scene, solid)
-        frequencies = () if squares is None else _relative(squares[0], squares[1](finer)[: len(squares[0])])
+        frequencies = (
+            () if squares is None else _relative(squares[0], squares[1](finer)[: len(squares[0])])
+        )
         moved = None if deflection is None else _moved(deflection, solid, finer)
         further(finer)
         finer.destroy()
