@@ -17,6 +17,7 @@ from fenicsrom.assess.studies.compare import Combination, Comparison, Outcome
 from fenicsrom.errors import SceneError
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store import result_cache
 from fenicsrom.scene import parse_scene, read_scene, scene_table
 
 PERIOD = 0.5
@@ -147,9 +148,64 @@ def test_combination_sets_basis_and_scheme_of_the_scene():
         )
 
 
+def test_meshes_and_steps_are_further_choices():
+    scene = beam_scene(
+        overrides=(
+            *STOCKY,
+            "compare.modes=[1]",
+            'compare.methods=["rubin"]',
+            'compare.derivatives=["none"]',
+            'compare.meshes=["geometry.degree=1", "geometry.parameters.elements_along=2"]',
+            "compare.steps=[50, 100]",
+        )
+    )
+    found = [compare.with_combination(scene, c) for c in compare.combinations(scene)]
+    own = scene.geometry.parameters
+    meshes = [(2, own), (1, own), (2, {**own, "elements_along": 2})]
+    assert [
+        (of.geometry.degree, of.geometry.parameters, of.time.steps_per_period) for of in found
+    ] == [(*mesh, steps) for mesh in meshes for steps in (50, 100)]
+
+
+@pytest.mark.slow
+def test_coarse_mesh_and_long_steps_are_compared_with_the_full_model_of_the_scene(tmp_path):
+    """The first frequency of a cell of degree 1 is far too high; the load is below resonance."""
+    pytest.importorskip("dolfinx")
+    from mpi4py import MPI
+
+    from fenicsrom.post.studies.compare_report import report
+
+    scene = beam_scene(
+        overrides=(
+            *STOCKY,
+            "compare.modes=[2]",
+            'compare.methods=["rubin"]',
+            'compare.derivatives=["none"]',
+            'compare.meshes=["geometry.degree=1"]',
+            "compare.steps=[50, 10]",
+            "time.steps_per_period=50",
+            "loads.0.frequency=50.0",
+            "material.mass_damping=500.0",
+        ),
+        geometrically_nonlinear=False,
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    found = compare.compare(scene, MPI.COMM_SELF)
+    own, longer, linear, both = (o.errors["amplitude_tangential"] for o in found.outcomes)
+    assert own < 0.5 * longer < 0.1 * min(linear, both)
+    report(found).write(tmp_path)
+    with (tmp_path / "comparison.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["mesh"], row["steps_per_period"]) for row in rows] == [
+        (mesh, steps) for mesh in ("", "geometry.degree=1") for steps in ("50", "10")
+    ]
+
+
 @pytest.mark.parametrize(
     ("override", "key"),
     [
+        ('compare.meshes=["material.young=1.0"]', "meshes[0]"),
         ("compare.modes=[]", "modes"),
         ("compare.modes=[1,1]", "modes[1]"),
         ('compare.methods=["guyan"]', "methods[0]"),
@@ -292,11 +348,10 @@ def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
         second.steps,
         second.period,
     )
-    (entry,) = cache.iterdir()
+    (entry,) = (cache / "results").iterdir()
     monkeypatch.setenv("FENICSROM_CACHE", "off")
     assert not full_cache.full_motion(solid, scene)[1]["cached"]
     monkeypatch.delenv("FENICSROM_CACHE")
-    assert full_cache.read_cached(entry, "another key") is None
     # a damaged file is no file
     content = bytearray(entry.read_bytes())
     for damage in (content[: len(content) // 2], b"", b"PK\3\4 no archive"):
@@ -329,26 +384,26 @@ def test_key_changes_with_scene_and_mesh_only_where_they_matter(tmp_path):
         assert full_cache.cache_key(beam_scene(overrides=(override,))) != key
 
 
-def test_key_changes_with_every_module_of_the_package(tmp_path):
+def test_key_changes_with_a_module_of_each_package(tmp_path):
     copy = tmp_path / "package"
-    shutil.copytree(full_cache.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    digest = full_cache.package_digest(copy)
-    assert digest == full_cache.package_digest(full_cache.PACKAGE)
-    modules = sorted(copy.rglob("*.py"))
-    assert {"fem", "online", "reduction", "scene"} <= {path.parent.name for path in modules}
+    shutil.copytree(result_cache.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    digest = result_cache.package_digest(copy)
+    assert digest == result_cache.package_digest(result_cache.PACKAGE)
+    modules = list({path.parent: path for path in copy.rglob("*.py")}.values())
+    assert {"solid", "step", "reduction", "scene"} <= {path.parent.name for path in modules}
     for module in modules:
         content = module.read_bytes()
         module.write_bytes(content + b"\n# edited\n")
-        assert full_cache.package_digest(copy) != digest, module
+        assert result_cache.package_digest(copy) != digest, module
         module.write_bytes(content)
     modules[-1].rename(modules[-1].with_name("renamed.py"))
-    assert full_cache.package_digest(copy) != digest
+    assert result_cache.package_digest(copy) != digest
 
 
 def test_key_contains_the_package(monkeypatch):
     scene = beam_scene()
     key = full_cache.cache_key(scene)
-    monkeypatch.setattr(full_cache, "package_digest", lambda folder: "another")
+    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "another")
     assert full_cache.cache_key(scene) != key
 
 

@@ -31,6 +31,8 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
+LONG = (pytest.mark.slow, pytest.mark.long)
+
 
 def drawn(
     few: int, many: int, **inputs: st.SearchStrategy[Any]
@@ -39,7 +41,7 @@ def drawn(
     fixtures are passed on."""
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=pytest.mark.slow)])
+        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=LONG)])
         def run(count: int, **fixtures: Any) -> None:
             @settings(
                 max_examples=count,
@@ -449,6 +451,7 @@ def test_mesh_cut_short_is_refused(
     assert answer.startswith("refused "), f"cut at {cut}: {answer}"
 
 
+@pytest.mark.slow
 @drawn(8, 200, data=st.data())
 def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
@@ -486,6 +489,7 @@ def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
         assert cells == "4" or warnings != "0", f"{kind} {rows[k]}: {answer}"
 
 
+@pytest.mark.slow
 @drawn(8, 200, done=DAMAGE)
 def test_damaged_mesh_is_refused_or_read(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, done: list[Damage]
@@ -539,7 +543,7 @@ def test_geometry_of_absurd_size_is_refused(
         ("1.E-300", ""),
         ("0.", ""),
         ("1.E16", "size = 0.001: must be at least 1e+08 for a body of 1e+13 m"),
-        pytest.param("1e300", "", marks=pytest.mark.slow),
+        pytest.param("1e300", "", marks=LONG),
     ],
 )
 def test_step_file_of_absurd_size_is_refused(

@@ -33,3 +33,10 @@ def model_to_mesh(
         nothing = np.empty(0, dtype=np.int32)
         facet_tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, nothing, nothing)
     return domain, cell_tags, facet_tags
+
+
+def cells_of(geometry: dolfinx.mesh.Geometry) -> tuple[Any, np.ndarray]:
+    """The map from the reference cell of a mesh with one kind of cells; the nodes of each cell."""
+    if hasattr(geometry, "cmaps"):
+        return geometry.cmaps[0], geometry.dofmaps[0]
+    return geometry.cmap, geometry.dofmap  # dolfinx 0.9, 0.10
