@@ -31,9 +31,9 @@ class Toy(ArcLength):
     """The curve of an equation z = (s, p) -> r, J."""
 
     def __init__(
-        self, equation: Callable[[Array], tuple[Any, Any]], low: float, high: float, size: int
+        self, equation: Callable[[Array], tuple[Any, Any]], low: float, high: float, count: int
     ):
-        super().__init__(low, high, np.ones(1), np.eye(size))
+        super().__init__(low, high, np.eye(count)[0], np.eye(count))
         self.equation = equation
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values:
@@ -171,7 +171,7 @@ def test_curve_that_stops_is_lost_and_keeps_its_points() -> None:
         def values(self, s: Array, parameter: float, *, derive: bool) -> Any:
             return None if s[0] > 0.0 else super().values(s, parameter, derive=derive)
 
-    path = Ending(corner(1.0, -1.0), 0.0, 2.0)
+    path = Ending(corner(1.0, -1.0), 0.0, 2.0, 1)
     found = path.run(path.at_parameter(np.array([-0.5]), 0.5), 1.0)
     assert found.reason == LOST
     assert -1e-6 < found.points[-1].s[0] <= 0.0
@@ -205,7 +205,7 @@ def test_slider_that_sticks_rests_until_slip_moves_it(place: float) -> None:
             row = row if r else [0.0, 0.0, 0.0]
             return Values(np.array([s[0] - parameter, r]), np.array([[1, 0, -1.0], row]), None)
 
-    path = Dragged(lambda z: (0.0, 0.0), 0.0, 1.0)
+    path = Dragged(lambda z: (0.0, 0.0), 0.0, 1.0, 2)
     found = path.run(path.at_parameter(np.array([0.0, place]), 0.0), 1.0)
     assert found.reason == END and len(found.points) < 60
     for point in found.points:

@@ -72,9 +72,8 @@ def special_points(
         fold = change_of_sign(path, lambda point: float(point.tangent[-1]), a, b).nearest
         found.append(replace(fold, kind="fold"))
     for kind, margins in _contact_changes(a, b, contacts):
-        nearest = change_of_sign(path, lambda point, m=margins: float(m(point).max()), a, b).nearest
-        margin = margins(nearest)
-        found.append(replace(nearest, kind=kind, contact=int(np.argmax(margin))))
+        nearest = change_of_sign(path, _largest(margins), a, b).nearest
+        found.append(replace(nearest, kind=kind, contact=int(np.argmax(margins(nearest)))))
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in _crossings(path, a, b):
         apart = [norm(path.place(point) - fold) for fold in folds]
@@ -107,6 +106,11 @@ def _contact_changes(
 def _margins(name: str, mine: NDArray[np.bool_]) -> Margins:
     """The function that reads a field of `Extremes` at the points of a contact."""
     return lambda point: np.where(mine, getattr(point.extremes, name), -np.inf)
+
+
+def _largest(margins: Margins) -> Test:
+    """The function that is positive if one of the margins is."""
+    return lambda point: float(margins(point).max())
 
 
 def _end(occurs: list[bool], what: str) -> str:
