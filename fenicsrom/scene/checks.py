@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING
 from itertools import pairwise
+from operator import mul
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.body_checks import (
@@ -109,6 +110,7 @@ def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
         if contact.surface is not None:
             yield f"contacts[{index}].surface.point", contact.surface.point
             yield f"contacts[{index}].surface.axis", contact.surface.axis
+            yield f"contacts[{index}].surface.angle_from", contact.surface.angle_from
     if scene.rotation:
         yield "rotation.axis", scene.rotation.axis
         yield "rotation.point", scene.rotation.point
@@ -170,10 +172,14 @@ def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
     if surface.radius is not None and contact.gap:
         allowed = "not allowed with surface.radius, which determines the gap"
         yield Problem(f"{key}.gap", contact.gap, allowed)
-    if surface.kind == "sphere" and (surface.waves or surface.spin is not None):
-        name = "waves" if surface.waves else "spin"
-        allowed = "only allowed for a cylinder"
-        yield Problem(f"{key}.surface.{name}", plain(getattr(surface, name)), allowed)
+    for name in ("waves", "spin", "angle_from"):
+        value = getattr(surface, name)
+        if surface.kind == "sphere" and value is not None and value != ():
+            yield Problem(f"{key}.surface.{name}", plain(value), "only allowed for a cylinder")
+    if surface.axis is not None and surface.angle_from is not None:
+        if abs(sum(map(mul, surface.axis, surface.angle_from))) > 1.0 - 1e-9:
+            allowed = "must not be along the axis"
+            yield Problem(f"{key}.surface.angle_from", surface.angle_from, allowed, ErrorKind.RANGE)
     for index, (order, _, _) in enumerate(surface.waves):
         if order != round(order) or order < 1:
             allowed = "the order must be an integer of at least 1"

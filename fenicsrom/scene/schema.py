@@ -86,8 +86,9 @@ class Surface:
         spin: rate at which a cylinder turns about its axis, as seen from the body; by default the
             casing is at rest, and the rate is minus the rate of [rotation] about this axis.
         waves: waves of a cylinder; each moves the surface towards the body by height cos(order
-            (angle - spin t) - phase). The angle starts at the first tangent of
-            `fenicsrom.online.contact.surfaces.frame` for the axis, in 2D at x.
+            (angle - spin t) - phase). The angle is positive about the axis.
+        angle_from: direction, seen from the axis, at which the angle of the waves starts; by
+            default the middle of the contact points that have this surface.
     """
 
     kind: Annotated[str, choice("cylinder", "sphere")]
@@ -106,6 +107,7 @@ class Surface:
             first={"type": "integer", "minimum": 1},
         ),
     ] = ()
+    angle_from: Annotated[tuple[float, ...] | None, rules.direction] = None
 
 
 @dataclass(frozen=True, kw_only=True)

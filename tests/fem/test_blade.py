@@ -28,8 +28,12 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
 
 from fenicsrom.fem.full.full import FullModel
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -107,6 +111,24 @@ def test_reduced_blade_matches_full_blade() -> None:
     assert peak_normal_force(full) > 50.0 and np.linalg.norm(amplitude(full)) > 1e-3
     assert_close(motion, full)
     assert motion.relative_imbalance < 1e-9 and full.relative_imbalance < 1e-9
+
+
+def test_blade_elsewhere_around_its_axis_gives_the_same_motion() -> None:
+    """The angle of the casing's waves starts at the middle of the tip, so it turns with the
+    blade."""
+    scene = blade(*SHORT)
+    surface = replace(scene.contacts[0].surface, angle_from=None)
+    scene = replace(scene, contacts=(replace(scene.contacts[0], surface=surface),))
+    forces = []
+    for angle in (0.0, 130.0):
+        mesh = build_mesh(scene.geometry, MPI.COMM_WORLD)
+        x, hub = mesh.domain.geometry.x, np.array(scene.rotation.point)
+        x[:] = hub + Rotation.from_euler("y", angle, degrees=True).apply(x - hub)
+        solid = solid_of(scene, mesh)
+        found = Reduction(solid, scene, lambda stage: contextlib.nullcontext())
+        forces.append(simulate(found.model, scene).force)
+    assert forces[0].max() > 50.0
+    np.testing.assert_allclose(forces[1], forces[0], rtol=0, atol=1e-6 * forces[0].max())
 
 
 @pytest.mark.slow
@@ -208,6 +230,7 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     return np.array(rates), np.array(forces), np.array(reactions)
 
 
+@pytest.mark.slow
 def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
     """The full model balances to rounding in every step.
 
@@ -591,6 +614,7 @@ def test_surface_with_other_normals_is_refused_by_stored_model() -> None:
         "normal_stiffness=1e7",
         "surface.spin=0.0",
         "surface.waves=[]",
+        "surface.angle_from=[1.0, 0.0, 0.0]",
     ):
         assert changed_key(made, blade(f"contacts.0.{change}")) is None
     for change in ("preload=1.0", "surface.radius=1.002"):
@@ -638,13 +662,13 @@ def test_scene_of_demo_survives_stored_model() -> None:
     again = parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, None)
     assert again == scene
     turn = 2.0 * np.pi * 50.0
-    for change, spin in (
-        ("friction=0.3", -turn),
-        ("surface.axis=[0, 0, 1]", 0.0),
-        ("surface.spin=3.0", 3.0),
-        ("surface.axis=[0, -1, 0]", turn),
+    for changes, spin in (
+        (["friction=0.3"], -turn),
+        (["surface.axis=[0, 0, 1]", "surface.angle_from=[1, 0, 0]"], 0.0),
+        (["surface.spin=3.0"], 3.0),
+        (["surface.axis=[0, -1, 0]"], turn),
     ):
-        other = blade(f"contacts.0.{change}")
+        other = blade(*(f"contacts.0.{change}" for change in changes))
         surface = other.contacts[0].surface
         assert surface is not None
         assert surface_spin(surface, other.rotation) == pytest.approx(spin, rel=1e-12)

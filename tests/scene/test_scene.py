@@ -648,6 +648,12 @@ def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
         ({"kind": "cylinder"}, ErrorKind.MISSING, "axis"),
         ({"kind": "sphere", "waves": [[2, 1e-4, 0.0]]}, ErrorKind.CONFLICT, "waves"),
         ({"kind": "sphere", "spin": 1.0}, ErrorKind.CONFLICT, "spin"),
+        ({"kind": "sphere", "angle_from": [1.0, 0.0, 0.0]}, ErrorKind.CONFLICT, "angle_from"),
+        (
+            {"kind": "cylinder", "axis": [0.0, 1.0, 0.0], "angle_from": [0.0, -2.0, 0.0]},
+            ErrorKind.RANGE,
+            "angle_from",
+        ),
     ):
         table["contacts"][0]["surface"] = surface | more
         with pytest.raises(SceneError) as caught:
@@ -928,6 +934,7 @@ def mutants(draw: st.DrawFn) -> Any:
     return table
 
 
+@pytest.mark.slow
 @examples(400)
 @given(mutants())
 def test_mutated_table_gives_scene_or_error(table: Any) -> None:

@@ -12,6 +12,9 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
 from fenicsrom.scene.excitation import surface_spin
 
+NO_DIRECTION = 1e-3
+"""The middle of points that is nearer to an axis, relative to their distance, has no direction."""
+
 
 class ContactPoints(NamedTuple):
     """The places of P contact points on the undeformed body.
@@ -44,7 +47,8 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     """The parameters of a scene's contacts at their points.
 
     Raises:
-        SceneError: a given radius lets the surface cut into the undeformed body.
+        SceneError: a given radius lets the surface cut into the undeformed body, or waves have no
+            angle.
     """
     count, d = points.position.shape
     chosen = [scene.contacts[k] for k in points.contact]
@@ -76,13 +80,18 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         height=np.zeros((count, len(orders))),
         phase=np.zeros((count, len(orders))),
     )
+    axes_of_contact = {
+        k: _axes_of_waves(scene, points, scene.contacts[k])
+        for k in map(int, np.unique(points.contact))
+        if scene.contacts[k].surface
+    }
     for p, contact in enumerate(chosen):
         if contact.approach:
             found.approach[p] = np.interp(times, *np.array(contact.approach).T)
         surface = contact.surface
         if surface is None:
             continue
-        axes, local = axes_of(surface, d), points.frame[p]
+        axes, local = axes_of_contact[int(points.contact[p])], points.frame[p]
         found.kind[p] = SPHERE if surface.kind == "sphere" else CYLINDER
         found.axes[p, : len(axes)] = axes @ local.T
         found.centre[p] = local @ (np.array(surface.point) - points.position[p])
@@ -96,6 +105,37 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
             mine = np.flatnonzero(points.contact == k)
             found.radius[mine] = _surface_radius(scene, k, points.position[mine])
     return found
+
+
+def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
+    """The axes of the surface of a contact; the angle of its waves starts at the first one.
+
+    The surface gives its direction, or it leads to the middle of all points with this surface.
+
+    Raises:
+        SceneError: the middle of the points is on the axis.
+    """
+    surface, d = contact.surface, points.position.shape[1]
+    axes = axes_of(surface, d)
+    if not surface.waves:
+        return axes
+    if surface.angle_from is not None:
+        z = axes @ np.array(surface.angle_from)
+    else:
+        mine = [scene.contacts[k].surface == surface for k in points.contact]
+        across = (points.position[mine] - np.array(surface.point)) @ axes.T
+        z = np.average(across, axis=0, weights=points.tributary_area[mine])
+        if np.linalg.norm(z) < NO_DIRECTION * np.linalg.norm(across, axis=1).max():
+            key = f"contacts[{scene.contacts.index(contact)}].surface.angle_from"
+            raise SceneError(
+                f"{scene.source}: {key} is missing: the contact points surround the axis, so the "
+                "angle of the waves has no start; give a direction across the axis",
+                kind=ErrorKind.MISSING,
+                key=key,
+                source=scene.source,
+            )
+    c, s = z / np.linalg.norm(z)
+    return np.array([[c, s], [-s, c]]) @ axes
 
 
 def _surface_radius(scene: Any, k: int, position: Array) -> float:

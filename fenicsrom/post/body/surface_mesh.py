@@ -9,7 +9,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_folder
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.online.contact.surfaces import axes_of
 from fenicsrom.post.paraview.vtk_files import Grid, in_space, linear_grid, write_series, write_vtu
 from fenicsrom.scene import Scene
 
@@ -88,7 +87,7 @@ def _surface(
         distance = contacts.radius[p] - closed
         return _plane(position, path, points.frame[p], distance)
     centre, side, radius = np.array(surface.point), contacts.side[p], contacts.radius[p]
-    across = axes_of(surface, d)
+    across = contacts.axes[p, : contacts.kind[p]] @ points.frame[p]
     if across.shape[0] == 3:
         return _ball(centre, radius - side * closed)
     angle = np.linspace(0.0, 2.0 * np.pi, AROUND + 1)
