@@ -206,7 +206,9 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
         return None
     surface, length = simplified(body.surface), body.view.length
     still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, UNPAINTED)
-    shown = [Shown("set-up", "", still, plain)]
+    count = len(body.titles)
+    few = f"{MOST_SHAPES} of {count} shapes are listed; the ParaView files hold all"
+    shown = [Shown("set-up", few * (count > MOST_SHAPES), still, plain)]
     shown += [
         swinging(title, surface.point_data[label], length)
         for label, title in list(body.titles.items())[:MOST_SHAPES]
