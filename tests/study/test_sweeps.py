@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
+from support import STOCKY, beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
 
 from fenicsrom import study
 from fenicsrom.assess.studies import sweep_runs
@@ -265,6 +265,15 @@ def test_ranks_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
     ranks = json.loads((tmp_path / "ranks" / "sweep.json").read_text())["runs"]
     for row, other in zip(one.rows, ranks, strict=True):
         assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
+
+
+def test_runs_whose_model_fails_keep_its_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("dolfinx")
+    scene = beam_scene(2, STOCKY, contacts=None, probe={"group": "tip"})
+    axes = make_axes(["geometry.parameters.load_at=[2.0]"])
+    found = study.run_sweep(scene, partial(changed_scene, scene), axes, tmp_path)
+    (row,) = found.rows
+    assert row["outcome"] == FAILED and "load_at = 2" in row["sentence"]
 
 
 @pytest.mark.slow
