@@ -25,20 +25,10 @@ except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 
-CACHE_VARIABLE = "FENICSROM_CACHE"
-"""Environment variable with the folder of the offline results, or `CACHE_OFF`."""
-
-CACHE_OFF = "off"
-
 OTHER_FILES = re.compile(
     rb"(?i)\b(include|merge|\w+FromFile|GetEnv|\w*SystemCall|Onelab\w*|input\s*=)|\.(h5|hdf5?)\b"
 )
 """Words of a mesh file whose mesh depends on other files or on the environment."""
-
-
-def cache_is_off() -> bool:
-    """Whether the user has switched the caches of results off."""
-    return os.environ.get(CACHE_VARIABLE, "").lower() == CACHE_OFF
 
 
 def reads_other_files(content: bytes) -> bool:

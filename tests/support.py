@@ -3,12 +3,14 @@ ranks."""
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +21,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from ranks import Ranks
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind, SceneError
@@ -494,14 +497,16 @@ def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> 
 
 
 def on_ranks(
-    ranks: int, *command: str, cache: Path | None = None, code: int = 0, timeout: float = 900.0
+    ranks: int, *command: str, code: int = 0, timeout: float = 900.0
 ) -> subprocess.CompletedProcess[str]:
     """Run a Python command on some ranks, where it finds this program and these tests.
 
+    Commands that succeed on one or two ranks share ranks that wait for them: to import dolfinx
+    costs more than most of them.
+
     Args:
         ranks: how many; without mpirun if one.
-        command: what follows `python3`.
-        cache: where it keeps full motions; as ever without.
+        command: what follows `python3`: `-c SCRIPT ..` or `-m MODULE ..`.
         code: that it must end with.
         timeout: after which the ranks hang, s; a loaded machine is ten times slower.
     """
@@ -516,19 +521,32 @@ def on_ranks(
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
     # a rank that waits leaves the processor to others: two ranks may share one
     environment.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
-    if cache:
-        environment["XDG_CACHE_HOME"] = str(cache)
-    start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-    done = subprocess.run(
-        [*start, sys.executable, *command],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+    if ranks < 3 and code == 0:
+        done = _waiting_ranks(ranks, environment).run(command, timeout)
+    else:
+        done = subprocess.run(
+            ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, *command],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
     assert done.returncode == code, done.stderr
     return done
+
+
+_WAITING: dict[int, Ranks] = {}
+
+
+def _waiting_ranks(number: int, environment: dict[str, str]) -> Ranks:
+    """Ranks that run the commands of all tests of this process; they end with it."""
+    if number not in _WAITING:
+        folder = Path(tempfile.mkdtemp(prefix="ranks"))
+        ranks = _WAITING[number] = Ranks(number, folder, environment)
+        atexit.register(shutil.rmtree, folder)
+        atexit.register(ranks.end)
+    return _WAITING[number]
 
 
 def arrays_of_one_and_two_ranks(

@@ -318,7 +318,7 @@ class _Nodes:
         return Pressed(cells, np.array(faces, dtype=np.int64), size)
 
     def attached(self, values: Array) -> Array:
-        """The attached masses or stiffnesses (kept nodes, d) from values (local,).
+        """Of masses or stiffnesses (local,), those of the kept nodes, (kept nodes, d).
 
         Raises:
             SceneError: a node that is left out has an attachment.

@@ -1,4 +1,4 @@
-"""Real matrices of a MATLAB file of version 5 to 7, read.
+"""Read the real matrices of a MATLAB file of version 5 to 7.
 
 scipy's reader crashes on some damaged files. This reader takes dense and sparse real matrices of
 two dimensions and ignores everything else. After a header of 128 bytes, a file is a sequence of

@@ -49,7 +49,7 @@ def assembled(
     """Put the nodes, elements and sets of a model together.
 
     Returns:
-        The mesh, and what finds the indices of nodes and of elements by the names of their sets.
+        The mesh, and the reader of node and element sets by their names.
 
     Args:
         path: the file, for messages.

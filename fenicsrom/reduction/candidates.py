@@ -18,8 +18,8 @@ computed from the part of K⁻¹ p that is orthogonal to the modes, because the 
 it.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
-weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Of derivatives
-along principal directions, the next combinations are candidates too.
+weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Where
+derivatives are taken along principal directions, the next combinations are candidates too.
 
 A load whose static response K⁻¹ p joins the basis, such as an axial one, changes the stiffness of
 the modes. The derivatives of the modes along this response are therefore candidates, although a

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.online.store.result_cache import cache_folder, read_results, write_results
 from fenicsrom.progress import log
-from fenicsrom.study import building, result_cache
+from fenicsrom.study import building
 from fenicsrom.study.late_solid import LateInverse, LateSolid
 from fenicsrom.study.offline_key import keys_of
 from fenicsrom.study.reasons import with_stresses
@@ -49,6 +49,8 @@ BODY = ", ".join(MODES_STAGES[:2])
 
 Contents = tuple[dict[str, Any], dict[str, Any]]
 
+WHAT = "the offline results"
+
 
 class OfflineCache:
     """The two archives of a scene.
@@ -59,8 +61,7 @@ class OfflineCache:
 
     def __init__(self, run: Run, folder: Path, keys: tuple[str, str]):
         """Store the run, the folder and the hashes of both archives."""
-        self._run, self._keys = run, keys
-        self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
+        self._run, self._folder, self._keys = run, folder, keys
         self._warned = 0
         self._last = "stress points" if with_stresses(run.study.scene) else "finer elements"
         self.reused: tuple[str, ...] = ()
@@ -98,31 +99,18 @@ class OfflineCache:
         elif stage == self._last:
             self._write(1, _model_contents(self._run, self._warned))
 
-    def _read(self, which: int, take: Callable[[Run, Path, Any, Any], None]) -> bool:
+    def _read(self, which: int, take: Callable[[Run, Any, Any], None]) -> bool:
         """Take the contents of an archive into the record; False if it is missing or damaged."""
-        from fenicsrom.files import read_archive
 
-        path = self._paths[which]
-        if not path.exists():
-            return False
-        try:
-            with read_archive(path, "offline results", self._keys[which]) as (header, arrays):
-                take(self._run, path, header, arrays)
-        except SceneError:
-            result_cache.remove(path)
-            return False
-        result_cache.renew(path)
-        return True
+        def taken(header: Any, arrays: Any) -> bool:
+            take(self._run, header, arrays)
+            return True
+
+        return bool(read_results(self._folder, self._keys[which], WHAT, taken))
 
     def _write(self, which: int, contents: Contents) -> None:
-        """Write an archive, and keep the folder below its limit; a full disk costs only time."""
-        from fenicsrom.files import write_archive
-
-        header, arrays = contents
-        path = self._paths[which]
-        with suppress(OSError):
-            write_archive(path, {**header, "format": self._keys[which]}, arrays)
-            result_cache.trim(path.parent)
+        """Write an archive."""
+        write_results(self._folder, self._keys[which], WHAT, *contents)
 
 
 def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
@@ -132,7 +120,7 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
         run: a run up to a reduced model that can be stored; on a mesh of its scene.
         fresh: whether to ignore the results in the cache. The damaged files are written again.
     """
-    folder = result_cache.cache_folder()
+    folder = cache_folder()
     if folder is None or run.comm.size > 1 or run.mesh is not None:
         return None
     try:
@@ -174,7 +162,7 @@ def _modes_contents(run: Run) -> Contents:
     return header, arrays
 
 
-def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
+def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     """Read the equilibrium and the modes into the record."""
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.stress.deformation import Deformation
@@ -240,7 +228,7 @@ def _model_contents(run: Run, warned: int) -> Contents:
     return header, arrays | {f"offline_{name}": value for name, value in more.items()}
 
 
-def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
+def _read_model(run: Run, header: Any, arrays: Any) -> None:
     """Take the results of the stages after the modes into the record."""
     from fenicsrom.online.store.archive import model_of_contents
     from fenicsrom.reduction.basis import ReducedBasis
@@ -249,7 +237,9 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
 
     study, chosen = run.study, header["selection"]
     derivatives, vectors = arrays.pop("offline_derivatives"), arrays.pop("offline_basis")
-    stored = model_of_contents(path, header["model"], arrays).with_scene(study.scene)
+    stored = model_of_contents(Path(study.scene.source), header["model"], arrays).with_scene(
+        study.scene
+    )
     selection = Selection(
         tuple(chosen["modes"]),
         tuple(chosen["derivatives"]),

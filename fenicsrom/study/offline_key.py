@@ -1,19 +1,15 @@
 """Hashes of all that decides the offline results of a scene: the names of cache entries.
 
-The hashes cover the scene with its defaults, without the keys that do not matter; the content of
-the mesh file; every module of this package; the versions of the libraries; the options of PETSc.
-A key of the scene matters unless it is left out here.
+The hashes cover the content of the mesh file and the scene with its defaults. A key of the scene
+matters unless it is left out here.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 from dataclasses import fields
 from typing import Any
 
-from fenicsrom.files import reads_other_files
+from fenicsrom.online.store.result_cache import key_of, mesh_digest
 from fenicsrom.online.store.scene_changes import CONTACT_KEYS, SURFACE_KEYS
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
 from fenicsrom.scene.excitation import highest_frequency
@@ -35,18 +31,6 @@ ONLINE_TABLES = (
     "time",
 )
 """Keys and tables that do not matter as such; `modes_table` and `model_table` add their parts."""
-
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "gmsh",
-    "meshio",
-    "fenics-basix",
-    "fenics-dolfinx",
-    "petsc4py",
-    "slepc4py",
-)
 
 
 def modes_table(scene: Scene) -> dict[str, Any]:
@@ -85,30 +69,18 @@ def model_table(scene: Scene) -> dict[str, Any]:
 
 
 def keys_of(scene: Scene) -> tuple[str, str] | None:
-    """The hashes of `modes_table` and of both tables; None if the mesh file reads other files."""
-    content = scene.geometry.mesh.read_bytes()
-    if reads_other_files(content):
+    """The hashes of `modes_table` and of both tables; None if the mesh file reads other files.
+
+    Raises:
+        OSError: the mesh file cannot be read.
+    """
+    mesh = mesh_digest(scene.geometry.mesh)
+    if mesh is None:
         return None
     modes = modes_table(scene)
-    modes["geometry"] = {**modes["geometry"], "mesh": hashlib.sha256(content).hexdigest()}
+    modes["geometry"] = {**modes["geometry"], "mesh": mesh}
     modes["suffix"] = scene.geometry.mesh.suffix
-    modes["program"] = _program()
-    return _digest(modes), _digest([modes, model_table(scene)])
-
-
-def _program() -> dict[str, str]:
-    """The code of this package, the versions of the libraries, and the options of PETSc."""
-    from fenicsrom.assess.full.full_cache import PACKAGE, package_digest
-    from fenicsrom.online.store.provenance import provenance
-
-    found = provenance(LIBRARIES)
-    found["package"] = package_digest(PACKAGE)
-    return found | {name: os.environ.get(name, "") for name in ("PETSC_OPTIONS", "OMP_NUM_THREADS")}
-
-
-def _digest(table: Any) -> str:
-    """SHA-256 of plain data."""
-    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+    return key_of(modes), key_of([modes, model_table(scene)])
 
 
 def _shape(load: Load) -> Any:

@@ -17,6 +17,7 @@ from fenicsrom.assess.studies.compare import Combination, Comparison, Outcome
 from fenicsrom.errors import SceneError
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store import result_cache
 from fenicsrom.scene import parse_scene, read_scene, scene_table
 
 PERIOD = 0.5
@@ -292,11 +293,10 @@ def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
         second.steps,
         second.period,
     )
-    (entry,) = cache.iterdir()
+    (entry,) = (cache / "results").iterdir()
     monkeypatch.setenv("FENICSROM_CACHE", "off")
     assert not full_cache.full_motion(solid, scene)[1]["cached"]
     monkeypatch.delenv("FENICSROM_CACHE")
-    assert full_cache.read_cached(entry, "another key") is None
     # a damaged file is no file
     content = bytearray(entry.read_bytes())
     for damage in (content[: len(content) // 2], b"", b"PK\3\4 no archive"):
@@ -329,26 +329,26 @@ def test_key_changes_with_scene_and_mesh_only_where_they_matter(tmp_path):
         assert full_cache.cache_key(beam_scene(overrides=(override,))) != key
 
 
-def test_key_changes_with_every_module_of_the_package(tmp_path):
+def test_key_changes_with_a_module_of_each_package(tmp_path):
     copy = tmp_path / "package"
-    shutil.copytree(full_cache.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    digest = full_cache.package_digest(copy)
-    assert digest == full_cache.package_digest(full_cache.PACKAGE)
-    modules = sorted(copy.rglob("*.py"))
-    assert {"fem", "online", "reduction", "scene"} <= {path.parent.name for path in modules}
+    shutil.copytree(result_cache.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    digest = result_cache.package_digest(copy)
+    assert digest == result_cache.package_digest(result_cache.PACKAGE)
+    modules = list({path.parent: path for path in copy.rglob("*.py")}.values())
+    assert {"solid", "step", "reduction", "scene"} <= {path.parent.name for path in modules}
     for module in modules:
         content = module.read_bytes()
         module.write_bytes(content + b"\n# edited\n")
-        assert full_cache.package_digest(copy) != digest, module
+        assert result_cache.package_digest(copy) != digest, module
         module.write_bytes(content)
     modules[-1].rename(modules[-1].with_name("renamed.py"))
-    assert full_cache.package_digest(copy) != digest
+    assert result_cache.package_digest(copy) != digest
 
 
 def test_key_contains_the_package(monkeypatch):
     scene = beam_scene()
     key = full_cache.cache_key(scene)
-    monkeypatch.setattr(full_cache, "package_digest", lambda folder: "another")
+    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "another")
     assert full_cache.cache_key(scene) != key
 
 

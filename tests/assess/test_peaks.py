@@ -81,6 +81,7 @@ def found() -> Response:
     return response(damper())
 
 
+@pytest.mark.slow
 def test_peaks_and_optimum_of_a_damper_are_those_of_the_first_harmonic(found: Response) -> None:
     (curve,) = found.curves
     peaks = largest_peaks(curve.peaks)
@@ -112,6 +113,7 @@ def test_peaks_are_those_of_the_whole_curves(found: Response) -> None:
         assert peak.amplitude == pytest.approx(top, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Path) -> None:
     count = 0
 

@@ -290,6 +290,7 @@ def test_picture_that_fails_becomes_a_warning_after_the_numbers(
     assert "multipliers.png" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_resume_option_continues_the_state_of_the_output_folder(
     tmp_path: Path, capsys: Any
 ) -> None:

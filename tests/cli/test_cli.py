@@ -189,6 +189,7 @@ def test_stored_model_without_other_modules_writes_numbers(results, tmp_path):
             np.testing.assert_array_equal(other[name], one[name])
 
 
+@pytest.mark.slow
 def test_stored_model_with_changed_loads_follows_them(results, tmp_path):
     changes = ["loads.0.force=0", "loads.0.frequency=3.0", "contacts.0.friction=0.0"]
     run_without_modules(results / "reduced_model.npz", tmp_path, *changes)
@@ -203,6 +204,7 @@ def test_stored_model_with_changed_loads_follows_them(results, tmp_path):
         assert history["reduced_time"][-1] == pytest.approx(2 / 3.0)
 
 
+@pytest.mark.slow
 def test_run_without_matplotlib_writes_numbers_and_names_pictures(tmp_path):
     program = WITHOUT.replace(repr(BLOCKED), "('matplotlib', 'pyvista')")
     arguments = ["run", str(SCENE), "--output", str(tmp_path), *QUICK]
@@ -387,6 +389,7 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "nothing").exists()
 
 
+@pytest.mark.slow
 def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
     from fenicsrom.post.run import pictures
 

@@ -449,6 +449,7 @@ def test_mesh_cut_short_is_refused(
     assert answer.startswith("refused "), f"cut at {cut}: {answer}"
 
 
+@pytest.mark.slow
 @drawn(8, 200, data=st.data())
 def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
@@ -486,6 +487,7 @@ def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
         assert cells == "4" or warnings != "0", f"{kind} {rows[k]}: {answer}"
 
 
+@pytest.mark.slow
 @drawn(8, 200, done=DAMAGE)
 def test_damaged_mesh_is_refused_or_read(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, done: list[Damage]

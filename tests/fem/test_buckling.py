@@ -140,6 +140,7 @@ def test_steep_growth_below_the_buckling_load_is_no_snap() -> None:
     assert not solid.warnings
 
 
+@pytest.mark.slow
 def test_arch_that_snaps_through_is_told(tmp_path: Path) -> None:
     """The limit load is between 750 and 800 N."""
     calm, snapped = arch(tmp_path, 750.0), arch(tmp_path, 1000.0)

@@ -72,6 +72,7 @@ def cells(mesh: Mesh) -> int:
     return int(mesh.domain.topology.index_map(3).size_global)
 
 
+@pytest.mark.slow
 def test_thin_wall_that_crosses_itself_is_meshed_finer(tmp_path: Path) -> None:
     """Eight or sixteen cells along the circles of a thin tube cross each other."""
     mesh = read(step_file(tmp_path / "tube.step", tube(0.5)), 0.03, curved=True)
@@ -79,6 +80,7 @@ def test_thin_wall_that_crosses_itself_is_meshed_finer(tmp_path: Path) -> None:
     assert volume(mesh) == pytest.approx(np.pi * (0.03**2 - 0.0295**2) * 0.1, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_wall_that_no_cell_fits_is_refused_with_its_face(tmp_path: Path) -> None:
     path = step_file(tmp_path / "foil.step", tube(0.01))
     with refusal(ErrorKind.MESH, "geometry.size", "foil.step", names="face 4"):
@@ -105,6 +107,7 @@ def test_curvature_sets_the_number_of_cells_along_a_circle(tmp_path: Path) -> No
         assert polygon(number - 1e-6) <= fem.assemble_scalar(end) <= polygon(number + 1.1)
 
 
+@pytest.mark.slow
 def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
     found = inspect(step_file(tmp_path / "boxes.step", boxes), size=5e-3)
     sizes = {group.name: group.size for group in found.groups if group.kind == "cells"}
@@ -112,6 +115,7 @@ def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
     assert sizes["body 1"] == pytest.approx(2e-5) and sizes["body 2"] == pytest.approx(1e-5)
 
 
+@pytest.mark.slow
 def test_face_of_a_support_has_smaller_cells(tmp_path: Path) -> None:
     """By default half as large, so that four times as many lie on the face."""
     path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))

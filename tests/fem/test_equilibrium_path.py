@@ -166,6 +166,7 @@ def arch_scene(rise: float, span: float, force: float, elements: int) -> Scene:
     )
 
 
+@pytest.mark.slow
 def test_path_of_an_arch_is_that_of_load_control_and_solves_the_full_equations(arch: Scene) -> None:
     visited: list[PathPoint] = []
     found = follow(arch, visit=visited.append)

@@ -382,6 +382,7 @@ def test_contact_on_a_node_set_that_is_an_element_set_too_takes_areas(tmp_path: 
         solid.mesh.cells("rot")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".inp", ".bdf", ".vtu", ".step", ".msh"])
 @pytest.mark.parametrize("keep", [0.0, 0.5])
 def test_truncated_file_is_refused(tmp_path: Path, suffix: str, keep: float) -> None:
@@ -453,6 +454,7 @@ def write_step(path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".step", ".STP"])
 def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
     path = write_step(tmp_path / "rod.step").rename(tmp_path / f"rod{suffix}")

@@ -74,6 +74,7 @@ def test_groups_of_formats_that_gmsh_reads_are_kept(tmp_path: Path, suffix: str)
     assert groups["root", "facets"].number == 4
 
 
+@pytest.mark.slow
 def test_hexahedra_of_20_nodes_are_completed(tmp_path: Path) -> None:
     path = write_box(tmp_path / "a.msh", incomplete=True)
     assert inspect(path).cells == {"hexahedra of 20 nodes": 8}

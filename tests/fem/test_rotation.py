@@ -572,6 +572,7 @@ def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
     assert warning.startswith("mode 1 has omega^2 <= 0 at 5000 rpm")
 
 
+@pytest.mark.slow
 def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Path) -> None:
     """At speed the tip swings by more than the height of the beam; the elastic force is the
     polynomial about the spinning state, or is projected on the mesh."""

@@ -104,6 +104,7 @@ def test_predicted_equilibrium_at_speed_saves_factorisations(
     assert len(factorisations) - without == 3 < without
 
 
+@pytest.mark.slow
 def test_shaft_above_its_critical_speed_is_predicted_where_it_gets_as_it_spins_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

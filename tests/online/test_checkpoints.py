@@ -181,6 +181,7 @@ def test_resumed_run_of_a_duration_equals_the_whole_run_bit_for_bit(
     assert_continued(motion, whole)
 
 
+@pytest.mark.slow
 def test_resumed_run_of_the_full_model_equals_the_whole_run_bit_for_bit() -> None:
     pytest.importorskip("dolfinx")
     from support import make_solid
@@ -340,6 +341,7 @@ def history(folder: Path) -> dict[str, Any]:
         return {name: file[name] for name in file.files}
 
 
+@pytest.mark.slow
 def test_command_resumes_from_stored_model_and_from_scene(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

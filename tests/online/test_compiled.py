@@ -153,6 +153,7 @@ print(len(emitted), *emitted)
 """
 
 
+@pytest.mark.slow
 def test_machine_code_is_made_once_for_the_contact_law_and_all_that_it_calls(
     tmp_path: Path,
 ) -> None:

@@ -97,6 +97,7 @@ def test_friction_of_a_turned_displacement_is_turned() -> None:
         np.testing.assert_allclose(turned[2], turn[1:, 1:] @ new, rtol=1e-12, atol=1e-16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("a", "line", "blending"), [*((*scheme, 0.0) for scheme in SCHEMES), (0.5, True, 0.3)]
 )
@@ -385,6 +386,7 @@ def along(
     return here, mean, lost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 def test_one_step_equals_the_mean_of_its_parts(d: int) -> None:
     """Touch-down, lift-off, stick and slip are located within the step, exactly for a point that

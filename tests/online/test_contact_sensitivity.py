@@ -32,6 +32,7 @@ def test_every_parameter_of_a_contact_is_perturbed() -> None:
         np.testing.assert_array_equal(getattr(found, name), getattr(base, name) + 0.5j * change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("surface", SURFACES)
 def test_state_of_sticking_point_is_that_of_a_point_at_rest(surface: Any, d: int) -> None:

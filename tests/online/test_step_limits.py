@@ -68,6 +68,7 @@ def run(found: LoadHistories, contacts: Contacts, tolerance: float, duration: fl
     return integrate(Problem(model, contacts, time, None), compiled=False)
 
 
+@pytest.mark.slow
 def test_spike_of_a_table_gives_its_whole_impulse() -> None:
     """x'' + x = spike of the impulse 0.01 at t = 3: the amplitude afterwards is 0.01."""
     spike = histories(table=[[0, 0], [2.99, 0], [3.0, 1.0], [3.01, 0], [9, 0]])

@@ -124,6 +124,7 @@ def test_contact_points_of_events_count_from_one_as_in_the_pictures() -> None:
 DRAWINGS = (figure, contact_map, multiplier_figure, harmonics_figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", DRAWINGS)
 @pytest.mark.parametrize("forces", [(0.1,), (0.02, 0.1, 0.2), tuple(np.linspace(0.02, 0.2, 7))])
 def test_figures_of_one_and_several_curves_are_legible(

@@ -958,6 +958,7 @@ def mutants(draw: st.DrawFn) -> Any:
     return table
 
 
+@pytest.mark.slow
 @examples(400)
 @given(mutants())
 def test_mutated_table_gives_scene_or_error(table: Any) -> None:

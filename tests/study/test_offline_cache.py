@@ -21,17 +21,15 @@ from fenicsrom import study
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import (
-    CACHE_OFF,
-    CACHE_VARIABLE,
     read_archive,
     reads_other_files,
     write_archive,
 )
+from fenicsrom.online.store import result_cache
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study
 from fenicsrom.scene import Scene, make_scene
-from fenicsrom.study import offline_key, result_cache
 from fenicsrom.study.offline_key import keys_of
 
 MESH = Path(__file__).parents[2] / "meshes" / "blade.geo"
@@ -179,7 +177,7 @@ def test_every_key_of_the_schema_that_matters_changes_the_hashes(
     whole: Scene, derivatives: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A new key of the schema matters unless it is in one of the sets above."""
-    monkeypatch.setattr(offline_key, "_program", dict)
+    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "the same")
     scene = replace(whole, basis=replace(whole.basis, derivatives=derivatives))
     found = keys_of(scene)
     assert found is not None
@@ -203,7 +201,7 @@ def test_every_key_of_the_schema_that_matters_changes_the_hashes(
 def test_time_integration_of_the_selecting_motion_changes_its_hash(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(offline_key, "_program", dict)
+    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "the same")
     scene = beam_scene(2)
     found = keys_of(scene)
     for override, same in (
@@ -231,9 +229,7 @@ def test_program_options_and_mesh_file_change_the_hashes(
     found.add(keys_of(scene))
     mesh.write_text(mesh.read_text() + "\n")
     found.add(keys_of(scene))
-    from fenicsrom.assess.full import full_cache
-
-    monkeypatch.setattr(full_cache, "package_digest", lambda folder: "other code")
+    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "other code")
     found.add(keys_of(scene))
     assert len(found) == 4
     mesh.write_text('Include "other.geo";\n')
@@ -255,7 +251,7 @@ def loaded_scene(*overrides: str) -> Scene:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of this test."""
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(result_cache.VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
@@ -401,7 +397,7 @@ def test_damaged_archive_is_computed_again(folder: Path) -> None:
 def test_switched_off_cache_keeps_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv(CACHE_VARIABLE, CACHE_OFF)
+    monkeypatch.setenv(result_cache.VARIABLE, result_cache.OFF)
     assert result_cache.cache_folder() is None
     assert main(["cache"]) == 0
     assert "not kept" in capsys.readouterr().out
@@ -413,13 +409,13 @@ def test_file_in_place_of_the_folder_is_refused(
 ) -> None:
     path = tmp_path / "cache"
     path.write_text("")
-    monkeypatch.setenv(CACHE_VARIABLE, str(path))
-    with refusal(ErrorKind.FILE, key=CACHE_VARIABLE, file=path.name):
+    monkeypatch.setenv(result_cache.VARIABLE, str(path))
+    with refusal(ErrorKind.FILE, key=result_cache.VARIABLE, file=path.name):
         result_cache.cache_folder()
     assert main(["cache"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     pytest.importorskip("dolfinx")
-    with refusal(ErrorKind.FILE, key=CACHE_VARIABLE, file=path.name):
+    with refusal(ErrorKind.FILE, key=result_cache.VARIABLE, file=path.name):
         study.run(loaded_scene())
 
 
@@ -438,7 +434,7 @@ NAMES = [f"{k:040x}.npz" for k in range(4)]
 def test_oldest_archives_are_removed_beyond_the_limit(folder: Path) -> None:
     for k, name in enumerate(NAMES):
         archive(folder / name, 100, used=1000.0 + k)
-    result_cache.renew(folder / NAMES[0])
+    os.utime(folder / NAMES[0])
     result_cache.trim(folder, 250)
     left = [NAMES[3], NAMES[0]]
     assert [entry.path.name for entry in result_cache.entries(folder)] == left

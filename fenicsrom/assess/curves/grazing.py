@@ -25,7 +25,7 @@ def resolved_events(curve: Curve, steps: int) -> list[CurvePoint]:
 
     A pair is a contact event and the next one of the opposite sense at the same contact point. It
     is left out if the normal force is within the error of its turning point at both events and at
-    all points of the curve between them. Of an odd number of such events, the last one stays.
+    all points of the curve between them. If the number of such events is odd, the last one stays.
 
     Args:
         curve: the curve.

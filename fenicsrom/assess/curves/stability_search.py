@@ -2,9 +2,9 @@
 
 A stretch that only the richer basis finds unstable may lie between two compared motions that both
 bases find stable. Such a stretch shows by a multiplier of the richer basis that comes near the unit
-circle. A gap between two compared motions is divided if the size |mu| of the largest multiplier is
-within `NEAR` of 1 at one of them, or changes between them by as much as is left to 1. The gap with
-the largest ratio
+circle. A gap between two compared motions is divided in two cases: the size |mu| of the largest
+multiplier is within `NEAR` of 1 at one of them, or |mu| changes between them by 1 - |mu| or more.
+The gap with the largest ratio
 
     length / (1 - |mu| - change),    |mu| the larger one of both ends,    (1)
 

@@ -151,7 +151,7 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
 
 
 def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
-    """Up to `SPREAD` stable points, evenly by their distances along the stable parts.
+    """Up to `SPREAD` stable points, at equal distances along the stable parts.
 
     Without `stable` these are up to `UNSTABLE` unstable points.
     """

@@ -1,4 +1,4 @@
-"""`fenicsrom cache`: show the cache of offline results, or empty it."""
+"""`fenicsrom cache`: show the cache of results, or empty it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ CLEAR = Argument("--clear", action="store_true", help="remove all results")
 
 
 def cache(options: argparse.Namespace) -> int:
-    """Show the cache of offline results, or empty it."""
-    from fenicsrom.files import CACHE_OFF, CACHE_VARIABLE
-    from fenicsrom.study import result_cache
+    """Show the cache of results, or empty it."""
+    from fenicsrom.online.store import result_cache
 
     folder = result_cache.cache_folder()
     if folder is None:
-        print(f"{CACHE_VARIABLE} = {CACHE_OFF}: offline results are not kept")
+        print(f"{result_cache.VARIABLE} = {result_cache.OFF}: results are not kept")
         return 0
     if options.clear:
         print(f"{counted(result_cache.clear(folder), 'file')} removed from {folder}")

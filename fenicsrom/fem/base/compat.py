@@ -33,3 +33,8 @@ def model_to_mesh(
         nothing = np.empty(0, dtype=np.int32)
         facet_tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, nothing, nothing)
     return domain, cell_tags, facet_tags
+
+
+def coordinate_map(geometry: dolfinx.mesh.Geometry) -> Any:
+    """The map from the reference cell to the cells of a mesh of one kind of cells."""
+    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap  # dolfinx 0.9, 0.10

@@ -23,6 +23,7 @@ import dolfinx.mesh
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.base.compat import coordinate_map
 
 LEAST_DEGREE = 4
 """Degree on cells that are not distorted."""
@@ -70,11 +71,9 @@ def _distortions(domain: dolfinx.mesh.Mesh) -> tuple[Array, Array]:
     """Volume in the reference measure and δ of (1) of each cell that this rank owns."""
     geometry, cell, d = domain.geometry, domain.basix_cell(), domain.topology.dim
     count = domain.topology.index_map(d).size_local
+    shape = coordinate_map(geometry)
     element = basix.create_element(
-        basix.ElementFamily.P,
-        cell,
-        geometry.cmap.degree,
-        basix.LagrangeVariant(geometry.cmap.variant),
+        basix.ElementFamily.P, cell, shape.degree, basix.LagrangeVariant(shape.variant)
     )
     points, weights = basix.make_quadrature(cell, LEAST_DEGREE)
     slopes = element.tabulate(1, points)[1:, :, :, 0]

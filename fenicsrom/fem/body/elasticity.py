@@ -290,7 +290,7 @@ class ElasticBody:
         *,
         symmetric: bool = True,
     ) -> PETSc.Mat:
-        """Tangent stiffness (3) at a displacement u (local,), N/m, that of `residual`.
+        """Tangent stiffness (3) at a displacement u (local,), N/m: the derivative of `residual`.
 
         Args:
             u: (local,).

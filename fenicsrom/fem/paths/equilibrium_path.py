@@ -193,7 +193,7 @@ class PathFollower:
         return float(np.sqrt(self._dot(a, a)))
 
     def _measure(self, here: PathPoint) -> None:
-        """Make the lengths (2) those at this point, or those of the start if they are larger."""
+        """Set the lengths (2) to those of this point or of the start, the larger ones."""
         self._scale = max(self._first_scale, abs(here.load_factor))
         u = here.displacement - self._body.equilibrium
         self._size = max(self._linear, float(np.sqrt(self._body.dot(u, u))))
