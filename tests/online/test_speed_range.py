@@ -15,7 +15,7 @@ from fenicsrom.online.model.subspace import change_of_tangent, projected, shifte
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel, _Space
 
 Array = NDArray[np.float64]
-N = 7
+N = 11
 
 
 def force_of(elastic: object, q: Array) -> tuple[Array, Array]:

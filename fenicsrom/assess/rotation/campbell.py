@@ -152,6 +152,8 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         solid, gauge = body, DeformationGauge(body, scene.at_speed(float(speeds.max())))
     else:
         solid = range_body(given, speeds)
+        assert given.whole is not None
+        count = min(count, given.whole.modes)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished: Exception | None = None
     for k, speed in enumerate(speeds):

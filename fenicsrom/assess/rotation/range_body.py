@@ -9,6 +9,7 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.online.step.speed_range import RangeModel
@@ -22,7 +23,7 @@ class RangeBody:
 
     Attributes:
         free: n.
-        warnings: sentences for the user; none.
+        warnings: sentences for the user.
         equilibrium: (n,) coordinates of the equilibrium.
         gyroscopic: (n, n) gyroscopic matrix at this speed; None without the Coriolis force.
     """
@@ -115,12 +116,11 @@ def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
             key="campbell.speeds_rpm",
             source=source,
         )
-    if stored.scene.campbell.modes > whole.model.size:
-        raise SceneError(
-            f"{source}: campbell.modes = {stored.scene.campbell.modes}: must be at most "
-            f"{whole.model.size}, the number of coordinates of the model",
-            kind=ErrorKind.RANGE,
-            key="campbell.modes",
-            source=source,
+    found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
+    if stored.scene.campbell.modes > whole.modes:
+        found.warnings.append(
+            f"campbell.modes = {stored.scene.campbell.modes}: the diagram has the "
+            f"{counted(whole.modes, 'mode')} of the basis; for more, build the model with a larger "
+            "basis.modes"
         )
-    return RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
+    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,13 +89,20 @@ def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
     with opened(options, scene, comm) as folder:
         stored = study.build_model(scene, comm=comm)
         save_model(folder / MODEL, stored)
-        return _rerun(stored, folder, resume)
+        return _rerun(stored, folder, resume, more=[folder / MODEL])
 
 
 def _rerun(
-    stored: StoredModel, folder: Path, resume: Path | None, given: Collection[str] = ()
+    stored: StoredModel,
+    folder: Path,
+    resume: Path | None,
+    given: Collection[str] = (),
+    more: Sequence[Path] = (),
 ) -> int:
-    """Integrate a stored model and print its results; arguments as `fenicsrom.study.rerun`."""
+    """Integrate a stored model and print its results, with more written files.
+
+    Other arguments as `fenicsrom.study.rerun`.
+    """
     with importing():
         from fenicsrom.post.base.directions import direction_names
         from fenicsrom.post.run import motion_table, sentences
@@ -105,7 +112,7 @@ def _rerun(
     names = direction_names(scene, stored.model.points)
     table = motion_table.response_table({"reduced": found.motion}, sizes, names, scene)
     lines = sentences.rerun_sentences(found)
-    print_results(scene, table, found.warnings, lines, found.files)
+    print_results(scene, table, found.warnings, lines, [*found.files, *more])
     return end(None, found.unfinished)
 
 

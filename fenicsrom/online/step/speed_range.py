@@ -35,6 +35,7 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.online.model.subspace import change_of_tangent, projected, shifted, subspace_model
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton, small_against_load
 
 NEXT_MODES = 3
@@ -202,8 +203,9 @@ class RangeModel:
             elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
         space = _Space(self, elastic)
         squares, z, labels, count = space.basis(interface_modes)
-        velocity = self.velocity_matrix(omega)
-        whole = subspace_model(self.model, projected(elastic, z), q0, z, velocity)
+        reduced, n = projected(elastic, z), len(labels)
+        reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
+        whole = subspace_model(self.model, reduced, q0, z, self.velocity_matrix(omega))
         return AtSpeed(
             nested_model(whole, range(count)),
             whole,

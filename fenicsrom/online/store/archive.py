@@ -268,6 +268,8 @@ class StoredModel:
     def at_speed(self) -> StoredModel:
         """The model at the speed of its scene, made anew from that for the range of speeds.
 
+        It has the coordinates of this model, if there are any of their labels at this speed.
+
         Raises:
             ConvergenceError: there is no equilibrium at this speed.
         """
@@ -275,14 +277,16 @@ class StoredModel:
         assert whole is not None and scene.rotation is not None
         interface_modes = isinstance(scene.basis.masters, int)
         found = whole.at(scene.rotation.omega, interface_modes, scene.geometrically_nonlinear)
-        return replace(
+        made = replace(
             self,
             model=found.model,
-            candidates=found.candidates,
+            candidates=found.candidates if found.further else None,
             labels=found.labels,
             further=found.further,
             frequencies_hz=found.frequencies_hz,
         )
+        same = self.labels and {*self.labels} <= {*found.labels, *found.further}
+        return made.resized(self.labels) if same else made
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.

@@ -377,8 +377,7 @@ def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
 def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
     """State what a run of a stored model does not compute, as "NAME: REASON"."""
     return [
-        "offline stages, and files of the body: the reduced model was read from a file, without "
-        "its mesh",
+        "offline stages, and files of the body: the reduced model is stored without its mesh",
         *(
             f"{stage}: {key} has no effect on a run of a stored model"
             for stage, key in _without_effect(stored.scene).items()
