@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.progress import log
 
@@ -27,6 +25,8 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
         SceneError: the scene cannot be used.
         ConvergenceError, AccuracyError: no equilibrium at a speed, or an inaccurate mode.
     """
+    import numpy as np
+
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
     from fenicsrom.online.store.archive import StoredModel

@@ -90,7 +90,7 @@ def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
         found = stored.whole.at(eta * unit, False, True).frequencies_hz[:2]
         lag, wanted = 2.0 * np.pi * found / unit
         np.testing.assert_allclose([wanted, np.hypot(lag, eta)], flap, rtol=allowed)
-    assert np.max(stored.whole.errors[1:3]) < 1e-4
+    assert np.max(stored.whole.errors[1:3]) < 2e-4
     solid = make_solid(replace(scene, rotation=replace(scene.rotation, speeds_rpm=None)))
     solid.spin(12.0 * unit)  # a speed of the basis: the joined basis holds its modes
     squares, _ = solid.eigenmodes(solid.factor, 4)
