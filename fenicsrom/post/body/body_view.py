@@ -169,8 +169,8 @@ def largest_of(displacement: Array) -> Array:
     return np.asarray(displacement[int(np.argmax(np.linalg.norm(displacement, axis=1)))])
 
 
-def frame_of(places: Sequence[Array], spare: float) -> tuple[Array, Array]:
-    """The lower left and the upper right corner of places (n, 2) with a margin, m."""
-    low = np.min([place.min(axis=0) for place in places], axis=0) - spare
-    high = np.max([place.max(axis=0) for place in places], axis=0) + spare
-    return low, high
+def frame_of(view: View, points: Sequence[Array]) -> tuple[Array, Array]:
+    """Corners (2,) of the part of a picture with points (n, 3), and with the triad below, m."""
+    places = np.concatenate([view.project(found) for found in points])
+    spare = 0.03 * view.length
+    return places.min(axis=0) - [spare, 0.16 * view.length], places.max(axis=0) + spare

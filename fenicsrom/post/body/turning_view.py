@@ -256,7 +256,7 @@ def _plot(surface: PolyData, view: View) -> Any:
 def _page(plot: Any, script: str) -> str:
     """A page with a plot, and what the script adds to it."""
     plot.snapshot_type, plot.menu_visibility = "full", False
-    return str(plot.get_snapshot(9, additional_js_code=script))
+    return str(plot.get_snapshot(4, additional_js_code=script))
 
 
 def _mesh(surface: PolyData, **look: Any) -> Any:

@@ -17,7 +17,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
 from fenicsrom.post.body.body_surface import NODE, surface_of
 from fenicsrom.post.body.body_view import SLENDER, View, largest_of
-from fenicsrom.post.body.film import Dots, Film
+from fenicsrom.post.body.film import Film
 from fenicsrom.post.body.turning_view import (
     MOST_SHAPES,
     UNPAINTED,
@@ -163,17 +163,18 @@ def film_of(study: Study) -> Film | None:
         The film; None on ranks other than the first.
     """
     motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
-    marks = contact_points(study, motion) if study.scene.contacts else None
-    if marks is not None and study.solid.loaded:
-        marks = about_equilibrium(study, *marks)
+    places: Array = np.zeros((0, 3))
+    values: dict[str, Any] = {"displacement": np.zeros((len(rows), 0, 3)), "state": []}
+    if study.scene.contacts:
+        places, values = contact_points(study, motion)
+        values = {name: found[rows] for name, found in values.items()}
+        if study.solid.loaded:
+            places, values = about_equilibrium(study, places, values)
     if body is None:
         return None
-    dots = None
-    if marks is not None:
-        dots = Dots(marks[0], marks[1]["displacement"][rows], marks[1]["state"][rows])
     rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
-    moved = body.frames_at(rest, len(rows))
-    return Film(rest, times, moved, body.view, study.solid.loaded, dots)
+    moved, dots = body.frames_at(rest, len(rows)), values["displacement"]
+    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, values["state"])
 
 
 def view(study: Study) -> Any:
@@ -205,7 +206,9 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
         return None
     surface, length = simplified(body.surface), body.view.length
     still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, UNPAINTED)
-    shown = [Shown("set-up", "", still, plain)]
+    count = len(body.titles)
+    few = f"{MOST_SHAPES} of {count} shapes are listed; the ParaView files hold all"
+    shown = [Shown("set-up", few * (count > MOST_SHAPES), still, plain)]
     shown += [
         swinging(title, surface.point_data[label], length)
         for label, title in list(body.titles.items())[:MOST_SHAPES]

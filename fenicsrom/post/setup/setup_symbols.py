@@ -168,9 +168,8 @@ def surroundings(marks: Sequence[Mark], points: Array) -> list[Part]:
     for wall in (mark.wall for mark in marks if mark.wall is not None):
         cells = np.insert(wall.cells, 0, wall.cells.shape[1], axis=1).ravel()
         kind = "lines" if wall.cells.shape[1] == 2 else "faces"
-        look = {"opacity": 1.0 if kind == "lines" else 0.35, "line_width": 2.0}
-        mesh = pyvista.PolyData(wall.points, **{kind: cells})
-        found.append(painted(mesh, COLOURS["contact"], **look))
+        mesh, opacity = pyvista.PolyData(wall.points, **{kind: cells}), kind == "lines" or 0.35
+        found.append(painted(mesh, COLOURS["contact"], opacity=float(opacity), line_width=2.0))
     for mark in (mark for mark in marks if mark.kind == "rotation"):
         places = np.concatenate([points, *(part.mesh.points for part in found)])
         (point,), (axis,) = mark.places, mark.ways
