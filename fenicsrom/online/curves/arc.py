@@ -53,7 +53,7 @@ STRAIGHT, EASY = 0.98, 4  # cosine and corrections of a curve that goes straight
 FIRST_SIZE = 2.0  # least size in (1), in parts of that of the first point
 REMEASURED = 1.3  # change of the motion after which lengths are measured by its new size
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
-REPEATED = 3  # so many points that a curve passes again show that it goes round and round
+REPEATED = 6  # a curve that passes so many points again, step by step, goes round and round
 
 LOCATED = 1e-3
 """How closely the highest point is located, as a part of the arc of two steps that holds it.
@@ -402,9 +402,12 @@ class ArcLength:
             curve.points.append(curve.points[0])
             return "closed"
         low, high = sorted((before.parameter, found.parameter))
-        for k, point in enumerate(curve.points[1:-2], 1):
-            if low <= point.parameter <= high:
-                self._repeated += self._passes(curve.points[k : k + 2], before, found)
+        passed = sum(
+            self._passes(curve.points[k : k + 2], before, found)
+            for k, point in enumerate(curve.points[1:-2], 1)
+            if low <= point.parameter <= high
+        )
+        self._repeated = max(self._repeated + (passed or -1), 0)
         return REPEATS if self._repeated >= REPEATED else ""
 
     def _passes(self, home: list[Point], before: Point, found: Point) -> bool:
