@@ -13,6 +13,7 @@ from fenicsrom.words import brief
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.assess.errors.estimates import MotionErrors
+    from fenicsrom.assess.errors.mesh_check import MeshCheck
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.errors import AccuracyError, ConvergenceError
@@ -75,6 +76,7 @@ class Study:
         candidates: the larger model, which judges the basis.
         finer: the model of finer elements, which judges the mesh (`fenicsrom.reduction.finer`).
         finer_labels: labels of its coordinates.
+        mesh_check: estimated errors of frequencies and deflections due to the mesh.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
@@ -106,6 +108,7 @@ class Study:
     candidates: ReducedModel | None = None
     finer: ReducedModel | None = None
     finer_labels: tuple[str, ...] = ()
+    mesh_check: MeshCheck | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

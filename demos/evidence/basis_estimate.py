@@ -71,7 +71,7 @@ def examine(case: Any, table: Mapping[str, Any], source: str) -> dict[str, Any]:
         found["estimating"] = clock.process_time() - begin
         begin = clock.process_time()
         signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
-        error = full_distances(reduction, solid, scene, motion)
+        error = full_distances(reduction.basis.vectors, solid, scene, motion)
         found["reference"] = clock.process_time() - begin
     except (SceneError, ConvergenceError, AccuracyError, TooSlow) as failure:
         return found | {"refused": f"{type(failure).__name__}: {failure}"}

@@ -54,8 +54,10 @@ def _interrupt(*_: Any) -> None:
     raise TooSlow
 
 
-def random_scene(dimension: int, seed: int, number: int) -> Scene:
-    """Scene `number` of a seed."""
+def random_scene(dimension: int, seed: int, number: int, cells: int = 0, finer: int = 1) -> Scene:
+    """Scene `number` of a seed; with an even number of equal cells, each cut into `finer`."""
+    equal = {"load_at": 0.5} if cells else {}  # all places are nodes of the finer mesh too
+    cells = cells or CELLS[dimension]
     rng = np.random.default_rng((dimension, seed, number))
 
     def between(low: float, high: float) -> float:
@@ -76,7 +78,7 @@ def random_scene(dimension: int, seed: int, number: int) -> Scene:
         "friction": float(rng.uniform(0.1, 1.0)),
         "preload": force * between(0.1, 3.0),
     }
-    nodes = 2 * CELLS[dimension]
+    nodes = 2 * cells
     places = np.append(nodes, rng.choice(np.arange(nodes // 3, nodes), points - 1, replace=False))
     contacts = []
     for k, place in enumerate(places):
@@ -90,7 +92,9 @@ def random_scene(dimension: int, seed: int, number: int) -> Scene:
                 **springs,
             }
         )
-    sizes = {"length": length, "height": height, "elements_along": CELLS[dimension]}
+    sizes = {"length": length, "height": height, "elements_along": finer * cells}
+    sizes |= {"elements_through": min(finer, 2)} | equal
+    place = round(float(rng.uniform(0.5, 1.0)) * nodes) / nodes * length
     return make_scene(
         title=f"{dimension}D, seed {seed}, number {number}",
         geometrically_nonlinear=True,
@@ -110,7 +114,7 @@ def random_scene(dimension: int, seed: int, number: int) -> Scene:
         supports=[{"group": "root"}],
         loads=[
             {
-                "nearest": [float(rng.uniform(0.5, 1.0)) * length, *[0.0] * (dimension - 1)],
+                "nearest": [place, *[0.0] * (dimension - 1)],
                 "direction": [0.0, 1.0, 0.0][:dimension],
                 "force": force,
                 "frequency": float(omega * rng.uniform(0.8, 1.5) / (2.0 * np.pi)),

@@ -200,6 +200,20 @@ def _read_name(value: Any, where: Where) -> str:
 NAME_SCHEMA = {"type": "string", "pattern": r"\S"}
 name = Rule(_read_name, NAME_SCHEMA, "name")
 
+
+def _read_mesh_change(value: Any, where: Where) -> str:
+    if not re.match(MESH_CHANGE, _read_text(value, where)):
+        raise where.refuse(value, 'must be a change of [geometry], such as "geometry.degree=1"')
+    return str(value)
+
+
+MESH_CHANGE = r"^geometry\.[^=]+="
+mesh_change = Rule(
+    _read_mesh_change,
+    {"type": "string", "pattern": MESH_CHANGE},
+    'text such as "geometry.degree=1"',
+)
+
 path = Rule(lambda value, where: Path(_read_name(value, where)), NAME_SCHEMA, "path of a file")
 
 

@@ -308,6 +308,10 @@ class Compare:
             `basis.accuracy`.
         elastic_force: values of `basis.elastic_force`.
         schemes: values of `time.scheme`; by default that of [time].
+        meshes: changes of the mesh, each as a text KEY=VALUE with a key of [geometry] and an SI
+            value, besides the mesh of the scene, on which the full model runs.
+        steps: values of `time.steps_per_period`; by default that of [time], which the full model
+            uses.
     """
 
     full: Annotated[bool, flag] = True
@@ -328,6 +332,8 @@ class Compare:
         "polynomial",
     )
     schemes: Annotated[tuple[str, ...] | None, list_of(choice(*SCHEMES))] = None
+    meshes: Annotated[tuple[str, ...] | None, list_of(rules.mesh_change)] = None
+    steps: Annotated[tuple[int, ...] | None, list_of(integer(4, 1_000_000))] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,7 @@ def backbone(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.curves import backbone as modes
+    from fenicsrom.assess.errors.mesh_check import of_model
     from fenicsrom.post.reports import report
 
     modes.check_backbone(scene_of(given))
@@ -53,7 +54,8 @@ def backbone(
             source = source.fitted(folder, stop)
     with watch("nonlinear mode"):
         found = modes.backbone(source.stored)
-    found.warnings[:0] = source.warnings
+    found.mesh_check = of_model(source.stored)
+    found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
     if folder is not None and found.points and source.first:
         found.files = report(found).write(folder)
     return found

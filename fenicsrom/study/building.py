@@ -6,12 +6,14 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log
 from fenicsrom.study.stage import Run
 from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
+    from fenicsrom.fem.solid.finer import FinerSolid
+    from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
@@ -161,23 +163,31 @@ def reduced_model(run: Run) -> None:
 
 
 def finer_elements(run: Run) -> None:
-    """Reduce the solid with elements of one degree more, for the estimate of the mesh error."""
-    from fenicsrom.fem.solid.finer import FinerSolid, too_large
+    """Compare the solid with elements of one degree more, and reduce these with the same basis."""
+    from fenicsrom.assess.errors import mesh_check
     from fenicsrom.reduction.finer import finer_model
+    from fenicsrom.reduction.modes import solve_modes
 
-    study = run.study
-    assert study.basis is not None
-    reason = too_large(study.solid)
-    if reason is None:
-        try:
-            solid = FinerSolid(study.scene, study.solid)
-            study.finer = finer_model(study.solid, solid, study.scene.basis, run.reduction)
+    study, options = run.study, run.study.scene.basis
+
+    def squares(solid: Solid) -> Array:
+        return solve_modes(solid, options).omega_squared
+
+    def reduce(solid: FinerSolid) -> None:
+        if study.basis is not None:
+            study.finer = finer_model(study.solid, solid, options, run.reduction)
             study.finer_labels = study.basis.labels
-            solid.destroy()
-        except (AccuracyError, ConvergenceError, SceneError) as error:
-            reason = str(error)
-    if reason is not None:
-        study.warnings.append(f"the error due to the mesh is not estimated: {reason}")
+
+    study.mesh_check = mesh_check.of_solid(
+        study.scene,
+        study.solid,
+        (study.modes.omega**2, squares) if study.modes and study.basis is None else None,
+        None if study.deflection is None else lambda solid: solid.equilibrium,
+        reduce,
+    )
+    study.warnings.extend(study.mesh_check.warnings(study.scene))
+    if study.scene.static_only and (error := study.mesh_check.failure(study.scene)):
+        study.unfinished = ("static", error)
 
 
 def resize(study: Study, stored: StoredModel) -> None:

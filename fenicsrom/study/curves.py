@@ -53,6 +53,7 @@ def response(
     """
     from fenicsrom.assess.curves.response_files import check_folder
     from fenicsrom.assess.curves.response_problem import check_response
+    from fenicsrom.assess.errors.mesh_check import of_model
     from fenicsrom.post.curves.response_report import write
 
     check_response(scene_of(given))
@@ -61,7 +62,8 @@ def response(
     watch = Stopwatch()
     source = source_of(given, comm, watch, folder, stop, fresh)
     found, source = _curves(source, watch, folder, resume, workers, stop)
-    found.warnings[:0] = source.warnings
+    found.mesh_check = of_model(source.stored)
+    found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
     if found.table.full_values and source.study is None:
         found.warnings.append(
             "response.full was left out: the full model needs the mesh, which a stored model does "

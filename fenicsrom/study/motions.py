@@ -28,7 +28,9 @@ def integrate(run: Run, name: str) -> None:
 
     study, scene = run.study, run.study.scene
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
-        found = implausible_loads(study.model, scene, study.modes.frequencies_hz)
+        found = implausible_loads(
+            study.model, scene, study.modes.frequencies_hz, study.solid.extent
+        )
         study.warnings.extend(found)
         for text in found:  # said now, because a wrong scene may run for long
             log.info(f"  warning: {text}")

@@ -220,6 +220,7 @@ def _model_contents(run: Run, warned: int) -> Contents:
         "model": model,
         "warnings": study.warnings[warned:],
         "selection": asdict(replace(study.selection, principal=None)),
+        "mesh_check": study.mesh_check and asdict(study.mesh_check),
         "derivatives": study.derivatives.labels,
         "sizes": study.derivatives.sizes,
         "basis": {"masters": basis.masters, "dropped": basis.dropped, "condition": basis.condition},
@@ -230,6 +231,7 @@ def _model_contents(run: Run, warned: int) -> Contents:
 
 def _read_model(run: Run, header: Any, arrays: Any) -> None:
     """Take the results of the stages after the modes into the record."""
+    from fenicsrom.assess.errors.mesh_check import MeshCheck
     from fenicsrom.online.store.archive import model_of_contents
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.selection import Selection
@@ -257,6 +259,7 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     study.model, study.candidates = stored.model, stored.candidates
     study.tables, study.further = stored.tables, stored.further
     study.finer, study.finer_labels = stored.finer, stored.finer_labels
+    study.mesh_check = MeshCheck(**header["mesh_check"])
     study.warnings.extend(warnings)
     building.note_selection(study)
 

@@ -151,10 +151,8 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         ),
         Stage(
             "finer elements",
-            with_basis,
-            f"elements of degree {scene.geometry.degree + 1} judge the mesh"
-            if with_basis
-            else why_not,
+            True,
+            f"elements of degree {scene.geometry.degree + 1} judge the mesh",
             building.finer_elements,
         ),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),

@@ -148,9 +148,64 @@ def test_combination_sets_basis_and_scheme_of_the_scene():
         )
 
 
+def test_meshes_and_steps_are_further_choices():
+    scene = beam_scene(
+        overrides=(
+            *STOCKY,
+            "compare.modes=[1]",
+            'compare.methods=["rubin"]',
+            'compare.derivatives=["none"]',
+            'compare.meshes=["geometry.degree=1", "geometry.parameters.elements_along=2"]',
+            "compare.steps=[50, 100]",
+        )
+    )
+    found = [compare.with_combination(scene, c) for c in compare.combinations(scene)]
+    own = scene.geometry.parameters
+    meshes = [(2, own), (1, own), (2, {**own, "elements_along": 2})]
+    assert [
+        (of.geometry.degree, of.geometry.parameters, of.time.steps_per_period) for of in found
+    ] == [(*mesh, steps) for mesh in meshes for steps in (50, 100)]
+
+
+@pytest.mark.slow
+def test_coarse_mesh_and_long_steps_are_compared_with_the_full_model_of_the_scene(tmp_path):
+    """The first frequency of a cell of degree 1 is far too high; the load is below resonance."""
+    pytest.importorskip("dolfinx")
+    from mpi4py import MPI
+
+    from fenicsrom.post.studies.compare_report import report
+
+    scene = beam_scene(
+        overrides=(
+            *STOCKY,
+            "compare.modes=[2]",
+            'compare.methods=["rubin"]',
+            'compare.derivatives=["none"]',
+            'compare.meshes=["geometry.degree=1"]',
+            "compare.steps=[50, 10]",
+            "time.steps_per_period=50",
+            "loads.0.frequency=50.0",
+            "material.mass_damping=500.0",
+        ),
+        geometrically_nonlinear=False,
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    found = compare.compare(scene, MPI.COMM_SELF)
+    own, longer, linear, both = (o.errors["amplitude_tangential"] for o in found.outcomes)
+    assert own < 0.5 * longer < 0.1 * min(linear, both)
+    report(found).write(tmp_path)
+    with (tmp_path / "comparison.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["mesh"], row["steps_per_period"]) for row in rows] == [
+        (mesh, steps) for mesh in ("", "geometry.degree=1") for steps in ("50", "10")
+    ]
+
+
 @pytest.mark.parametrize(
     ("override", "key"),
     [
+        ('compare.meshes=["material.young=1.0"]', "meshes[0]"),
         ("compare.modes=[]", "modes"),
         ("compare.modes=[1,1]", "modes[1]"),
         ('compare.methods=["guyan"]', "methods[0]"),

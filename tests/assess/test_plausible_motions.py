@@ -46,6 +46,19 @@ def test_loads_of_very_different_size_are_warned(force: float, is_warned: bool) 
     assert all("loads[0]" in text and "loads[1]" in text for text in found)
 
 
+@pytest.mark.parametrize(("factor", "is_warned"), [(0.9, False), (1.1, True)])
+def test_load_that_moves_the_linear_body_far_is_warned(factor: float, is_warned: bool) -> None:
+    """k = m = 1 and 3.2 Hz, of which the static response is 1 + (6.4 π)² times as large."""
+    force = factor * 10.0 * 2.54 * (1.0 + (6.4 * np.pi) ** 2)
+    load = {"group": "load", "direction": [0.0, 1.0], "force": force, "frequency": 3.2}
+    scene = beam_scene(2, loads=[load])
+    model = linear_model(
+        np.eye(1), np.eye(1), loads=np.eye(1), load_histories=load_histories(scene), probes=1
+    )
+    found = implausible_loads(model, scene, np.array([3.0]), 2.54)
+    assert bool(found) == is_warned and all("loads[0]" in text for text in found)
+
+
 def test_motion_larger_than_the_body_is_warned() -> None:
     _, _, motion = oscillator()
     points, *_ = first(0, 2)

@@ -31,6 +31,8 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
+LONG = (pytest.mark.slow, pytest.mark.long)
+
 
 def drawn(
     few: int, many: int, **inputs: st.SearchStrategy[Any]
@@ -39,7 +41,7 @@ def drawn(
     fixtures are passed on."""
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=pytest.mark.slow)])
+        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=LONG)])
         def run(count: int, **fixtures: Any) -> None:
             @settings(
                 max_examples=count,
@@ -541,7 +543,7 @@ def test_geometry_of_absurd_size_is_refused(
         ("1.E-300", ""),
         ("0.", ""),
         ("1.E16", "size = 0.001: must be at least 1e+08 for a body of 1e+13 m"),
-        pytest.param("1e300", "", marks=pytest.mark.slow),
+        pytest.param("1e300", "", marks=LONG),
     ],
 )
 def test_step_file_of_absurd_size_is_refused(

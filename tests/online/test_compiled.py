@@ -116,6 +116,7 @@ assert sum(compiled_march.entry.stats.cache_hits.values()) == int(sys.argv[4])
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
     tmp_path: Path,
 ) -> None:

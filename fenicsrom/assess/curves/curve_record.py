@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from fenicsrom.assess.errors.mesh_check import MeshCheck
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Scene
@@ -29,6 +30,8 @@ class CurveRecord:
             found; None if there is none.
         interrupted: whether the run was asked to stop; the last curve is then incomplete.
         files: the written files, the one to open first at the head.
+        mesh_check: estimated errors of the natural frequencies due to the mesh, which move the
+            curve by about as much.
     """
 
     scene: Scene
@@ -41,6 +44,7 @@ class CurveRecord:
     unfinished: ConvergenceError | AccuracyError | None = field(default=None, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
     files: list[Path] = field(default_factory=list, kw_only=True)
+    mesh_check: MeshCheck = field(default_factory=MeshCheck, kw_only=True)
 
     @property
     def contacts(self) -> int:

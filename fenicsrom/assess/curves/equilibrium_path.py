@@ -16,7 +16,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
@@ -72,6 +73,7 @@ class EquilibriumPath:
         seconds: run time.
         warnings: sentences for the user.
         unfinished: the error that ended the computation, or None.
+        mesh_check: estimated error of the probe's linear deflection due to the mesh.
         interrupted: whether the run was asked to stop.
         files: the written files, the one to open first at the head.
     """
@@ -84,7 +86,8 @@ class EquilibriumPath:
     reason: str = "interrupted"
     seconds: float = 0.0
     warnings: list[str] = field(default_factory=list)
-    unfinished: ConvergenceError | None = None
+    unfinished: AccuracyError | ConvergenceError | None = None
+    mesh_check: MeshCheck = field(default_factory=MeshCheck)
     interrupted: bool = False
     files: list[Path] = field(default_factory=list)
 
@@ -172,6 +175,14 @@ def equilibrium_path(
         found.unfinished = ConvergenceError(f"statics: {error}{_where(found)}")
     except KeyboardInterrupt:
         found.interrupted = True
+    if not found.interrupted:
+        found.mesh_check = of_solid(
+            _without(scene, varied),
+            body,
+            deflection=lambda solid: solid.factor.solve(solid.load_vectors @ sizes[:, None])[:, 0],
+        )
+        found.warnings += found.mesh_check.warnings(scene)
+        found.unfinished = found.unfinished or found.mesh_check.failure(scene)
     found.warnings += strain_warnings(
         [
             (f"from the load factor {point.load_factor:.6g} of the path on", point.deformation)
@@ -187,14 +198,19 @@ def _body(scene: Scene, varied: list[int], comm: Any) -> Solid:
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
 
+    log.info("mesh ..")
+    mesh = build_mesh(scene.geometry, comm)
+    log.info("solid ..")
+    return solid_of(_without(scene, varied), mesh)
+
+
+def _without(scene: Scene, varied: list[int]) -> Scene:
+    """The scene with the constant loads only."""
     loads = [
         load.changed(**{load.kind: 0.0}) if k in varied else load
         for k, load in enumerate(scene.loads)
     ]
-    log.info("mesh ..")
-    mesh = build_mesh(scene.geometry, comm)
-    log.info("solid ..")
-    return solid_of(replace(scene, loads=tuple(loads)), mesh)
+    return replace(scene, loads=tuple(loads))
 
 
 def _follow(

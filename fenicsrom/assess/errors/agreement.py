@@ -53,8 +53,11 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
         The errors of `online.motion.measures.errors_percent`, and two more. `history` compares
         the displacements of all points and directions at equal phases: `history` is the L2 norm of
         their difference, relative to the reference. `state` is the part of the period in which
-        the contact state differs. An error is None if the reference value is zero or missing.
+        the contact state differs. An error is None if the reference value is zero or missing; of
+        another number of contact points, on another mesh, so are these two.
     """
+    if motion.displacement.shape[1:] != reference.displacement.shape[1:]:
+        return errors_percent(motion, reference) | {"history": None, "state": None}
     shift, other = (on_phases(m, m.displacement) for m in (motion, reference))
     size = float(np.linalg.norm(other))
     return errors_percent(motion, reference) | {

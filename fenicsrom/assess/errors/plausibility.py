@@ -22,6 +22,9 @@ FAR = 100.0
 UNEQUAL = 1e6
 """Ratio of the linear static responses to two loads beyond which one load is most likely wrong."""
 
+TOO_LARGE = 10.0
+"""Linear response, in extents of the body, beyond which the loads are most likely wrong."""
+
 OUT_OF_REACH = 10.0
 """A surface whose least gap is this many times the travel of the points is most likely wrong."""
 
@@ -31,13 +34,16 @@ def is_explained(warnings: Sequence[str]) -> bool:
     return any(text.startswith(IMPLAUSIBLE) for text in warnings)
 
 
-def implausible_loads(model: Any, scene: Scene, frequencies: Array) -> list[str]:
-    """One sentence if the loads are far too fast, too slow or too unequal; else none.
+def implausible_loads(
+    model: Any, scene: Scene, frequencies: Array, extent: float = np.inf
+) -> list[str]:
+    """One sentence if the loads are far too fast, too slow, too large or too unequal; else none.
 
     Args:
         model: the reduced model.
         scene: its scene.
         frequencies: (v,) its natural frequencies, Hz.
+        extent: largest extent of the body, m.
     """
     first = float(np.min(frequencies, initial=np.inf))
     highest = highest_frequency(scene)
@@ -53,11 +59,21 @@ def implausible_loads(model: Any, scene: Scene, frequencies: Array) -> list[str]
             f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
             f"Hz: {units}"
         ]
-    if not isinstance(model, ReducedModel) or model.loads.shape[1] < 2:
+    sizes = largest(model.load_histories) if isinstance(model, ReducedModel) else np.zeros(0)
+    if not sizes.size:
         return []
-    loads = model.loads * largest(model.load_histories)
+    loads = model.loads * sizes
+    moved = _linear_response(model, loads, highest)
+    if moved.max() > TOO_LARGE * extent:
+        return [
+            f"{IMPLAUSIBLE}loads[{int(np.argmax(moved))}] would move the linear body by "
+            f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
+            "loads, the material and the lengths, and their units ([units])"
+        ]
     work = np.sum(loads * np.linalg.solve(model.elastic.stiffness, loads), axis=0)
     size: Array = np.sqrt(np.abs(work))
+    if size.size < 2:
+        return []
     large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
     if size[large] <= UNEQUAL * size[small]:
         return []
@@ -65,6 +81,18 @@ def implausible_loads(model: Any, scene: Scene, frequencies: Array) -> list[str]
         f"{IMPLAUSIBLE}loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
         f"much as loads[{small}]: check the sizes and units of both ([units])"
     ]
+
+
+def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array:
+    """Displacements (k,) of a linear body under loads (n, k) at the most, off its resonances, m.
+
+    With (K + ω² M)⁻¹ in place of the dynamic stiffness they are smaller than static ones, and than
+    those of a free body of the same mass.
+    """
+    rows = np.concatenate([model.contact_rows, model.probe])
+    inertia = (2.0 * np.pi * highest) ** 2 * model.mass
+    moved = rows @ np.linalg.solve(model.elastic.stiffness + inertia, loads)
+    return np.max(np.abs(moved), axis=0, initial=0.0)
 
 
 def implausible_motion(motion: Motion, points: ContactPoints, extent: float) -> list[str]:

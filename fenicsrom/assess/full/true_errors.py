@@ -46,14 +46,14 @@ def estimates_found(own: Mapping[str, MotionErrors]) -> dict[str, float]:
     return found
 
 
-def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motion) -> MotionErrors:
+def full_distances(vectors: Array, solid: Any, scene: Scene, motion: Motion) -> MotionErrors:
     """The true errors due to the basis: the distances from the full model at the same time steps.
 
     The full model starts where the motion ended, if Newton's method found it, and then runs at most
     `FULL_PERIODS`.
 
     Args:
-        reduction: the stages of the reduced model.
+        vectors: (local, n) vectors of the reduced basis.
         solid: the solid.
         scene: the scene.
         motion: the motion of the reduced model.
@@ -63,7 +63,7 @@ def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motio
     start = None
     if motion.newton_from is not None and not motion.buckled:
         q, v, sliders = end_of(motion)
-        start = reduction.basis.vectors @ q, reduction.basis.vectors @ v, sliders
+        start = vectors @ q, vectors @ v, sliders
         scene = with_time(scene, periods=FULL_PERIODS)
     return distances(motion, simulate(full_model(solid), scene, start=start))
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
+from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
 from fenicsrom.assess.rotation.critical_speeds import (
     LEAST_MAC,
     Critical,
@@ -60,6 +61,7 @@ class Campbell:
             is not within the diagram, or its modes were not found.
         change: largest relative change of a frequency in the last round of the complex modes; None
             without Coriolis force.
+        mesh_check: estimated errors of the frequencies at the first speed due to the mesh.
         unknowns: free unknowns of the mesh.
         seconds: run time.
         warnings: sentences for the user.
@@ -77,6 +79,7 @@ class Campbell:
     critical: list[Critical]
     operating_squares: Array | None
     change: float | None
+    mesh_check: MeshCheck
     unknowns: int
     seconds: float
     warnings: list[str] = field(default_factory=list)
@@ -157,6 +160,11 @@ def campbell(scene: Scene, comm: Any) -> Campbell:
         shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
         left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
         log.info(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
+    judged = of_solid(
+        _at_speed(scene, float(speeds[0])),
+        solid,
+        (tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]),
+    )
     reached = speeds[: len(tracked.squares)]
     kept = np.array(tracked.squares)[:, :count]
     found = Campbell(
@@ -169,9 +177,10 @@ def campbell(scene: Scene, comm: Any) -> Campbell:
         [],
         None,
         max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
+        judged,
         solid.free,
         0.0,
-        list(solid.warnings),
+        [*solid.warnings, *judged.warnings(scene)],
         unfinished,
         solid,
     )

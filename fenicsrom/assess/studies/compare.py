@@ -1,17 +1,19 @@
-"""Error against run time: every basis of a scene's [compare] table against the full model.
+"""Error against run time: every choice of a scene's [compare] table against its full model.
 
-The full model runs once; its motion is kept in the user's cache folder (`assess.full.full_cache`).
-The combinations share the mesh, the solid with its factor, the modes and the snapshots. The modes
-are computed once, for the largest requested number, and each combination uses the first modes. The
-offline seconds of a combination are the sum of the stages that it needs, as if it were the only
-combination. The indicator (`assess.errors.residual`) needs no full run.
+The choices are meshes, numbers of time steps and bases. The full model runs once, on the mesh and
+with the time steps of the scene; its motion is kept in the user's cache folder
+(`assess.full.full_cache`).
+The combinations of a mesh share it, the solid with its factor, the modes and the snapshots. The
+modes are computed once, for the largest requested number, and each combination uses the first
+ones. The offline seconds of a combination are the sum of the stages that it needs, as if it were
+the only combination. The indicator (`assess.errors.residual`) needs no full run.
 """
 
 from __future__ import annotations
 
 import itertools
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -38,7 +40,7 @@ from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, 
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.words import brief, counted
@@ -62,6 +64,8 @@ class Combination:
     elastic_force: str
     scheme: str
     size: int | None = None
+    mesh: str = ""
+    steps: int | None = None
 
     @property
     def chosen(self) -> str:
@@ -72,7 +76,9 @@ class Combination:
     def name(self) -> str:
         """All choices in one line."""
         found = f"{self.method}, {self.modes}V, {self.chosen}, {self.elastic_force}, {self.scheme}"
-        return found if self.size is None else f"{found}, size {self.size}"
+        found += "" if self.size is None else f", size {self.size}"
+        found += "" if self.steps is None else f", {self.steps} steps"
+        return f"{found}, {self.mesh}" if self.mesh else found
 
 
 @dataclass(eq=False)
@@ -178,16 +184,17 @@ def combinations(scene: Scene) -> list[Combination]:
     if not scene.geometrically_nonlinear:
         derivatives, forces = ("none",), ("polynomial",)
     choices = itertools.product(table.methods, table.modes, derivatives, forces, schemes)
-    found = []
+    bases = []
     for choice in choices:
         adapts = (choice[2], choice[3]) == ("principal", "polynomial")
         sizes = (None, *(table.sizes or ())) if adapts else (None,)
-        found += [Combination(*choice, size) for size in sizes]
-    return found
+        bases += [Combination(*choice, size) for size in sizes]
+    outer = itertools.product(("", *(table.meshes or ())), table.steps or (None,), bases)
+    return [replace(basis, mesh=mesh, steps=steps) for mesh, steps, basis in outer]
 
 
 def with_combination(scene: Scene, combination: Combination) -> Scene:
-    """The scene with the basis and scheme of a combination.
+    """The scene with the basis, scheme, steps and mesh of a combination.
 
     Raises:
         SceneError: the combination is impossible, such as derivatives of missing modes.
@@ -199,7 +206,10 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
     table["basis"]["derivatives"] = (
         c.derivatives if isinstance(c.derivatives, str) else list(c.derivatives)
     )
-    return with_time(parse_scene(table, scene.source, None), scheme=c.scheme)
+    if c.mesh:
+        table = override_table(table, c.mesh, scene.source)
+    steps = {} if c.steps is None else {"steps_per_period": c.steps}
+    return with_time(parse_scene(table, scene.source, None), scheme=c.scheme, **steps)
 
 
 class Workshop:
@@ -380,9 +390,6 @@ def compare(scene: Scene, comm: Any) -> Comparison:
         ConvergenceError, AccuracyError: the full model or the solid failed. The failure of a
             combination is part of its outcome.
     """
-    from fenicsrom.fem.mesh.mesh import build_mesh
-    from fenicsrom.fem.solid.solid import solid_of
-
     if scene.static_only:
         raise SceneError(
             f"{scene.source}: all loads are static; compare needs a load that varies, or a "
@@ -391,22 +398,19 @@ def compare(scene: Scene, comm: Any) -> Comparison:
             key="loads",
             source=scene.source,
         )
-    scenes = [with_combination(scene, combination) for combination in combinations(scene)]
-    largest = max(scene.compare.modes)
-    seconds: dict[str, float] = {}
-    with timed(seconds, "mesh"):
-        mesh = build_mesh(scene.geometry, comm)
-    log.info("compiling and warming up ..")
+    wanted = combinations(scene)
+    scenes = {c.mesh: with_combination(scene, c) for c in reversed(wanted)}  # all are possible
     cold: dict[str, float] = {}
-    trial = solid_of(scene, mesh)
-    with timed(cold, "compilation"):
-        warm_up(Workshop(trial, scene, {}, largest), scenes[0])
-    trial.destroy()
-    with timed(seconds, "solid"):
-        solid = solid_of(scene, mesh)
+    workshop = _workshop(scenes[""], scene, comm, cold)
+    solid: Any = workshop.body
     solid.warnings += equilibrium_warnings(equilibrium_deformation(solid, scene))
     full, full_run = full_motion(solid, scene) if scene.compare.full else (None, {})
-    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full)
+    outcomes: list[Outcome] = []
+    for mesh in reversed(scenes):
+        if mesh:
+            workshop = _workshop(scenes[mesh], scene, comm, cold)
+        chosen = [combination for combination in wanted if combination.mesh == mesh]
+        outcomes += compare_bases(workshop, scene, full, wanted=chosen)
     return Comparison(
         scene,
         outcomes,
@@ -417,6 +421,33 @@ def compare(scene: Scene, comm: Any) -> Comparison:
         cold["compilation"],
         solid.warnings,
     )
+
+
+def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> Workshop:
+    """The workshop of the mesh of a combination; its compilation is timed apart.
+
+    Args:
+        first: the scene of the first combination on this mesh.
+        scene: the scene.
+        comm: MPI communicator.
+        cold: receives the seconds of compilation.
+    """
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import solid_of
+
+    largest = max(scene.compare.modes)
+    seconds: dict[str, float] = {}
+    with timed(seconds, "mesh"):
+        mesh = build_mesh(first.geometry, comm)
+    log.info("compiling and warming up ..")
+    on_mesh = replace(scene, geometry=first.geometry)
+    trial = solid_of(on_mesh, mesh)
+    with timed(cold, "compilation"):
+        warm_up(Workshop(trial, scene, {}, largest), first)
+    trial.destroy()
+    with timed(seconds, "solid"):
+        solid = solid_of(on_mesh, mesh)
+    return Workshop(solid, scene, seconds, largest)
 
 
 def warm_up(workshop: Workshop, scene: Scene) -> None:
@@ -431,9 +462,10 @@ def compare_bases(
     scene: Scene,
     full: Motion | None,
     timing: bool = True,
+    wanted: Sequence[Combination] | None = None,
 ) -> list[Outcome]:
-    """Run every combination; after each, report its result and the remaining time."""
-    wanted = combinations(scene)
+    """Run every combination on a mesh; after each, report its result and the remaining time."""
+    wanted = combinations(scene) if wanted is None else wanted
     spent: dict[str, list[float]] = {}
     outcomes = []
     for k, combination in enumerate(wanted):

@@ -238,7 +238,7 @@ def _examine(
             return Verdict.WRONG, f"in SI units the amplitude differs by {apart:.1e}"
     if case.full:
         assert reduction is not None
-        error = full_distances(reduction, solid, scene, motion)
+        error = full_distances(reduction.basis.vectors, solid, scene, motion)
         numbers["basis_error"] = error.amplitude
         if reason := missed(error.amplitude, own["basis"].amplitude):
             return Verdict.WRONG, reason

@@ -35,6 +35,8 @@ def model_to_mesh(
     return domain, cell_tags, facet_tags
 
 
-def coordinate_map(geometry: dolfinx.mesh.Geometry) -> Any:
-    """The map from the reference cell to the cells of a mesh of one kind of cells."""
-    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap  # dolfinx 0.9, 0.10
+def cells_of(geometry: dolfinx.mesh.Geometry) -> tuple[Any, np.ndarray]:
+    """The map from the reference cell of a mesh with one kind of cells; the nodes of each cell."""
+    if hasattr(geometry, "cmaps"):
+        return geometry.cmaps[0], geometry.dofmaps[0]
+    return geometry.cmap, geometry.dofmap  # dolfinx 0.9, 0.10

@@ -23,7 +23,7 @@ import dolfinx.mesh
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.base.compat import coordinate_map
+from fenicsrom.fem.base.compat import cells_of
 
 LEAST_DEGREE = 4
 """Degree on cells that are not distorted."""
@@ -71,7 +71,7 @@ def _distortions(domain: dolfinx.mesh.Mesh) -> tuple[Array, Array]:
     """Volume in the reference measure and δ of (1) of each cell that this rank owns."""
     geometry, cell, d = domain.geometry, domain.basix_cell(), domain.topology.dim
     count = domain.topology.index_map(d).size_local
-    shape = coordinate_map(geometry)
+    shape, nodes = cells_of(geometry)
     element = basix.create_element(
         basix.ElementFamily.P, cell, shape.degree, basix.LagrangeVariant(shape.variant)
     )
@@ -80,7 +80,7 @@ def _distortions(domain: dolfinx.mesh.Mesh) -> tuple[Array, Array]:
     volume, distortion = np.zeros(count), np.zeros(count)
     for start in range(0, count, CHUNK):
         part = slice(start, min(start + CHUNK, count))
-        corners = geometry.x[geometry.dofmap[part], :d]
+        corners = geometry.x[nodes[part], :d]
         jacobian = np.einsum("cni,jqn->cqij", corners, slopes)
         mean = np.einsum("cqij,q->cij", jacobian, weights / weights.sum())
         relative = np.linalg.solve(mean[:, None], jacobian) - np.eye(d)

@@ -14,6 +14,7 @@ import dolfinx.mesh
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.base.compat import cells_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
 from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units
@@ -163,7 +164,8 @@ def _outward(mesh: Mesh, region: Region) -> Array:
     if outer.size:  # dolfinx fails without facets
         x = domain.geometry.x
         corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, outer)]
-        middle = x[domain.geometry.dofmap[cells.array[cells.offsets[outer]]]].mean(axis=1)
+        _, nodes = cells_of(domain.geometry)
+        middle = x[nodes[cells.array[cells.offsets[outer]]]].mean(axis=1)
         across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
         normals = np.cross(corners[:, 1] - corners[:, 0], across)
         normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]

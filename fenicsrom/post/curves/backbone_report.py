@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,7 @@ def summary(found: Backbone) -> dict[str, Any]:
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
         "warnings": found.warnings,
         "provenance": provenance(),
     }
@@ -118,6 +120,7 @@ def sentences(found: Backbone) -> list[str]:
             f"the damping ratio by at most {100.0 * damping:.2g} percentage points, at "
             f"{counted(len(found.step_errors), 'point')}."
         )
+    lines += filter(None, [found.mesh_check.sentence()])
     if found.reason != "end of the range":
         lines.append(f"The curve is incomplete: {found.reason}.")
     return lines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,7 @@ def summary(found: EquilibriumPath) -> dict[str, Any]:
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
         "warnings": found.warnings,
         "provenance": provenance(),
     }
@@ -98,6 +100,7 @@ def sentences(found: EquilibriumPath) -> list[str]:
         f"to the load factor {last.load_factor:.6g}, where the probe is displaced by "
         f"{1e3 * last.probe[axis]:.5g} mm along {'xyz'[axis]}.",
         ENDS[found.reason],
+        *filter(None, [found.mesh_check.sentence()]),
     ]
     if not found.special:
         lines.append("It has no limit point and no bifurcation up to there.")

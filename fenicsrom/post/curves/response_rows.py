@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,7 @@ def summary(found: Response) -> dict[str, Any]:
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
         "warnings": found.warnings,
         "provenance": provenance(),
     }

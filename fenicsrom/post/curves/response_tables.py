@@ -81,7 +81,8 @@ def sentences(found: Response) -> list[str]:
         lines += [f"The curve is incomplete: {reason}." for reason in sorted(ends)]
         for line in lines:
             titles.setdefault(line, []).append(curve_title(found.scene, curve.value))
-    return [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
+    said = [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
+    return [*said, *filter(None, [found.mesh_check.sentence()])]
 
 
 def joined_titles(found: Response, begins: Sequence[str]) -> str:

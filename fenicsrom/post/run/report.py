@@ -153,6 +153,8 @@ def _results(study: Study) -> tuple[list[Any], list[str]]:
         found.append(sentence)
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
+    if study.mesh_check is not None and (said := study.mesh_check.sentence()):
+        found.append(said)
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors, study.scene, study.solid.points))
     if study.errors:

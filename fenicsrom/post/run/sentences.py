@@ -284,6 +284,7 @@ def study_sentences(study: Study) -> list[str]:
     found.append(support_sentence(study.scene, study.solid.points, study.motions))
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
+    found += [] if study.mesh_check is None else [study.mesh_check.sentence()]
     found += basis_sentences(study)
     found += [] if study.sized is None else [size_sentence(study.sized)]
     if reduced is not None:
@@ -309,7 +310,8 @@ def mode_lines(study: Study) -> list[str]:
         lines += [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
     if study.derivatives is not None and study.derivatives.labels:
         lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
-    return lines
+    lines += [] if study.mesh_check is None else [study.mesh_check.sentence()]
+    return [line for line in lines if line]
 
 
 def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,8 @@ def summary(study: Study) -> dict[str, Any]:
             "displacement_m": study.deflection,
             "unstable_directions": study.solid.unstable,
         }
+    if study.mesh_check is not None:
+        found["estimated_mesh_error"] = asdict(study.mesh_check)
     found |= motions_summary(study.motions, study.solid.points)
     found |= support_summary(study.scene, study.solid.points, study.motions)
     found["estimated_error_percent"] = estimates_summary(study.errors)

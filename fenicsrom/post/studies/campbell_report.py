@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,6 +43,7 @@ def summary(found: Campbell) -> dict[str, Any]:
         "complex_change": found.change,
         "seconds": found.seconds,
         "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
         "warnings": found.warnings,
         "provenance": provenance(),
     }
@@ -125,6 +127,7 @@ def sentences(found: Campbell) -> list[str]:
             "The Coriolis force is included; the last relative change of the complex frequencies "
             f"is {found.change:.1e}."
         )
+    lines += filter(None, [found.mesh_check.sentence()])
     if found.unfinished:
         lines.append(f"The computation stopped: {found.unfinished}")
     return lines

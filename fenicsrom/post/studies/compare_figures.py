@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,7 +52,9 @@ def _colours(outcomes: list[Outcome]) -> dict[str, str]:
 
 def _point(outcome: Outcome) -> str:
     """Label a point by method, number of modes and size."""
-    return f"{SHORT[outcome.combination.method]}{outcome.combination.modes}·{len(outcome.labels)}"
+    c = outcome.combination
+    steps = "" if c.steps is None else f"/{c.steps}"
+    return f"{SHORT[c.method]}{c.modes}·{len(outcome.labels)}{steps}{c.mesh.partition('=')[2]}"
 
 
 @styled
@@ -216,9 +219,10 @@ def size_figure(comparison: Comparison) -> Figure:
     first = outcomes[0].combination
     lines: dict[tuple[str, str], list[Outcome]] = {}
     for o in outcomes:
-        if (o.combination.elastic_force, o.combination.scheme) == (
-            first.elastic_force,
-            first.scheme,
+        c = o.combination
+        if (
+            replace(first, method=c.method, modes=c.modes, derivatives=c.derivatives, size=c.size)
+            == c
         ):
             lines.setdefault((o.combination.method, o.combination.chosen), []).append(o)
     for (method, chosen), members in lines.items():

@@ -51,6 +51,8 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
     for outcome in comparison.outcomes:
         c = outcome.combination
         row: dict[str, Any] = {
+            "mesh": c.mesh,
+            "steps_per_period": c.steps,
             "method": c.method,
             "modes": c.modes,
             "derivatives": c.chosen,
@@ -133,9 +135,16 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
         comparison: the comparison.
         digits: digits of speed-up, errors and indicator.
     """
-    several = {
-        "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
-        "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
+    more = {
+        "force": "elastic_force",
+        "scheme": "scheme",
+        "steps": "steps",
+        "mesh": "mesh",
+    }
+    varied = {
+        head: name
+        for head, name in more.items()
+        if len({getattr(o.combination, name) for o in comparison.outcomes}) > 1
     }
     full = comparison.full is not None
     names = error_heads(comparison)
@@ -143,7 +152,7 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
         "method",
         "modes",
         "derivatives",
-        *(name for name, varies in several.items() if varies),
+        *varied,
         "size",
         "offline s",
         "online ms",
@@ -154,8 +163,7 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
     for outcome in comparison.outcomes:
         c = outcome.combination
         line: list[Any] = [METHODS[c.method], c.modes, c.chosen]
-        line += [c.elastic_force] if several["force"] else []
-        line += [c.scheme] if several["scheme"] else []
+        line += [getattr(c, name) or None for name in varied.values()]
         line += [
             len(outcome.labels) or None,
             round(outcome.offline_seconds, 3) if outcome.offline else None,
@@ -279,7 +287,8 @@ def pictures(comparison: Comparison) -> list[Picture]:
             "pareto.png",
             lambda: pareto_figure(comparison),
             "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
-            "dot, the number of coordinates. The points on the line are the Pareto front: no other "
+            "dot, the number of coordinates, after a slash the steps per period, and the value of "
+            "a change of the mesh. The points on the line are the Pareto front: no other "
             "basis is both faster and more accurate.",
         ),
         Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),

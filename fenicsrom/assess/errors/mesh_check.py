@@ -1,0 +1,156 @@
+"""Estimated errors of frequencies and deflections due to the mesh.
+
+`fenicsrom.assess.errors.estimates.mesh_errors` judges motions. Where there are none, of modes,
+Campbell diagrams, static equilibria and curves, the natural frequencies and the deflection of the
+probe are compared with those of elements of one degree more. An estimate is `MESH_SAFETY` times the
+relative difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigvalsh
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.estimates import MESH_SAFETY
+from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_mesh_error, finer_mesh, in_percent
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid.finer import FinerSolid
+    from fenicsrom.fem.solid.solid import Solid
+
+FREQUENCY_ERROR = MESH_ERROR / 2.0
+"""Error of a frequency from which the user is warned: that of the stiffness is twice as large."""
+
+IN_A_NODE = 1e-6
+"""A probe that moves by a smaller part of the largest displacement has no relative error."""
+
+
+@dataclass(frozen=True)
+class MeshCheck:
+    """Estimated relative errors due to the mesh.
+
+    Attributes:
+        frequencies: those of the natural frequencies, in their order.
+        deflection: that of the static deflection of the probe; None without one.
+        missing: why they are not estimated; empty if they are.
+    """
+
+    frequencies: tuple[float, ...] = ()
+    deflection: float | None = None
+    missing: str = ""
+
+    def sentence(self) -> str:
+        """The estimates in words; empty without any."""
+        listed = [in_percent(error) for error in self.frequencies]
+        said = [f"of the natural frequencies {', '.join(listed)}"] if listed else []
+        if self.deflection is not None:
+            said.append(f"of the static deflection {in_percent(self.deflection)}")
+        return f"Estimated error due to the mesh: {'; '.join(said)}." if said else ""
+
+    def warnings(self, scene: Scene) -> list[str]:
+        """One sentence if there is no estimate, or a frequency is too wrong; else none.
+
+        Args:
+            scene: the scene, for the remedy.
+        """
+        if self.missing:
+            return [f"the error due to the mesh is not estimated: {self.missing}"]
+        worst = max(self.frequencies, default=0.0)
+        if worst <= FREQUENCY_ERROR:
+            return []
+        mode = self.frequencies.index(worst) + 1
+        return [
+            f"the mesh is too coarse: elements of degree {scene.geometry.degree + 1} change the "
+            f"frequency of mode {mode} by {in_percent(worst / MESH_SAFETY)}: "
+            f"{finer_mesh(scene, 2.0 * worst)}"
+        ]
+
+    def failure(self, scene: Scene) -> AccuracyError | None:
+        """The error of a static deflection that is too wrong, or None.
+
+        Args:
+            scene: the scene, for the remedy.
+        """
+        try:
+            check_mesh_error(scene, self.deflection or 0.0)
+        except AccuracyError as error:
+            return error
+        return None
+
+
+def of_solid(
+    scene: Scene,
+    solid: Solid,
+    squares: tuple[Array, Callable[[Solid], Array]] | None = None,
+    deflection: Callable[[Solid], Array] | None = None,
+    further: Callable[[FinerSolid], None] = lambda finer: None,
+) -> MeshCheck:
+    """Compare results of a solid with those of finer elements. Collective.
+
+    Args:
+        scene: the scene of the solid.
+        solid: the solid.
+        squares: omega^2 (v,) of the natural frequencies, rad^2/s^2, and what gives those of the
+            finer solid.
+        deflection: gives the displacement (local,) of a solid, m.
+        further: what else the finer solid is needed for.
+    """
+    from fenicsrom.fem.solid.finer import FinerSolid, too_large
+
+    reason = too_large(solid)
+    if reason is not None:
+        return MeshCheck(missing=reason)
+    try:
+        finer = FinerSolid(scene, solid)
+        frequencies = (
+            () if squares is None else _relative(squares[0], squares[1](finer)[: len(squares[0])])
+        )
+        moved = None if deflection is None else _moved(deflection, solid, finer)
+        further(finer)
+        finer.destroy()
+    except (AccuracyError, ConvergenceError, SceneError) as error:
+        return MeshCheck(missing=str(error))
+    return MeshCheck(frequencies, moved)
+
+
+def of_model(stored: StoredModel) -> MeshCheck:
+    """Compare the natural frequencies of a reduced model with those of finer elements.
+
+    Args:
+        stored: the model.
+    """
+    if stored.meshes is None:
+        return MeshCheck(missing="the model has none of finer elements")
+    ours, theirs = (
+        eigvalsh(model.elastic.stiffness, model.mass)[: stored.frequencies_hz.size]
+        for model in stored.meshes[:2]
+    )
+    return MeshCheck(_relative(ours, theirs))
+
+
+def _relative(squares: Array, better: Array) -> tuple[float, ...]:
+    """Estimated errors of frequencies, from omega^2 (v,) of the mesh and of finer elements."""
+    ours, theirs = (np.sqrt(np.maximum(value, 0.0)) for value in (squares, better))
+    apart = MESH_SAFETY * np.abs(ours - theirs) / np.where(theirs > 0.0, theirs, np.inf)
+    return tuple(float(value) for value in apart)
+
+
+def _moved(deflection: Callable[[Solid], Array], solid: Solid, finer: Solid) -> float | None:
+    """The estimated error of a deflection of the probe; None where the probe stands still."""
+    probes, largest = [], 0.0
+    for body in (solid, finer):
+        found = deflection(body)
+        probes.append(np.asarray(body.comm.allreduce(body.probe_rows @ found)))
+        largest = max(largest, float(body.largest(found[:, None])[0]))
+    size = float(np.linalg.norm(probes[1]))
+    if size <= IN_A_NODE * largest:
+        return None
+    return MESH_SAFETY * float(np.linalg.norm(probes[0] - probes[1])) / size

@@ -1,0 +1,100 @@
+"""The estimated errors of frequencies and deflections due to the mesh, against finer meshes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from fenicsrom import study
+from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
+from fenicsrom.assess.errors.mesh_check import of_model
+from fenicsrom.assess.rotation.campbell import campbell
+from fenicsrom.errors import AccuracyError
+from fenicsrom.post.run.sentences import mode_lines
+from fenicsrom.scene import Scene
+
+COARSE = "geometry.parameters.elements_along=4"
+FINE = "geometry.parameters.elements_along=16"
+DEAD = {"group": "load", "direction": [0.0, 1.0], "force": 10.0}
+
+
+def coarse_and_fine(*changes: str, **tables: Any) -> tuple[Scene, Scene]:
+    """A beam in the plane on four elements, and on sixteen."""
+    coarse, fine = (
+        beam_scene(2, (cells, "geometry.parameters.load_at=0.5", *changes), contacts=[], **tables)
+        for cells in (COARSE, FINE)
+    )
+    return coarse, fine
+
+
+def assert_effective(estimates: Any, ours: Any, theirs: Any) -> None:
+    """Compare estimates with the relative distances of results from those of the finer mesh."""
+    true = np.abs(np.array(ours) - theirs) / np.abs(theirs)
+    assert np.all(true > 1e-4)  # there is something to estimate
+    assert np.all(np.array(estimates) >= true)
+    assert np.all(np.array(estimates) <= 2.0 * true)
+
+
+def test_frequencies_of_coarse_mesh_have_their_estimate() -> None:
+    coarse, fine = (study.modes(scene) for scene in coarse_and_fine())
+    assert coarse.mesh_check is not None
+    found = coarse.mesh_check.frequencies
+    assert_effective(found, coarse.modes.frequencies_hz, fine.modes.frequencies_hz)
+    assert f"{100.0 * found[0]:.2g} %" in mode_lines(coarse)[-1]
+    assert not fine.mesh_check.warnings(fine.scene)
+    assert any("the mesh is too coarse" in text for text in coarse.warnings)
+
+
+def test_static_deflection_of_coarse_mesh_has_its_estimate() -> None:
+    coarse, fine = (
+        study.run(scene) for scene in coarse_and_fine(loads=[DEAD], probe={"group": "tip"})
+    )
+    assert coarse.mesh_check is not None and coarse.unfinished is None
+    assert_effective(coarse.mesh_check.deflection, coarse.deflection[1], fine.deflection[1])
+
+
+def test_path_of_coarse_mesh_has_the_estimate_of_its_deflection() -> None:
+    table = {
+        "loads": [DEAD],
+        "probe": {"group": "tip"},
+        "geometrically_nonlinear": True,
+        "statics": {"points": 3},
+    }
+    coarse, fine = (equilibrium_path(scene, MPI.COMM_SELF) for scene in coarse_and_fine(**table))
+    slopes = [path.points[1].probe[1] / path.points[1].load_factor for path in (coarse, fine)]
+    assert_effective(coarse.mesh_check.deflection, *slopes)
+
+
+def test_run_on_far_too_coarse_mesh_has_no_static_deflection() -> None:
+    scene, _ = coarse_and_fine("geometry.degree=1", loads=[DEAD], probe={"group": "tip"})
+    found = study.run(scene)
+    assert found.unfinished is not None
+    name, error = found.unfinished
+    assert name == "static" and isinstance(error, AccuracyError)
+    assert "the mesh is too coarse" in str(error) and "geometry.degree = 2" in str(error)
+
+
+def test_campbell_diagram_of_coarse_mesh_has_estimates_of_its_frequencies() -> None:
+    table = {
+        "loads": [],
+        "rotation": {"speed_rpm": 60.0, "point": [-0.1, 0.0]},
+        "campbell": {"modes": 2, "speeds_rpm": [0.0, 60.0]},
+        "probe": {"group": "tip"},
+    }
+    coarse, fine = (campbell(scene, MPI.COMM_SELF) for scene in coarse_and_fine(**table))
+    assert_effective(
+        coarse.mesh_check.frequencies, coarse.frequencies_hz[0], fine.frequencies_hz[0]
+    )
+
+
+def test_curves_have_the_estimates_of_the_frequencies_of_their_model() -> None:
+    table = {"probe": {"group": "tip"}, "geometrically_nonlinear": False}
+    coarse, fine = (study.build_model(scene) for scene in coarse_and_fine(**table))
+    assert_effective(of_model(coarse).frequencies, coarse.frequencies_hz, fine.frequencies_hz)
