@@ -139,8 +139,9 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
 
 def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
     """The picture of the set-up for a report, where the scene asks for pictures. Collective."""
-    wanted = solid is not None and scene.output.pictures
-    picture = setup_picture(solid, scene, "setup.png") if wanted else None
+    if solid is None or not scene.output.pictures:
+        return []
+    picture = setup_picture(solid, scene, "setup.png")
     return [] if picture is None else [picture]
 
 
