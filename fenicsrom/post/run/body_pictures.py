@@ -208,8 +208,9 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
     if "reduced" in study.motions:
         moved = body.frames_at(surface, len(_film_rows(study)))
         shown.append(turning.running("periodic motion", rest, moved, length))
-    if study.stresses is not None and study.recovery is not None:
-        shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
+    stresses = study.stresses
+    if stresses is not None and study.recovery is not None and stresses.largest.von_mises:
+        shown.append(_stressed(study.recovery.stress, stresses, surface, length))
     parts = symbols(body.marks, body.grid.points, length)
     parts += held_points(body.surface, body.marks)
     return turning.turning_plot(surface, shown, parts, body.view)

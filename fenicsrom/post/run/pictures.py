@@ -267,8 +267,12 @@ def write_stress_picture(
 ) -> list[Drawn]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
 
+    A body without stress, such as that of normal modes without loads, has no picture.
+
     Raises:
         OSError: the file cannot be written.
     """
+    if not stresses.largest.von_mises:
+        return []
     picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
     return draw_pictures([picture], folder, notes)
