@@ -40,7 +40,7 @@ def multiplier_figure(found: Response) -> Figure:
     from matplotlib.colors import Normalize
 
     curves = shown_curves(found)
-    places = [point.parameter for curve in found.curves for point in curve.points]
+    places = [point.parameter for curve in curves for point in curve.points]
     colours = Normalize(min(places), max(places))
     columns = min(len(curves), 2)  # of the legend
     drawn = new_figure(3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns)
