@@ -83,7 +83,7 @@ def test_pages_and_continuous_integration_give_one_test_command() -> None:
     for page in ("CONTRIBUTING.md", "tests/README.md", "docker/README.md"):
         given = re.findall(r"(?m)^    (docker/run .*pytest[^#\n]*)", (ROOT / page).read_text())
         assert command in map(str.strip, given), page
-        allowed = {command, f'{command} -m "not slow"', EVIDENCE}
+        allowed = {command, f'{command} -m "not slow"', f"{command} -m long", EVIDENCE}
         assert {line.strip() for line in given} <= allowed, page
 
 

@@ -1,4 +1,4 @@
-"""The same bodies in this program and in CalculiX: frequencies and large deflections.
+"""The same bodies in this program and in CalculiX: frequencies, deflections and a large motion.
 
     docker/run python3 demos/evidence/calculix.py --output out/calculix
     python3 demos/evidence/calculix.py --output out/calculix
@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+import resource
 import shutil
 import subprocess
 import sys
@@ -136,6 +138,18 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
     }
     what = "turning orthotropic strip in plane strain under a traction"
     yield "strip", what, make_scene(folder=folder, **strip)
+    swinging = [
+        "geometry.cells='simplex'",
+        "geometry.parameters.elements_along=40",
+        "material.mass_damping=0.0",
+        "basis.derivatives='all'",
+        "contacts=[]",
+        "probe={nearest=[2.54, 0.0127, 0.0127]}",
+        "reference={}",
+        "time={steps_per_period=200, periods=3, steady='march', steady_tolerance=0.0}",
+    ]
+    what = "beam that swings by 0.45 m, 600 steps from rest"
+    yield "swinging", what, read_scene(DEMOS / "slip_liftoff_3d.toml", swinging)
 
 
 def numbers(scene: Any, printed: bool) -> dict[str, list[float]]:
@@ -153,6 +167,25 @@ def numbers(scene: Any, printed: bool) -> dict[str, list[float]]:
     return {
         "frequencies": (np.sqrt(squares) / (2.0 * np.pi)).tolist(),
         "deflection": moved.tolist(),
+    }
+
+
+def motions(scene: Any) -> dict[str, dict[str, Any]]:
+    """The displacement of the probe at all steps of both models, m, and their seconds."""
+    from mpi4py import MPI
+
+    from fenicsrom import build_model, build_solid
+    from fenicsrom.fem.full.full import full_model
+    from fenicsrom.online.run.simulate import simulate
+
+    full = simulate(full_model(build_solid(scene, MPI.COMM_SELF), scene), scene)
+    stored = build_model(scene)
+    stored.simulate()  # compiles
+    reduced = stored.simulate()
+    named = {"full model": full, f"reduced model, {stored.size} coordinates": reduced}
+    return {
+        name: {"seconds": motion.seconds, "displacement": motion.displacement[1:, 0].tolist()}
+        for name, motion in named.items()
     }
 
 
@@ -174,13 +207,15 @@ def compute(folder: Path) -> None:
         if deck.element in ("C3D10", "CPE6"):
             with patch("fenicsrom.fem.body.elasticity.quadrature_degree", lambda domain: 2):
                 found[name]["degree 2"] = numbers(scene, printed)
+        if deck.transient is not None:
+            found[name]["motions"] = motions(scene)
         print(f"{name}: {mesh}", file=sys.stderr, flush=True)
     content = {"version": __version__, "cases": found}
     (folder / NUMBERS).write_text(json.dumps(content, indent=2))
 
 
-def run_ccx(program: str, deck: Path) -> dict[str, list[float]]:
-    """The natural frequencies in Hz, and the displacement of the probe in m, of CalculiX.
+def run_ccx(program: str, deck: Path) -> dict[str, Any]:
+    """The natural frequencies in Hz, displacement and motion of the probe in m, of CalculiX.
 
     Raises:
         RuntimeError: CalculiX did not give them.
@@ -192,15 +227,38 @@ def run_ccx(program: str, deck: Path) -> dict[str, list[float]]:
         raise RuntimeError(
             f"{program} did not finish {deck}; its output ends with:\n" + done.stdout[-500:]
         )
-    moved: list[float] = []
-    before, _, after = text.partition("E I G E N")
-    for line in before.splitlines():
-        words = line.split()
-        if len(words) == 4 and words[0].isdigit():
-            moved = [float(word) for word in words[1:]]
-    lines = [line.split() for line in after.splitlines()]
-    rows = [words for words in lines if len(words) == 5 and words[0].isdigit()]
-    return {"frequencies": [float(words[3]) for words in rows[:MODES]], "deflection": moved}
+    before, after = (
+        [words for line in part.splitlines() if (words := line.split()) and words[0].isdigit()]
+        for part in text.split("E I G E N", 1)
+    )
+    moved, motion = (
+        [[float(word) for word in words[1:]] for words in part if len(words) == 4]
+        for part in (before, after)
+    )
+    rows = [words for words in after if len(words) == 5]
+    return {
+        "frequencies": [float(words[3]) for words in rows[:MODES]],
+        "deflection": moved[-1] if moved else [],
+        "motion": motion,
+    }
+
+
+def distance(ours: list[list[float]], theirs: list[list[float]]) -> float:
+    """Root mean square difference of two motions, relative to that of the second.
+
+    Raises:
+        RuntimeError: the motions have different numbers of steps.
+    """
+    if len(ours) != len(theirs):
+        raise RuntimeError(f"a motion of {len(ours)} steps, and one of {len(theirs)}")
+    apart = sum(math.dist(a, b) ** 2 for a, b in zip(ours, theirs, strict=True))
+    return math.sqrt(apart / sum(math.hypot(*b) ** 2 for b in theirs))
+
+
+def cpu_seconds() -> float:
+    """CPU time of the programs that this one ran, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def compare(program: str, folder: Path) -> list[str]:
@@ -214,7 +272,9 @@ def compare(program: str, folder: Path) -> list[str]:
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, case in ours["cases"].items():
-        theirs = quantities(run_ccx(program, folder / f"{name}.inp"))
+        begin = cpu_seconds()
+        answer = run_ccx(program, folder / f"{name}.inp")
+        seconds, theirs = cpu_seconds() - begin, quantities(answer)
         mine, coarse = quantities(case["ours"]), quantities(case.get("degree 2", {}))
         for quantity, value in mine.items():
             other = theirs[quantity]
@@ -223,6 +283,11 @@ def compare(program: str, folder: Path) -> list[str]:
                 difference = None if found is None else found / other - 1.0
                 row += ["", ""] if difference is None else [f"{found:.7g}", f"{difference:+.1e}"]
             lines.append(f"| {' | '.join(row)} |")
+        for model, motion in case.get("motions", {}).items():
+            apart = distance(motion["displacement"], answer["motion"])
+            quantity = f"motion of the probe (rms) and seconds, {model}"
+            times = [f"{seconds:.3g} s", f"{motion['seconds']:.3g} s", f"{apart:.1e}"]
+            lines.append(f"| {' | '.join([case['what'], case['mesh'], quantity, *times])} | | |")
     return lines
 
 

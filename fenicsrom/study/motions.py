@@ -74,7 +74,7 @@ def _describe(study: Study, name: str) -> None:
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
     if name == "reduced" and not is_explained(study.warnings):
-        found = implausible_motion(motion, study.solid.points, study.solid.extent)
+        found = implausible_motion(motion, study.solid.points, study.solid.extent, scene)
         study.warnings.extend(found or _strain_warnings(study, motion))
     if study.unfinished:
         return

@@ -13,7 +13,6 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenicsrom import study
-from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
 from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.rotation.campbell import campbell
 from fenicsrom.errors import AccuracyError
@@ -67,7 +66,8 @@ def test_path_of_coarse_mesh_has_the_estimate_of_its_deflection() -> None:
         "geometrically_nonlinear": True,
         "statics": {"points": 3},
     }
-    coarse, fine = (equilibrium_path(scene, MPI.COMM_SELF) for scene in coarse_and_fine(**table))
+    coarse, fine = (study.statics(scene, MPI.COMM_SELF) for scene in coarse_and_fine(**table))
+    assert coarse.files == []
     slopes = [path.points[1].probe[1] / path.points[1].load_factor for path in (coarse, fine)]
     assert_effective(coarse.mesh_check.deflection, *slopes)
 

@@ -59,12 +59,40 @@ def test_load_that_moves_the_linear_body_far_is_warned(factor: float, is_warned:
     assert bool(found) == is_warned and all("loads[0]" in text for text in found)
 
 
+@pytest.mark.parametrize(("alpha", "is_warned"), [(8.9, False), (9.1, True)])
+def test_mode_that_does_not_swing_is_warned(alpha: float, is_warned: bool) -> None:
+    """The first frequency is 5 rad/s, so that the ratio is one where alpha + 1 is 10."""
+    model = linear_model(np.eye(2), np.diag([25.0, 100.0]), damping=alpha)
+    spinning = np.array([[1.0, 3.0], [-3.0, 0.0]])  # viscous damping and a gyroscopic part
+    found = implausible_loads(
+        model._replace(velocity_matrix=spinning), beam_scene(2), np.array([3.0])
+    )
+    assert bool(found) == is_warned and all("damping ratio of 1.0" in text for text in found)
+
+
+@pytest.mark.parametrize(("force", "is_warned"), [(999.0, False), (1001.0, True)])
+def test_contact_spring_that_is_compressed_far_is_warned(force: float, is_warned: bool) -> None:
+    """1 kN on half of 1e4 N/m are 0.2 m, a twentieth of 4 m."""
+    _, _, motion = oscillator()
+    points, *_ = first(2, 2)
+    points = points._replace(tributary_area=np.array([0.5]))
+    steps = motion.time.size
+    pressed = replace(
+        motion,
+        force=np.full((steps, 1, 2), force),
+        gap=np.zeros((steps, 1)),
+        displacement=0.0 * motion.displacement,
+    )
+    found = implausible_motion(pressed, points, 4.0, beam_scene(2))
+    assert bool(found) == is_warned and all("contacts[0]" in text for text in found)
+
+
 def test_motion_larger_than_the_body_is_warned() -> None:
     _, _, motion = oscillator()
     points, *_ = first(0, 2)
     reached = float(np.linalg.norm(motion.displacement, axis=2).max())
-    assert implausible_motion(motion, points, 1.01 * reached) == []
-    (found,) = implausible_motion(motion, points, 0.99 * reached)
+    assert implausible_motion(motion, points, 1.01 * reached, beam_scene(2)) == []
+    (found,) = implausible_motion(motion, points, 0.99 * reached, beam_scene(2))
     assert found.startswith(IMPLAUSIBLE)
 
 
@@ -78,10 +106,10 @@ def test_surface_out_of_reach_is_warned(factor: float, is_warned: bool) -> None:
     last = float(np.ptp(motion.displacement[:, 0, 0]))
     assert last == pytest.approx(travel, rel=0.5)
     far = replace(far, gap=np.full((steps, 1), factor * last))
-    found = implausible_motion(far, points, np.inf)
+    found = implausible_motion(far, points, np.inf, beam_scene(2))
     assert bool(found) == is_warned and all("contacts[0]" in text for text in found)
     touching = replace(far, force=np.ones((steps, 1, 2)))
-    assert implausible_motion(touching, points, np.inf) == []
+    assert implausible_motion(touching, points, np.inf, beam_scene(2)) == []
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.stability_search import EXTRA, SHORTEST, divide_gaps
+from fenicsrom.assess.curves.stability_search import EXTRA, SHORTEST, divide_gaps, lengths_along
 
 
 def motion(parameter: float, stable: bool = True) -> Any:
@@ -52,6 +52,17 @@ def divided(
 def hill(p: float) -> float:
     """Of a vibration of light damping, above 1 from 0.55 to 0.59."""
     return float(0.97 + 0.04 / (1.0 + ((p - 0.57) / 0.0346) ** 2))
+
+
+def test_distances_along_a_curve_are_relative_to_both_extents() -> None:
+    """From 2 to 6 Hz, and to amplitudes of which the largest is 10."""
+    points = [motion(2.0), motion(4.0), motion(6.0)]
+    for point, sizes in zip(points, ([1.0, 2.0], [4.0, 2.0], [4.0, 10.0]), strict=True):
+        point.amplitude = np.array(sizes)
+    (found,) = lengths_along([Piece(points)])
+    assert found == pytest.approx(
+        [0.0, np.hypot(0.5, 0.3), np.hypot(0.5, 0.3) + np.hypot(0.5, 0.8)]
+    )
 
 
 @pytest.mark.parametrize("every", [1, 4])

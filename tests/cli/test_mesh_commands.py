@@ -194,6 +194,7 @@ def test_starter_scene_of_a_deck_runs(
     scene = read_scene(tmp_path / "bar.toml")
     assert (scene.material.young, scene.material.density) == (1.1e11, 4430.0)
     assert scene.supports == (Support(group="low"),) and scene.geometry.scale == 1e-3
+    assert scene.damping.ratios == 0.01
     if scene.contacts:
         normal = np.array(scene.contacts[0].normal)
         assert abs(normal[2]) == pytest.approx(1.0) or template == "damper"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Iterator
@@ -95,6 +96,22 @@ def test_script_compares_the_numbers_of_calculix(
     assert (tmp_path / "out" / "comparison.md").read_text().splitlines() == lines
     assert call(stand_in(tmp_path, "nothing")) == 1
     assert "did not finish" in capsys.readouterr().err
+
+
+def test_motions_are_compared_by_their_root_mean_square_difference(tmp_path: Path) -> None:
+    ours = {"seconds": 0.5, "displacement": [[3.0, 0.0, 0.0], [0.0, 4.03, 0.04]]}
+    case = {"what": "a beam", "mesh": "4 C3D10", "ours": {}, "motions": {"full model": ours}}
+    content = {"version": "1", "cases": {"beam": case}}
+    (tmp_path / calculix.NUMBERS).write_text(json.dumps(content))
+    moved = "\n".join(f" 7 {x} {y} 0.0E+0" for x, y in ((3.0, 0.0), (0.0, 4.0)))
+    output = f"{OUTPUT.format(rows='')}\n{moved}\n"
+    program = stand_in(tmp_path, output)
+    row = calculix.compare(program, tmp_path)[-1].split(" | ")
+    assert row[2] == "motion of the probe (rms) and seconds, full model"
+    assert row[4:6] == ["0.5 s", "1.0e-02"]  # of (0.03, 0.04) to (3, 4)
+    (tmp_path / "output").write_text(OUTPUT.format(rows=""))
+    with pytest.raises(RuntimeError, match="2 steps, and one of 0"):
+        calculix.compare(program, tmp_path)
 
 
 @pytest.mark.skipif(

@@ -335,7 +335,7 @@ def test_static_scene_ends_with_its_equilibrium(
     told = f"static equilibrium: x {1e3 * x:.6g} mm, y {1e3 * y:.6g} mm."
     assert told in capsys.readouterr().out
     assert (
-        set(found["seconds"]) == {"mesh", "solid"}
+        set(found["seconds"]) == {"mesh", "solid", "finer elements"}
         and found["response"] == {}
         and found["frequencies_hz"] == []
     )

@@ -86,6 +86,14 @@ def test_normal_into_the_body_is_warned_on_the_boundary(
     assert all("contacts[0].normal" in text for text in found)
 
 
+def test_stops_on_both_sides_of_a_place_are_plausible() -> None:
+    key = "group='tip', at='centre', friction=0.1, normal_stiffness=1e4, tangential_stiffness=1e4"
+    right, left = (f"{{{key}, gap=1e-4, normal=[{x}, 0.0]}}" for x in (1.0, -1.0))
+    assert sentences(f"contacts=[{right}, {left}]") == []
+    (found,) = sentences(f"contacts=[{left}, {right.replace('tip', 'load')}]")
+    assert "contacts[0].normal" in found
+
+
 @pytest.mark.parametrize("cells", ["structured", "simplex"])
 def test_normal_into_the_body_is_warned_in_3d(cells: str) -> None:
     shape = f"geometry.cells='{cells}'"

@@ -538,7 +538,7 @@ def test_modes_and_campbell_warn_of_a_block_that_is_crushed_at_speed(
         output={"stresses": "cauchy"},
         campbell={"speeds_rpm": [0.0, 3e4, speed_rpm], "modes": 1, "engine_orders": [1]},
     )
-    modes = run(scene, modes_only=True).warnings
+    modes = [text for text in run(scene, modes_only=True).warnings if "Kirchhoff" in text]
     assert len(modes) == bool(said) and all(said in text for text in modes)
     found = diagram.campbell(scene, world())
     warnings = [text for text in found.warnings if "Kirchhoff" in text]

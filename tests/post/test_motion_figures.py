@@ -9,7 +9,7 @@ from motions import PERIOD, jenkins, motion, side_by_side
 from test_figures import drawn, texts
 
 from fenicsrom.post.run import motion_figures
-from fenicsrom.post.run.motion_table import open_sentence
+from fenicsrom.post.run.motion_table import open_sentence, touching_points
 from fenicsrom.post.run.pictures import motion_pictures, working
 from fenicsrom.scene import read_scene
 
@@ -112,6 +112,9 @@ def test_each_picture_is_drawn_only_where_it_answers_a_question():
     assert names(pair) == ["motion.png", "contact_1.png", "energy.png"]
     assert "point 2 does" in str(open_sentence({"reduced": pair}))
     assert open_sentence({"reduced": many}) is None
+    slick = jenkins(periods=3)
+    slick.force[:, :, 1:] = 0.0  # pressed, without friction
+    assert touching_points({"reduced": slick}) == [0]
     wild = jenkins(periods=30, steps=40, uneven=False)
     growing = wild.displacement * (1.0 + wild.time[:, None, None])
     wild = replace(wild, displacement=growing, steady=False)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
+from support import STOCKY, beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
 
 from fenicsrom import study
 from fenicsrom.assess.studies import sweep_runs
@@ -57,10 +57,12 @@ def swept(model: Path, folder: Path, over: Sequence[str], **options: Any) -> Swe
     )
 
 
-def amplitude(force: float, frequency: float, damping: float) -> float:
+def amplitude(
+    force: float, frequency: float, damping: float, stiffness: float = STIFFNESS
+) -> float:
     """The amplitude of a linear oscillator, m."""
     omega = 2.0 * np.pi * frequency
-    return float(force / abs(STIFFNESS - MASS * omega**2 + 1j * damping * MASS * omega))
+    return float(force / abs(stiffness - MASS * omega**2 + 1j * damping * MASS * omega))
 
 
 def test_each_combination_has_amplitude_of_its_scene(model: Path, tmp_path: Path) -> None:
@@ -72,6 +74,19 @@ def test_each_combination_has_amplitude_of_its_scene(model: Path, tmp_path: Path
         assert row["amplitude_x_m"] == pytest.approx(exact, rel=0.01)
         assert row["outcome"] == DONE and row["settled"]
     assert found.models == 0
+
+
+def test_rows_have_the_estimates_of_their_runs(model: Path, tmp_path: Path) -> None:
+    """Finer elements that are 2 % softer: the distance of the amplitudes is known."""
+    stored = load_model(model)
+    elastic = stored.model.elastic
+    finer = stored.model._replace(elastic=elastic._replace(stiffness=0.98 * elastic.stiffness))
+    save_model(model, replace(stored, finer=finer, finer_labels=stored.labels))
+    (row,) = swept(model, tmp_path, ["loads.0.force=[10]"]).rows
+    damping = stored.scene.material.mass_damping
+    ours, theirs = (amplitude(10.0, 3.2, damping, k) for k in (STIFFNESS, 0.98 * STIFFNESS))
+    assert row["mesh_error"] == pytest.approx(1.5 * abs(ours / theirs - 1.0), rel=0.02)
+    assert 0.0 < row["step_error"] < 0.1 and "basis_error" not in row
 
 
 def test_files_hold_all_rows(model: Path, tmp_path: Path) -> None:
@@ -250,6 +265,15 @@ def test_ranks_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
     ranks = json.loads((tmp_path / "ranks" / "sweep.json").read_text())["runs"]
     for row, other in zip(one.rows, ranks, strict=True):
         assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
+
+
+def test_runs_whose_model_fails_keep_its_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("dolfinx")
+    scene = beam_scene(2, STOCKY, contacts=None, probe={"group": "tip"})
+    axes = make_axes(["geometry.parameters.load_at=[2.0]"])
+    found = study.run_sweep(scene, partial(changed_scene, scene), axes, tmp_path)
+    (row,) = found.rows
+    assert row["outcome"] == FAILED and "load_at = 2" in row["sentence"]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eigh
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
@@ -25,6 +26,9 @@ UNEQUAL = 1e6
 TOO_LARGE = 10.0
 """Linear response, in extents of the body, beyond which the loads are most likely wrong."""
 
+DEEP = 0.05
+"""Compression of a contact spring, in extents of the body, beyond which it is most likely wrong."""
+
 OUT_OF_REACH = 10.0
 """A surface whose least gap is this many times the travel of the points is most likely wrong."""
 
@@ -37,7 +41,7 @@ def is_explained(warnings: Sequence[str]) -> bool:
 def implausible_loads(
     model: Any, scene: Scene, frequencies: Array, extent: float = np.inf
 ) -> list[str]:
-    """One sentence if the loads are far too fast, too slow, too large or too unequal; else none.
+    """One sentence on loads far too fast, slow, large or unequal, or on damping; else none.
 
     Args:
         model: the reduced model.
@@ -45,6 +49,19 @@ def implausible_loads(
         frequencies: (v,) its natural frequencies, Hz.
         extent: largest extent of the body, m.
     """
+    found = _far_from_the_modes(scene, frequencies)
+    if found or not isinstance(model, ReducedModel):
+        return found
+    found = _overdamped(model)
+    sizes = largest(model.load_histories)
+    if found or not sizes.size:
+        return found
+    loads = model.loads * sizes
+    return _too_large(model, loads, scene, extent) or _unequal(model, loads)
+
+
+def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[str]:
+    """One sentence if the loads are far too slow or too fast for the first natural frequency."""
     first = float(np.min(frequencies, initial=np.inf))
     highest = highest_frequency(scene)
     units = "check the lengths, the material and the frequencies, and their units ([units])"
@@ -59,21 +76,44 @@ def implausible_loads(
             f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
             f"Hz: {units}"
         ]
-    sizes = largest(model.load_histories) if isinstance(model, ReducedModel) else np.zeros(0)
-    if not sizes.size:
+    return []
+
+
+def _overdamped(model: ReducedModel) -> list[str]:
+    """One sentence if the first mode does not swing, else none."""
+    squares, shapes = eigh(model.elastic.stiffness, model.mass, subset_by_index=[0, 0])
+    if squares[0] <= 0.0:
         return []
-    loads = model.loads * sizes
-    moved = _linear_response(model, loads, highest)
-    if moved.max() > TOO_LARGE * extent:
-        return [
-            f"{IMPLAUSIBLE}loads[{int(np.argmax(moved))}] would move the linear body by "
-            f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
-            "loads, the material and the lengths, and their units ([units])"
-        ]
+    viscous = (
+        float(np.sum(shapes.T @ model.velocity_matrix @ shapes))
+        if model.velocity_matrix.size
+        else 0.0
+    )
+    ratio = (model.damping + viscous) / (2.0 * np.sqrt(squares[0]))
+    if ratio <= 1.0:
+        return []
+    return [
+        f"{IMPLAUSIBLE}the first mode has a damping ratio of {ratio:.3g}: it does not swing; check "
+        "material.mass_damping, [damping] and the dashpots, and their units ([units])"
+    ]
+
+
+def _too_large(model: ReducedModel, loads: Array, scene: Scene, extent: float) -> list[str]:
+    """One sentence if a load (n, k) would move the linear body by far more than its extent."""
+    moved = _linear_response(model, loads, highest_frequency(scene))
+    if moved.max() <= TOO_LARGE * extent:
+        return []
+    return [
+        f"{IMPLAUSIBLE}loads[{int(np.argmax(moved))}] would move the linear body by "
+        f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
+        "loads, the material and the lengths, and their units ([units])"
+    ]
+
+
+def _unequal(model: ReducedModel, loads: Array) -> list[str]:
+    """One sentence if a load (n, k) deforms the linear body far more than another one."""
     work = np.sum(loads * np.linalg.solve(model.elastic.stiffness, loads), axis=0)
     size: Array = np.sqrt(np.abs(work))
-    if size.size < 2:
-        return []
     large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
     if size[large] <= UNEQUAL * size[small]:
         return []
@@ -95,13 +135,16 @@ def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array
     return np.max(np.abs(moved), axis=0, initial=0.0)
 
 
-def implausible_motion(motion: Motion, points: ContactPoints, extent: float) -> list[str]:
-    """One sentence if a motion is larger than its body, or far away from its surfaces; else none.
+def implausible_motion(
+    motion: Motion, points: ContactPoints, extent: float, scene: Scene
+) -> list[str]:
+    """One sentence on a motion larger than its body, far from its surfaces or in them; else none.
 
     Args:
         motion: the motion.
         points: its contact points.
         extent: largest extent of the body, m.
+        scene: the scene of the motion.
     """
     moved = float(np.linalg.norm(motion.displacement, axis=2).max(initial=0.0))
     if moved > extent:
@@ -112,6 +155,14 @@ def implausible_motion(motion: Motion, points: ContactPoints, extent: float) -> 
     travel = np.ptp(motion.displacement, axis=0)
     for k in np.unique(points.contact):
         mine = np.flatnonzero(points.contact == k)
+        stiffness = points.tributary_area[mine] * scene.contacts[k].normal_stiffness
+        depth = float(np.max(motion.force[:, mine, 0] / stiffness))
+        if depth > DEEP * extent:
+            return [
+                f"{IMPLAUSIBLE}the contact springs of contacts[{k}] are compressed by {depth:.3g} "
+                f"m, and the body is {extent:.4g} m long: check the contact stiffness, the preload "
+                "and the normal, and their units ([units])"
+            ]
         gap, reach = float(motion.gap[:, mine].min()), float(travel[mine, 0].max())
         if not np.any(motion.force[:, mine, 0] > 0.0) and gap > OUT_OF_REACH * reach:
             return [

@@ -210,7 +210,8 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
         warnings.insert(0, str(error))
     if warnings:
         found["sentence"] = "; ".join(warnings)
-    for column, cause in (("step_error", "time step"), ("basis_error", "basis")):
+    columns = {"step_error": "time step", "basis_error": "basis", "mesh_error": "mesh"}
+    for column, cause in columns.items():
         if cause in errors:
             estimate = errors[cause].amplitude
             found[column] = float(estimate) if np.isfinite(estimate) else None

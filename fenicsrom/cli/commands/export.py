@@ -27,6 +27,7 @@ def export(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the model or the scene cannot be read.
     """
+    from fenicsrom.assess.errors.mesh_check import of_model
     from fenicsrom.exchange.export import SUFFIXES
     from fenicsrom.exchange.export import export as write
     from fenicsrom.online.store import archive
@@ -47,8 +48,9 @@ def export(options: argparse.Namespace) -> int:
     path = Path(options.output or f"{model.stem}{SUFFIXES[options.format]}")
     require_lasting(path)
     require_other(path, [model])
-    found = write(stored, path, options.format)
-    print_results(stored.scene, "", [], found.notes, found.files)
+    found, judged = write(stored, path, options.format), of_model(stored)
+    lines = [*found.notes, *filter(None, [judged.sentence()])]
+    print_results(stored.scene, "", judged.warnings(stored.scene), lines, found.files)
     return 0
 
 

@@ -129,18 +129,22 @@ def _is_solid(young: float, density: float, usual: bool = False) -> bool:
 def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[str]:
     """One sentence on the first contact whose surface is on the side of the body. Collective.
 
-    Only contacts on facets of the boundary are judged.
+    Only contacts on facets of the boundary are judged, and no stops on both sides of one place.
 
     Args:
         scene: the scene.
         mesh: its mesh.
         points: its contact points.
     """
-    for k, contact in enumerate(scene.contacts):
-        if not mesh.has_facets(contact.place):
+    normals = [
+        points.frame[points.contact == k, 0].mean(axis=0) for k in range(len(scene.contacts))
+    ]
+    for k, (contact, normal) in enumerate(zip(scene.contacts, normals, strict=True)):
+        others = zip(scene.contacts, normals, strict=True)
+        between = any(o.place == contact.place and n @ normal < 0.0 for o, n in others)
+        if between or not mesh.has_facets(contact.place):
             continue
         outward = _outward(mesh, contact.place)
-        normal = points.frame[points.contact == k, 0].mean(axis=0)
         size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
         if float(outward @ normal) < OPPOSITE * size:
             name = "normal" if contact.surface is None else "surface"
