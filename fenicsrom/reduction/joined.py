@@ -83,7 +83,7 @@ class _Seen:
 
 
 def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel:
-    """The range model of a structure, with its errors between the speeds.
+    """The range model of a structure, with its errors between the speeds; none due to the mesh.
 
     Args:
         structure: the structure at the middle one of the speeds; afterwards it is unloaded.
@@ -190,6 +190,7 @@ def _projected(
         first.omega.size,
         first.rows.shape[0],
         RangeErrors(*np.zeros((4, 0))),
+        np.zeros(0),
     )
     between = [one for one in seen if one.omega not in found.speeds]
     errors = [_errors(structure, r, found, one) for one in between]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.progress import log
+from fenicsrom.scene.checks import LEAST_MODES
 
 if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
     from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
@@ -27,6 +31,7 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     """
     import numpy as np
 
+    from fenicsrom.assess.errors.mesh_check import of_solid
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
     from fenicsrom.online.store.archive import StoredModel
@@ -47,10 +52,19 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     log.info("mesh ..")
     mesh = mesh or build_mesh(scene.geometry, comm)
     log.info("solid ..")
-    solid = solid_of(scene.at_speed(speeds[len(speeds) // 2]), mesh)
+    middle = replace(scene.at_speed(speeds[len(speeds) // 2]), loads=scene.loads)
+    solid = solid_of(middle, mesh)
+    modes = scene.basis.modes if isinstance(scene.basis.modes, int) else LEAST_MODES
+
+    def squares(body: Solid) -> Array:
+        return body.eigenmodes(body.factor, modes)[0]
+
+    log.info("finer elements ..")
+    judged = of_solid(middle, solid, (squares(solid), squares))
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
     whole = range_model(solid, scene.basis, np.pi / 30.0 * np.array(speeds))
+    whole = replace(whole, mesh_errors=np.array(judged.frequencies))
     found = StoredModel(
         whole.model,
         scene,

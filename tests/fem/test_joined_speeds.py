@@ -128,10 +128,24 @@ def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
     assert np.all(errors.frequency < 1e-4) and np.all(errors.flexibility < 1e-2)
     coarse = fenicsrom.build_model(blade(*TINY, "rotation.speeds_rpm=[0.0, 6000.0]"))
     assert coarse.whole.errors.displacement[0] > 10.0 * errors.displacement.max()
+    for name in ("sines", "spans"):  # not those at the middle speed, 6000 rpm
+        of_load = (getattr(one.model.load_histories, name) for one in (coarse, stored))
+        np.testing.assert_array_equal(*of_load)
     rows = coarse.whole.at(3000.0 / RPM, True, True)
     exact = stored.whole.at(3000.0 / RPM, True, True)  # 3000 rpm belongs to its basis
     change = abs(rows.frequencies_hz / exact.frequencies_hz - 1.0).max()
     assert change == pytest.approx(coarse.whole.errors.frequency[0], rel=1e-2)
+
+
+def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_middle_speed(tiny: Any) -> None:
+    stored, path = tiny
+    scene = blade(*TINY)
+    alone = replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
+    judged = fenicsrom.modes(alone).mesh_check
+    found = stored.whole.mesh_errors
+    assert found.size == 4 and found.max() > 1e-3
+    np.testing.assert_allclose(found, judged.frequencies, rtol=1e-5)
+    np.testing.assert_array_equal(load_model(path).whole.mesh_errors, found)
 
 
 def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None:

@@ -113,6 +113,11 @@ def test_plate_is_seen_face_on_and_a_beam_is_not(plate):
     assert face_on(surface_of(blocks((10, 1)))) is None
 
 
+def test_bracket_whose_legs_are_wide_is_no_plate():
+    legs = blocks((8, 10), lambda i, j: i < 1 or j < 1)
+    assert face_on(surface_of(replace(legs, points=legs.points * [1.0, 1.0, 6.0]))) is None
+
+
 def test_picture_shows_a_place_where_the_projection_says(plate):
     import pyvista
 
@@ -377,7 +382,7 @@ def test_clamped_faces_are_seen_where_regions_overlap(plate):
     x = np.zeros(surface[NODE].max() + 1)
     x[surface[NODE]] = surface.points[:, 0]
     held = Mark("support", CLAMPED, "<", surface.points[:1], on=x < 0.35)
-    body, alone = region_parts(
+    body, alone, rim = region_parts(
         surface, [held, load_mark("load", surface.points[0], np.eye(3)[0], x > -1.0)]
     )
     paint = body.mesh.cell_data["paint"]
@@ -386,6 +391,9 @@ def test_clamped_faces_are_seen_where_regions_overlap(plate):
         np.all(clamped | (paint == Color(LOADED).int_rgb).all(axis=1)) and not alone.mesh.n_points
     )
     assert 0.25 < body.mesh.points[body.mesh.regular_faces[clamped]][..., 0].max() < 0.35
+    assert (
+        rim.symbol and np.ptp(rim.mesh.points[:, 0]) == 0.0 and 0.25 < rim.mesh.points[0, 0] < 0.35
+    )
 
 
 def test_axis_passes_what_turns_about_it_and_points_along_the_axis():
@@ -412,6 +420,16 @@ def test_second_panel_shows_what_lies_beyond_the_picture(grid, distance, panels,
     assert "axis of rotation, 100 rpm" in [text.get_text() for text in legend.get_texts()]
     assert not panels or shown_in_panel(figure, COLOURS["rotation"])
     drawn(figure, tmp_path)
+
+
+def test_second_panel_beside_a_tall_body_is_whole(grid):
+    tall = replace(grid, points=grid.points[:, [1, 2, 0]])
+    view = view_of(surface_of(tall))
+    axis = axis_mark(tall.points.mean(axis=0) + 2.5 * view.right, view.up)
+    figure = setup_figure(tall, [axis], "a tall plate")
+    figure.draw_without_rendering()
+    (panel,) = figure.axes[0].child_axes
+    assert panel.get_window_extent().x1 <= figure.bbox.x1
 
 
 def shown_in_panel(figure, colour):

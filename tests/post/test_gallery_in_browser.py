@@ -111,7 +111,8 @@ def test_report_has_no_error_in_a_browser_and_its_body_turns(
         before = browser.execute_script(TITLES, True)
         assert before.count("The motion at") == 1
         wait.until(lambda found: found.execute_script(TITLES, False) != before)
-    assert picture(browser).size and not severe(browser)
+    wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert picture(browser).size and not severe(browser) and not browser.execute_script(wide)
 
 
 @pytest.mark.slow

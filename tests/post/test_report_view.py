@@ -49,7 +49,7 @@ def test_view_says_how_many_shapes_it_leaves_out(monkeypatch: pytest.MonkeyPatch
     fields = {label: solid.field(solid.equilibrium) for label in ("1V", "2V", "3V")}
     monkeypatch.setattr(body_pictures, "shapes", lambda _: {"normal_modes": fields})
     for most, said in ((3, ""), (2, "2 of 3 shapes")):
-        monkeypatch.setattr(body_pictures, "MOST_SHAPES", most)
+        monkeypatch.setattr(body_pictures.turning, "MOST_SHAPES", most)
         found = body_pictures._turning(study)
         assert found is not None
         setup, *shapes = found[1]

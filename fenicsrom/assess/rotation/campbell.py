@@ -21,7 +21,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
+from fenicsrom.assess.errors.mesh_check import MeshCheck, of_range, of_solid
 from fenicsrom.assess.rotation.critical_speeds import (
     LEAST_MAC,
     Critical,
@@ -174,7 +174,7 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
         log.info(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
     if isinstance(solid, RangeBody):
-        judged = MeshCheck(missing="the model has none of finer elements")
+        judged = of_range(solid.whole)
     else:
         judged = of_solid(
             scene.at_speed(float(speeds[0])),

@@ -22,6 +22,7 @@ class RangeBody:
     Its vectors have the n coordinates of the range model.
 
     Attributes:
+        whole: the range model.
         free: n.
         warnings: sentences for the user.
         equilibrium: (n,) coordinates of the equilibrium.
@@ -30,7 +31,7 @@ class RangeBody:
 
     def __init__(self, whole: RangeModel, omega: float):
         """Store the range model and move to the equilibrium at a speed in rad/s."""
-        self._whole, self.free = whole, whole.model.size
+        self.whole, self.free = whole, whole.model.size
         self.warnings: list[str] = []
         self.spin(omega)
 
@@ -40,9 +41,9 @@ class RangeBody:
         Raises:
             ConvergenceError: there is no equilibrium.
         """
-        self.equilibrium = self._whole.equilibrium(omega)
-        self._stiffness = self._whole.tangent(omega, self.equilibrium)
-        coriolis = self._whole.coriolis
+        self.equilibrium = self.whole.equilibrium(omega)
+        self._stiffness = self.whole.tangent(omega, self.equilibrium)
+        coriolis = self.whole.coriolis
         self.gyroscopic = omega * coriolis if coriolis.size else None
 
     @property
@@ -57,7 +58,7 @@ class RangeBody:
     def eigenmodes(self, inverse: object, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (n, count)."""
         squares, modes = scipy.linalg.eigh(
-            self._stiffness, self._whole.model.mass, subset_by_index=(0, count - 1)
+            self._stiffness, self.whole.model.mass, subset_by_index=(0, count - 1)
         )
         return squares, modes
 
@@ -67,7 +68,7 @@ class RangeBody:
 
     def mass_times(self, block: Array) -> Array:
         """M times a block (n, k)."""
-        return self._whole.model.mass @ block
+        return self.whole.model.mass @ block
 
     def mass_inner(self, a: Array, b: Array) -> Array:
         """Mass inner products aᵀ M b of two blocks."""
@@ -84,7 +85,7 @@ class RangeBody:
 
     def largest(self, block: Array) -> Array:
         """Largest displacement (k,) of a contact point or of the probe in each column (n, k)."""
-        model = self._whole.model
+        model = self.whole.model
         d = model.points.frame.shape[2]
         moved = np.concatenate([model.contact_rows, model.probe]) @ block
         return np.linalg.norm(moved.reshape(-1, d, block.shape[1]), axis=1).max(axis=0, initial=0.0)

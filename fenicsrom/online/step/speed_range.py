@@ -108,6 +108,8 @@ class RangeModel:
         modes: number of normal modes of a model at one speed.
         masters: number of master displacements.
         errors: the errors between the speeds.
+        mesh_errors: (v,) estimated relative errors of the natural frequencies due to the mesh, at
+            the middle speed of the basis; (0,) if they are not estimated.
     """
 
     model: ReducedModel
@@ -119,6 +121,7 @@ class RangeModel:
     modes: int
     masters: int
     errors: RangeErrors
+    mesh_errors: Array
 
     def velocity_matrix(self, omega: float) -> Array:
         """D + Ω G (n, n) at a speed in rad/s; (0, 0) without both."""

@@ -44,8 +44,9 @@ header.
 
 A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
 prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
-(n, n), `range_speeds` (s,), `range_equilibria` (s, n) and `range_errors` (4, k). The other arrays
-are those of its model at the speed of the scene; at another speed they follow from the range model.
+(n, n), `range_speeds` (s,), `range_equilibria` (s, n), `range_errors` (4, k) and
+`range_mesh_errors`. The other arrays are those of its model at the speed of the scene; at another
+speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
@@ -453,6 +454,7 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
             "speeds": whole.speeds,
             "equilibria": whole.equilibria,
             "errors": np.array(whole.errors),
+            "mesh_errors": whole.mesh_errors,
         }
         arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
         header["range"] = {"modes": whole.modes, "masters": whole.masters}
@@ -525,7 +527,7 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
 def _range_model(data: dict[str, Any], scene: Scene, modes: int, masters: int) -> RangeModel:
     """The range model of the arrays of a file."""
     found = {name.removeprefix(RANGE): array for name, array in data.items()}
-    names = "centrifugal", "softening", "coriolis", "speeds", "equilibria"
+    names = "centrifugal", "softening", "coriolis", "speeds", "equilibria", "mesh_errors"
     arrays = {name: found[name] for name in names}
     errors = RangeErrors(*found["errors"])
     return RangeModel(_model(found, scene), **arrays, modes=modes, masters=masters, errors=errors)

@@ -130,7 +130,7 @@ def _deformed(
     parts = [coloured(merge(painted), SIZE, 1.0, colours), drawn_lines(merge(rest), OUTLINE)]
     parts += [drawn_lines(merge(bent)), *(drawn_lines(line, "white", 3.5) for line in white)]
     high = high + step * [columns - 1, 0] + [0.0, step[1] - (high - low)[1]]
-    low = low - step * [0, row]
+    low = low - step * [0.0, row + 0.1 * (row > 0)]
     figure, axis, _ = body_figure(parts, view, low, high, 0.8, wide)
     for (x, y), title in corners:
         axis.text(x, y, title, fontsize=11, va="bottom")

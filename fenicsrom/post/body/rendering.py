@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 TRIAD = 0.18
 """Size of the arrows of the global axes in the lower left corner, relative to the body."""
 
+LEAST_TRIAD = 100.0
+"""Pixels of these arrows from which their names can be read."""
+
 LABEL_MARGIN = 0.1
 """Margin below the label of a colour bar, inches."""
 
@@ -103,7 +106,7 @@ def window_of(
     plotter.clear_actors()
     window: Any = plotter.render_window
     window.SetSize(FINE * size[0], FINE * size[1])  # `window_size` would draw everything
-    triad = TRIAD * view.length / (high - low)
+    triad = np.maximum(TRIAD * view.length / (high - low), LEAST_TRIAD / np.array(size))
     plotter.renderer.axes_widget.SetViewport(0.0, 0.0, *triad)
     drawn = [part for part in parts if part.mesh.n_points]
     for mesh, look, _ in drawn:

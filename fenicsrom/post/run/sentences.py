@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import (
@@ -158,6 +159,7 @@ def rerun_sentences(found: Rerun) -> list[str]:
     told.append(
         support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
     )
+    told += [] if found.stored.whole is None else [of_range(found.stored.whole).sentence()]
     told += out_of_reach(motion, found.stored.model.points)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if found.stresses is None else stress_sentences(found.stresses)
@@ -189,11 +191,8 @@ def range_sentence(stored: StoredModel) -> str | None:
 
 def range_warnings(stored: StoredModel) -> list[str]:
     """Warn of a model for a range of speeds that is less accurate than its basis shall be."""
-    sentence, whole = range_sentence(stored), stored.whole
-    if whole is None or sentence is None:
-        return []
-    accuracy = stored.scene.basis.accuracy
-    if np.max(whole.errors[1:]) <= accuracy:
+    sentence, accuracy = range_sentence(stored), stored.scene.basis.accuracy
+    if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
         return []
     return [f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"]
 

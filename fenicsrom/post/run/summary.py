@@ -133,9 +133,10 @@ def range_summary(stored: StoredModel) -> dict[str, Any]:
     whole, rotation = stored.whole, stored.scene.rotation
     if whole is None or rotation is None:
         return {}
-    found = {"speed_rpm": rotation.speed_rpm, "size": whole.model.size}
+    found: dict[str, Any] = {"speed_rpm": rotation.speed_rpm, "size": whole.model.size}
     rpm = 30.0 / np.pi
     errors = whole.errors._asdict() | {"speeds": rpm * whole.errors.speeds}
+    found["mesh_errors"] = whole.mesh_errors
     return {"range": found | {"speeds_rpm": rpm * whole.speeds, "errors_between": errors}}
 
 

@@ -69,7 +69,9 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     reach = [part.mesh.points for part in around]
     if any(np.any((seen < low) | (seen > high)) for seen in map(view.project, reach)):
         far = replace(view, length=float(np.ptp(np.concatenate(reach), axis=0).max()))
-        figure.set_figwidth(figure.get_figwidth() * (1.0 + OVERVIEW))
+        layout: Any = figure.get_layout_engine()
+        layout.set(rect=(0.0, 0.0, 1.0 / (1.04 + OVERVIEW), 1.0))  # it does not know the panel
+        figure.set_figwidth(figure.get_figwidth() * (1.04 + OVERVIEW))
         panel = axis.inset_axes((1.02, 0.0, OVERVIEW, 1.0))
         show(
             panel,

@@ -70,7 +70,8 @@ def region_colour(mark: Mark) -> str:
 def region_parts(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
     """The body with the faces of its regions in their colours, the clamped ones above the others.
 
-    The nodes of a support or of a plane body that belong to no face of the region are points.
+    The rim of a support is seen through the body. The nodes of a support or of a plane body that
+    belong to no face of the region are points.
     """
     from pyvista import Color, PolyData
 
@@ -85,8 +86,14 @@ def region_parts(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
         paint[faces] = Color(colour).int_rgb
         if flat or mark.kind == "support":
             alone = np.setdiff1d(np.flatnonzero(on), surface.regular_faces[faces])
-            look = {"color": colour, "point_size": 11.0}
-            parts.append(Part(PolyData(surface.points[alone]), look, symbol=not flat))
+            parts.append(
+                painted(PolyData(surface.points[alone]), colour, not flat, point_size=11.0)
+            )
+        if faces.any() and mark.kind == "support":
+            rim = surface.remove_cells(~faces).extract_feature_edges(
+                feature_edges=False, manifold_edges=False
+            )
+            parts.append(painted(rim, colour, True, line_width=3.5))
     body.cell_data["paint"] = paint
     return [Part(body, {"scalars": "paint", "rgb": True}), *parts]
 
