@@ -219,8 +219,9 @@ ADVICE = {
     LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
     OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "
     "or choose a shorter range",
-    REPEATS: "it goes round a closed curve, onto which a step has jumped from another one; more "
-    "time.steps_per_period, or another response.first, may avoid the jump",
+    REPEATS: "it passes its own points again, round a closed curve onto which a step has jumped or "
+    "to and fro where a contact point begins to slip; another response.first, for example beyond "
+    "this place, or more time.steps_per_period may help",
 }
 """Why a curve is incomplete, and what to do, by the reason for which it ends."""
 

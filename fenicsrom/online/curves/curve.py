@@ -26,7 +26,7 @@ END = "end of the range"
 BACK = "back at the start of the range"
 """Reason for which a curve ends that comes back to the value of the parameter where it began."""
 REPEATS = "repeats itself"
-"""Reason for which a curve ends that goes round a closed curve beside its first point."""
+"""Reason for which a curve ends that passes its own points again, but not its first one."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 
