@@ -5,9 +5,10 @@
 Each scene is a beam, planar or spatial, linear or not, with one to ten contact points at random
 places, in random directions, with random preloads or gaps, stiffnesses and friction, and one or two
 loads. The parameter of its curve is the frequency over the lowest resonance, the size of the first
-load, a preload or a friction coefficient. Every tenth point is confirmed: a march of up to 500
-periods that starts 0.1 % beside a stable motion must come nearer, and half the time step must
-change the amplitude of an unstable one by less than `CHANGE`. A curve is one line of the table.
+load, a preload or a friction coefficient. Every tenth point is confirmed by half the time step,
+which must change its amplitude by less than `CHANGE`; the middle one of the stable ones also
+by a march of up to 500 periods that starts 0.1 % beside it and must come nearer. A curve ends at
+the latest after `SECONDS` of CPU time. It is one line of the table.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from fenicsrom.study import build_model
 PARAMETERS = ("frequency", "loads.0.force", "contacts.0.preload", "contacts.0.friction")
 MESHES = Path(__file__).parents[2] / "meshes"
 POINTS = 1000  # largest number of points of a curve
+SECONDS = 150.0  # largest CPU time of a curve, without its confirmation
 PERIODS = 500  # largest number of periods of a march that confirms a point
 BESIDE, NEAR = 1e-3, 1e-5  # distances from a motion, relative to it, at the start and at the end
 CHANGE = 0.1  # of an amplitude by half the time step, as a run accepts it
@@ -118,15 +120,20 @@ def _contact(rng: np.random.Generator, d: int, length: float, height: float) -> 
 
 
 def confirmed(path: Continuation, point: CurvePoint, settings: Any) -> bool:
-    """Whether a march tends to a stable motion, or half the step confirms an unstable one."""
+    """Whether half the step confirms the amplitude of a motion."""
+    steps = 2 * settings.steps_per_period
+    problem = path.family(point.parameter)._replace(time=settings.changed(steps_per_period=steps))
+    fine = Shooting(problem)
+    s = fine.scaled(point.z)
+    near = Continuation(fine, path.family, 0.0, point.parameter, s)
+    other = near.at_parameter(s, point.parameter)
+    top = float(point.amplitude.max())
+    return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
+
+
+def attracts(path: Continuation, point: CurvePoint) -> bool:
+    """Whether a march that starts beside a motion comes nearer to it."""
     problem, shooting, size = path.family(point.parameter), path.shooting, norm(point.s)
-    if not point.stable:
-        steps = 2 * settings.steps_per_period
-        fine = Shooting(problem._replace(time=settings.changed(steps_per_period=steps)))
-        near = Continuation(fine, path.family, 0.0, point.parameter, size)
-        other = near.at_parameter(fine.scaled(point.z), point.parameter)
-        top = float(point.amplitude.max())
-        return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
     s = (1.0 + BESIDE) * point.s
     begin = norm(shooting.march(s, problem, derive=False)[0]) + BESIDE * size
     for _ in range(PERIODS):
@@ -167,11 +174,20 @@ def follow_curve(stored: StoredModel) -> Followed:
     motion = start_motion(stored, family, table.first)
     shooting = shooting_of(stored, family)
     s = shooting.scaled(motion.z)
-    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    path = Continuation(shooting, family, table.low, table.high, s)
     first = path.at_parameter(s, table.first)
     if first is None:
         raise ConvergenceError("the first motion was lost")
-    curve = path.run(first, np.sign(table.last - table.first), points=POINTS)
+    curve, direction = Curve([first]), np.sign(table.last - table.first)
+
+    def limit(point: CurvePoint) -> None:
+        if clock.process_time() - begin > SECONDS:
+            raise TimeoutError
+
+    try:
+        path.run(first, direction, curve=curve, points=POINTS, progress=limit)
+    except TimeoutError:
+        curve.reason = f"{SECONDS:g} CPU seconds"
     return Followed(curve, path, clock.process_time() - begin)
 
 
@@ -194,6 +210,7 @@ def examine(seed: int) -> dict[str, Any]:
     curve = followed.curve
     tenth = curve.points[::10]
     right = sum(confirmed(followed.path, point, scene.time) for point in tenth)
+    stable = [point for point in curve.points if point.stable]
     return found | {
         "end": curve.reason,
         "complete": curve.reason in COMPLETE,
@@ -202,6 +219,8 @@ def examine(seed: int) -> dict[str, Any]:
         "marches": [sum(point.marches[k] for point in curve.points) for k in (0, 1)],
         "seconds": round(followed.seconds, 2),
         "confirmed": f"{right} of {len(tenth)}",
+        "attracts": all(attracts(followed.path, point) for point in stable[len(stable) // 2 :][:1]),
+        "reached": round(curve.points[-1].parameter, 4),
         "events": dict(Counter(point.kind for point in curve.special)),
     }
 

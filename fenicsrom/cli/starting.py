@@ -80,10 +80,10 @@ def changed_model(options: argparse.Namespace, stored: Any) -> Any:
     return stored.with_overrides(options.overrides)
 
 
-def source(options: argparse.Namespace) -> tuple[Any, Any, Scene]:
+def source(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
     """Give the communicator, a scene or a stored model, and its scene.
 
-    A stored model needs no MPI, and has no communicator.
+    A stored model needs no MPI, and has no communicator. Argument `unloaded` as `start`.
     """
     if options.stored:
         from fenicsrom.online.store import archive
@@ -91,7 +91,7 @@ def source(options: argparse.Namespace) -> tuple[Any, Any, Scene]:
         current = changed_model(options, archive.load_model(Path(options.stored)))
         return None, current, current.scene
     require_scene(options)
-    comm, scene = start(options)
+    comm, scene = start(options, unloaded)
     return comm, scene, scene
 
 

@@ -81,6 +81,7 @@ def build_basis(
     labels: Sequence[str],
     inner: Callable[[Array, Array], Array],
     total: Callable[[Array], Array],
+    dependence: float = DEPENDENCE,
 ) -> ReducedBasis:
     """Orthonormalise the vectors and assemble the basis.
 
@@ -92,6 +93,8 @@ def build_basis(
         labels: (k,) labels of the vectors.
         inner: gives the mass inner products of two blocks over all ranks.
         total: sums an array over all ranks.
+        dependence: a vector is dropped if the relative norm of its independent part is at most
+            this.
 
     Returns:
         The basis.
@@ -99,7 +102,9 @@ def build_basis(
     Raises:
         AccuracyError: Bᵀ R differs from [I, 0], or R_s is not orthonormal (`ORTHOGONALITY`).
     """
-    enrichment, names, dropped = _orthonormalised(vectors, labels, masters, rows, inner, total)
+    enrichment, names, dropped = _orthonormalised(
+        vectors, labels, masters, rows, inner, total, dependence
+    )
     m = masters.shape[1]
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
     gram = inner(r, r)
@@ -115,6 +120,7 @@ def _orthonormalised(
     rows: Array,
     inner: Callable[[Array, Array], Array],
     total: Callable[[Array], Array],
+    dependence: float,
 ) -> tuple[Array, list[str], dict[str, float]]:
     """Apply (2) to the vectors, and orthonormalise each vector against the kept ones before it.
 
@@ -136,16 +142,16 @@ def _orthonormalised(
             rest = rest - kept @ inner(kept, rest)
         gram = inner(rest, rest)
         remainder = float(np.sqrt(max(gram[0, 0], 0.0)))
-        if remainder <= DEPENDENCE:
+        if remainder <= dependence:
             dropped[labels[first]] = remainder
             first, rest = first + 1, rest[:, 1:]
             continue
-        block = _normalised(rest, gram)
+        block = _normalised(rest, gram, dependence)
         # the division has amplified rounding errors: restore both properties in turn
         for _ in range(2):
             block = block - masters @ total(rows @ block)
             block = block - kept @ inner(kept, block)
-            block = _normalised(block, inner(block, block))
+            block = _normalised(block, inner(block, block), dependence)
         kept = np.concatenate([kept, block], axis=1)
         names += labels[first : first + block.shape[1]]
         first, rest = first + block.shape[1], rest[:, block.shape[1] :]
@@ -157,16 +163,16 @@ def _norms(vectors: Array, inner: Callable[[Array, Array], Array]) -> Array:
     return np.sqrt(np.maximum(np.diag(inner(vectors, vectors)), 0.0))
 
 
-def _normalised(block: Array, gram: Array) -> Array:
+def _normalised(block: Array, gram: Array, dependence: float) -> Array:
     """The first vectors of a block (local, k) with Gram matrix (k, k), made orthonormal.
 
     The first vector is always taken. The next ones are taken as long as their independent part is
-    at least `WELL_DEFINED` of their own norm and well above `DEPENDENCE`.
+    at least `WELL_DEFINED` of their own norm and well above the `dependence`.
     """
     from scipy.linalg import solve_triangular  # slow to import, and reused bases do not need it
 
     size, taken = gram.shape[0], 1
-    least = np.maximum(WELL_DEFINED**2 * np.diag(gram), (DEPENDENCE / WELL_DEFINED) ** 2)
+    least = np.maximum(WELL_DEFINED**2 * np.diag(gram), (dependence / WELL_DEFINED) ** 2)
     lower = np.zeros((size, size))
     lower[0, 0] = np.sqrt(gram[0, 0])
     for k in range(1, size):

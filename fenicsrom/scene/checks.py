@@ -257,6 +257,29 @@ def _rotation_problems(scene: Scene) -> Problems:
         yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+    if rotation.speeds_rpm is not None:
+        yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
+    """Yield what a model for a range of speeds cannot do."""
+    if not speeds[0] <= speed <= speeds[-1]:
+        allowed = f"must be in the range of rotation.speeds_rpm, {speeds[0]:g} to {speeds[-1]:g}"
+        yield Problem("rotation.speed_rpm", speed, allowed, ErrorKind.RANGE)
+    basis, damping, output = scene.basis, scene.damping, scene.output
+    for key, value, usual in (
+        ("basis.method", basis.method, "rubin"),
+        ("basis.derivatives", basis.derivatives, "principal"),
+        ("basis.elastic_force", basis.elastic_force, "polynomial"),
+        ("damping.stiffness", damping.stiffness, 0.0),
+        ("damping.ratios", damping.ratios, ()),
+        ("output.stresses", output.stresses, "none"),
+        ("reference.full", scene.reference.full, False),
+    ):
+        if value != usual:
+            yield Problem(key, plain(value), "not allowed with rotation.speeds_rpm")
+    for k in scene.followers:
+        yield Problem(f"loads[{k}].follower", True, "must be false with rotation.speeds_rpm")
 
 
 def default_masters(scene: Scene) -> str | int:

@@ -163,7 +163,30 @@ class EngineOrder:
     engine_order: Annotated[int, integer(1, 1000)]
 
 
-Frequency = Annotated[float, number(above=0.0, unit="Hz"), EngineOrder]
+class OrderFrequency(float):
+    """The frequency, in Hz, of an engine order at a speed of rotation; it remembers the order."""
+
+    order: int
+
+    @classmethod
+    def at(cls, order: int, speed_rpm: float) -> OrderFrequency:
+        """The frequency of an engine order at a speed in rev/min."""
+        found = cls(order * abs(speed_rpm) / 60.0)
+        found.order = order
+        return found
+
+
+_HERTZ = number(above=0.0, unit="Hz")
+Frequency = Annotated[
+    float,
+    replace(
+        _HERTZ,
+        read=lambda value, where: (
+            value if isinstance(value, OrderFrequency) else _HERTZ.read(value, where)
+        ),
+    ),
+    EngineOrder,
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,6 +343,16 @@ class Load:
     def frequency(self) -> float | None:
         """The frequency in Hz (at t = 0); None of a load without a frequency."""
         return self.history.frequency if isinstance(self.history, Oscillation) else None
+
+    def at_speed(self, speed_rpm: float) -> Load:
+        """Give this load with its engine order, if it has one, at a speed above 0 in rev/min."""
+        history = self.history
+        if not isinstance(history, Oscillation):
+            return self
+        if not isinstance(history.frequency, OrderFrequency):
+            return self
+        frequency = OrderFrequency.at(history.frequency.order, speed_rpm)
+        return replace(self, history=replace(history, frequency=frequency))
 
     @property
     def static(self) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
 from fenicsrom.scene.headings import titled
-from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
+from fenicsrom.scene.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
 from fenicsrom.scene.meshing import Refinement
 from fenicsrom.scene.overrides import Overrides, override_table
 from fenicsrom.scene.paths import shared_meshes
@@ -157,6 +157,10 @@ def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
 def scene_table(scene: Scene) -> dict[str, Any]:
     """Give the plain data of a scene, fit for JSON; `parse_scene` makes the same scene from it."""
     table: dict[str, Any] = plain(scene)
+    for entry in table["loads"]:
+        if isinstance(frequency := entry.get("frequency"), OrderFrequency):
+            del entry["frequency"]
+            entry["engine_order"] = frequency.order
     return table
 
 
@@ -202,7 +206,7 @@ def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
         allowed = "only allowed with a rotation.speed_rpm other than 0"
         raise place.refuse(given, allowed, ErrorKind.CONFLICT)
     kept = {name: value for name, value in load.items() if name != "engine_order"}
-    return {**kept, "frequency": given * abs(speed) / 60.0}
+    return {**kept, "frequency": OrderFrequency.at(given, speed)}
 
 
 def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:

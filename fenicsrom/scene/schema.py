@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -145,6 +145,53 @@ class Contact:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Range:
+    """Equally spaced values.
+
+    Attributes:
+        first: first value.
+        last: last value.
+        number: number of values.
+    """
+
+    first: Annotated[float, number(least=0.0, unit="rev/min")]
+    last: Annotated[float, number(above=0.0, unit="rev/min")]
+    number: Annotated[int, integer(2, 10_000)]
+
+
+def _read_speeds(value: Any, where: Where) -> tuple[float, ...]:
+    """Give ascending speeds from a list or from a table of first, last and number."""
+    if isinstance(value, Mapping):
+        span = read_table(Range, value, where)
+        if span.last <= span.first:
+            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
+        step = (span.last - span.first) / (span.number - 1)
+        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
+    if not rules.is_sequence(value) or len(value) < 2:
+        allowed = "must be a list of at least two speeds, or a table of first, last and number"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    speeds = tuple(number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
+    for index in range(1, len(speeds)):
+        if speeds[index] <= speeds[index - 1]:
+            allowed = f"must be above the previous speed, {speeds[index - 1]:g}"
+            raise where.at(index).refuse(value[index], allowed)
+    return speeds
+
+
+SPEEDS = Rule(
+    _read_speeds,
+    {
+        "oneOf": [
+            {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 2},
+            {"kind": Range},
+        ]
+    },
+    "ascending list of numbers, or { first, last, number }",
+    "rev/min",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Rotation:
     """A steady rotation about a fixed axis.
 
@@ -155,12 +202,15 @@ class Rotation:
         axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
         point: a point of the axis; the origin by default.
         coriolis: whether to include the Coriolis force.
+        speeds_rpm: speeds at which the basis of one model for all speeds between the first and the
+            last one is made, two or three as a rule; by default the model is that of `speed_rpm`.
     """
 
     speed_rpm: Annotated[float, number(unit="rev/min")]
     axis: Annotated[tuple[float, ...] | None, rules.direction] = None
     point: Annotated[tuple[float, ...] | None, rules.point] = None
     coriolis: Annotated[bool, flag] = False
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
 
     @property
     def omega(self) -> float:
@@ -337,58 +387,12 @@ class Compare:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Range:
-    """Equally spaced values.
-
-    Attributes:
-        first: first value.
-        last: last value.
-        number: number of values.
-    """
-
-    first: Annotated[float, number(least=0.0, unit="rev/min")]
-    last: Annotated[float, number(above=0.0, unit="rev/min")]
-    number: Annotated[int, integer(2, 10_000)]
-
-
-def _read_speeds(value: Any, where: Where) -> tuple[float, ...]:
-    """Give ascending speeds from a list or from a table of first, last and number."""
-    if isinstance(value, Mapping):
-        span = read_table(Range, value, where)
-        if span.last <= span.first:
-            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
-        step = (span.last - span.first) / (span.number - 1)
-        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
-    if not rules.is_sequence(value) or len(value) < 2:
-        allowed = "must be a list of at least two speeds, or a table of first, last and number"
-        raise where.refuse(value, allowed, ErrorKind.TYPE)
-    speeds = tuple(number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
-    for index in range(1, len(speeds)):
-        if speeds[index] <= speeds[index - 1]:
-            allowed = f"must be above the previous speed, {speeds[index - 1]:g}"
-            raise where.at(index).refuse(value[index], allowed)
-    return speeds
-
-
-SPEEDS = Rule(
-    _read_speeds,
-    {
-        "oneOf": [
-            {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 2},
-            {"kind": Range},
-        ]
-    },
-    "ascending list of numbers, or { first, last, number }",
-    "rev/min",
-)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Campbell:
     """The diagram of `fenicsrom campbell`.
 
     Attributes:
-        speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation].
+        speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation], or over its
+            range of speeds.
         modes: number of modes, from the lowest one at the first speed.
         engine_orders: numbers of excitations per revolution.
     """
@@ -469,6 +473,19 @@ class Scene:
         if not frequencies or any(load.transient for load in self.loads):
             return None
         return 1.0 / min(frequencies)
+
+    @property
+    def speeds_rpm(self) -> tuple[float, ...] | None:
+        """The speeds of the basis of one model for a range of speeds; None of one for one speed."""
+        return None if self.rotation is None else self.rotation.speeds_rpm
+
+    def at_speed(self, speed_rpm: float) -> Scene:
+        """The scene at another speed of rotation, with the engine orders at a speed above 0."""
+        assert self.rotation is not None
+        loads = self.loads
+        if speed_rpm != 0.0:
+            loads = tuple(load.at_speed(speed_rpm) for load in loads)
+        return replace(self, rotation=replace(self.rotation, speed_rpm=speed_rpm), loads=loads)
 
     @property
     def followers(self) -> tuple[int, ...]:

@@ -230,6 +230,11 @@ def from_keys(kind: type[T], given: Mapping[str, Any]) -> T:
 def without_alternatives(kind: type, table: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Give a table of this kind without the keys that the key `name` excludes."""
     for entry, _ in entries(kind).values():
+        for each in entry.kinds if isinstance(entry, OneOf) else ():
+            for key, (_, instead) in entries(each).items():
+                same = {key, *key_names(instead)} if instead else {key}
+                if name in same:  # keys that replace one another
+                    table = {given: v for given, v in table.items() if given not in same - {name}}
         if isinstance(entry, OneOf) and name in entry.tags:
             present = next((kind for tag, kind in entry.tags.items() if tag in table), None)
             if present is not None and name in key_names(present):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.scene import Scene
 from fenicsrom.study.execution import all_ranks
 from fenicsrom.study.stopwatch import never
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
     from fenicsrom.assess.rotation.campbell import Campbell
     from fenicsrom.assess.studies.compare import Comparison
     from fenicsrom.assess.studies.stability import Matrix
-    from fenicsrom.scene import Overrides, Scene
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.scene import Overrides
 
 
 def statics(
@@ -56,16 +58,17 @@ def statics(
 
 
 def campbell(
-    scene: Scene,
+    given: Scene | StoredModel,
     comm: Any = None,
     *,
     folder: Path | None = None,
 ) -> Campbell:
-    """Compute the Campbell diagram of a scene. Collective.
+    """Compute the Campbell diagram of a scene, or of a stored model for a range of speeds.
 
     Args:
-        scene: a scene with the tables [rotation] and [campbell].
-        comm: MPI communicator; by default all ranks.
+        given: a scene with the tables [rotation] and [campbell], for which the call is collective;
+            or a stored model, which needs no mesh.
+        comm: MPI communicator of a scene; by default all ranks.
         folder: folder of the output files; None writes no files.
 
     Returns:
@@ -78,14 +81,15 @@ def campbell(
     """
     from fenicsrom.assess.rotation import campbell as diagram
 
-    comm = comm or all_ranks()
-    found = diagram.campbell(scene, comm)
+    if isinstance(given, Scene):
+        comm = comm or all_ranks()
+    found = diagram.campbell(given, comm)
     if folder is not None:
         from fenicsrom.post.run.body_pictures import setup_pictures
         from fenicsrom.post.studies.campbell_report import report
 
-        setup = setup_pictures(found.body, scene)
-        if comm.rank == 0:
+        setup = [] if found.body is None else setup_pictures(found.body, found.scene)
+        if comm is None or comm.rank == 0:
             found.files = report(found, setup).write(folder)
     return found
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
+from fenicsrom.study.speed_range import build_range
 from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 from fenicsrom.study.writing import keep_motion
@@ -60,6 +61,14 @@ def run(
     """
     from fenicsrom.records import Study
 
+    if scene.speeds_rpm is not None and not modes_only:
+        raise SceneError(
+            f"{scene.source}: rotation.speeds_rpm: not allowed in this run; build the model with "
+            "build_model (or `fenicsrom run SCENE`), or leave the key out",
+            kind=ErrorKind.CONFLICT,
+            key="rotation.speeds_rpm",
+            source=scene.source,
+        )
     if resume is not None:
         _require_resumable(resume, scene)
     comm = comm or all_ranks()
@@ -174,6 +183,8 @@ def build_model(
             key="basis.elastic_force",
             source=scene.source,
         )
+    if scene.speeds_rpm is not None:
+        return build_range(scene, mesh, comm or all_ranks())
     return stored_model(offline(scene, comm, Stopwatch(), mesh, fresh=fresh))
 
 

@@ -35,6 +35,14 @@ MODES_ONLY = "only the modes are asked for"
 
 def plan(scene: Scene, modes_only: bool = False) -> list[Item]:
     """List the stages of a scene, each followed by its parts."""
+    if scene.speeds_rpm is not None and not modes_only:
+        speeds = ", ".join(f"{speed:g}" for speed in scene.speeds_rpm)
+        reason = f"rotation.speeds_rpm joins {speeds} rpm"
+        model = Item("model for all speeds", True, reason)
+        listed = stages(scene.at_speed(scene.speeds_rpm[-1]))
+        names = "mesh", "solid", "reduced motion", "size", "checks", "numbers", "pictures", "report"
+        kept = [stage for stage in listed if stage.name in names]
+        return [*kept[:2], model, *kept[2:]]
     return [item for stage in stages(scene, modes_only) for item in (stage, *stage.parts)]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.scene import Scene
 from fenicsrom.study.building import resize
-from fenicsrom.study.execution import offline
+from fenicsrom.study.execution import build_model, offline
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
@@ -95,10 +95,17 @@ def source_of(
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.run.sentences import range_warnings
     from fenicsrom.post.run.summary import stored_model
 
     if not isinstance(given, Scene):
-        return Source(given, equilibrium_warnings(given.deformation), None)
+        warnings = [*equilibrium_warnings(given.deformation), *range_warnings(given)]
+        return Source(given, warnings, None)
+    if given.speeds_rpm is not None:
+        stored = build_model(given, comm=comm)
+        if folder is not None:
+            save_model(folder / MODEL, stored)
+        return Source(stored, range_warnings(stored), None)
     built = offline(given, comm, watch, stop=stop, fresh=fresh)
     found = Source(stored_model(built), built.warnings, built)
     if folder is not None and found.first:

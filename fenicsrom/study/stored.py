@@ -43,9 +43,10 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.assess.errors.mesh_check import of_range
     from fenicsrom.assess.errors.plausibility import implausible_loads
     from fenicsrom.online.store.checkpoints import load_start
-    from fenicsrom.post.run.sentences import rerun_left_out, rerun_warnings
+    from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
@@ -55,6 +56,8 @@ def rerun(
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
+    warnings += range_warnings(stored)
+    warnings += [] if stored.whole is None else of_range(stored.whole).warnings(scene)
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)

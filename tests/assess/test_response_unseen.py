@@ -62,7 +62,7 @@ def test_instability_that_long_steps_have_moved_is_contradicted_by_half_the_step
     family = family_of(stored)
     centre = (1.0 + 2.0 * e - (2.0 * np.pi / steps) ** 2 / 12.0) / (2.0 * np.pi)
     shooting = Shooting(family(centre))
-    path = Continuation(shooting, family, 0.1, 0.2, 1.0)
+    path = Continuation(shooting, family, 0.1, 0.2, np.zeros(shooting.map.size))
     points = [
         path.at_parameter(np.zeros(shooting.map.size), centre * (1.0 + share * e))
         for share in (-0.4, -0.2, 0.0, 0.2, 0.4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values
-from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, Curve
+from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, Curve
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,10 @@ class Spot:
 class Toy(ArcLength):
     """The curve of an equation z = (s, p) -> r, J."""
 
-    def __init__(self, equation: Callable[[Array], tuple[Any, Any]], low: float, high: float):
-        super().__init__(low, high, 1.0)
+    def __init__(
+        self, equation: Callable[[Array], tuple[Any, Any]], low: float, high: float, count: int
+    ):
+        super().__init__(low, high, np.eye(count)[0], np.eye(count))
         self.equation = equation
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values:
@@ -52,8 +54,8 @@ def followed(
     **options: Any,
 ) -> Curve:
     """The curve of an equation through a point (s, p) of it."""
-    toy = Toy(equation, *bounds)
     z = np.asarray(start, float)
+    toy = Toy(equation, *bounds, z.size - 1)
     first = toy.at_parameter(z[:-1], float(z[-1]))
     assert first is not None
     return toy.run(first, direction, points=options.pop("points", 400), **options)
@@ -135,6 +137,20 @@ def test_closed_curve_ends_where_it_began() -> None:
     assert found.reason == "closed" and found.points[-1] is found.points[0]
 
 
+def test_curve_that_goes_round_a_closed_curve_beside_its_first_point_ends() -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[0] ** 2 + z[1] ** 2 - 1.0, [2.0 * z[0], 2.0 * z[1]]
+
+    path = Toy(equation, -2.0, 2.0, 1)
+    elsewhere = path.at_parameter(np.array([1.0]), -0.9)
+    begin = path.at_parameter(np.array([1.0]), 0.0)
+    outlier = replace(elsewhere, s=np.array([3.0]))  # from where a step has jumped
+    found = path.run(begin, 1.0, curve=Curve([outlier, begin]), points=400)
+    assert found.reason == REPEATS
+    round_once = len(path.run(begin, 1.0, points=400).points)
+    assert round_once < len(found.points) < round_once + 8
+
+
 def test_curve_that_comes_back_says_so() -> None:
     found = followed(corner(1.0, 2.0), [-0.5, 0.5], (0.5, 3.0))
     assert found.reason == BACK
@@ -155,7 +171,7 @@ def test_curve_that_stops_is_lost_and_keeps_its_points() -> None:
         def values(self, s: Array, parameter: float, *, derive: bool) -> Any:
             return None if s[0] > 0.0 else super().values(s, parameter, derive=derive)
 
-    path = Ending(corner(1.0, -1.0), 0.0, 2.0)
+    path = Ending(corner(1.0, -1.0), 0.0, 2.0, 1)
     found = path.run(path.at_parameter(np.array([-0.5]), 0.5), 1.0)
     assert found.reason == LOST
     assert -1e-6 < found.points[-1].s[0] <= 0.0
@@ -166,11 +182,11 @@ def test_limit_of_points_ends_a_curve_and_it_goes_on() -> None:
         return z[1] - z[0] ** 3 + z[0], [1.0 - 3.0 * z[0] ** 2, 1.0]
 
     whole = followed(equation, [-1.5, -1.875], (-3.0, 2.0))
-    path = Toy(equation, -3.0, 2.0)
+    path = Toy(equation, -3.0, 2.0, 1)
     part = path.run(path.at_parameter(np.array([-1.5]), -1.875), 1.0, points=20)
     assert part.reason == OUT_OF_POINTS and len(part.points) == 20
     kept = [*part.points]
-    Toy(equation, -3.0, 2.0).run(kept[-1], None, curve=part)
+    Toy(equation, -3.0, 2.0, 1).run(kept[-1], None, curve=part)
     assert part.points[:20] == kept and part.reason == END
     assert part.points[-1].s[0] == pytest.approx(whole.points[-1].s[0], rel=1e-9)
 
@@ -189,7 +205,7 @@ def test_slider_that_sticks_rests_until_slip_moves_it(place: float) -> None:
             row = row if r else [0.0, 0.0, 0.0]
             return Values(np.array([s[0] - parameter, r]), np.array([[1, 0, -1.0], row]), None)
 
-    path = Dragged(lambda z: (0.0, 0.0), 0.0, 1.0)
+    path = Dragged(lambda z: (0.0, 0.0), 0.0, 1.0, 2)
     found = path.run(path.at_parameter(np.array([0.0, place]), 0.0), 1.0)
     assert found.reason == END and len(found.points) < 60
     for point in found.points:

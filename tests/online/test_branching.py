@@ -67,7 +67,8 @@ def path_at(
     problem = family(value)
     equation = shooting(problem.model, problem.period, m, **size)
     s = equation.scaled(solve(equation, equation.scaled(start)).z)
-    path = Continuation(equation, family, *bounds, size=max(float(np.linalg.norm(s)), 0.1))
+    size = s if np.linalg.norm(s) > 0.1 else np.full(s.size, 0.1)
+    path = Continuation(equation, family, *bounds, size)
     point = path.at_parameter(s, value)
     assert point is not None
     return path, point
@@ -189,8 +190,7 @@ def test_saddle_is_reached_through_the_fold() -> None:
         assert len(at) == 3
         a, b = at[1]
         share = (value - a.parameter) / (b.parameter - a.parameter)
-        guess = np.append((a.s + share * (b.s - a.s)) / path.size, value / path.range)
-        point = path.correct(guess, np.array([0.0, 0.0, 1.0]), exact=True)
+        point = path.at_parameter(a.s + share * (b.s - a.s), value)
         assert point is not None and point.verdict == "fold"
         limits.append(np.sort(point.multipliers.real))
     np.testing.assert_allclose((4.0 * limits[1] - limits[0]) / 3.0, SADDLE, atol=1e-6)

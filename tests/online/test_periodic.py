@@ -139,3 +139,15 @@ def test_resonance_without_damping_is_not_found() -> None:
             (np.zeros(2), np.zeros(2), np.zeros((0, 2))),
         )
     assert caught.value.decrements == tuple(caught.value.partial) != ()
+
+
+def test_length_of_a_high_mode_that_rings_is_its_amplitude() -> None:
+    """Its free vibration keeps this length; a mode below the load counts by omega."""
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    model = linear_model(np.eye(2), turn @ np.diag([0.25, 400.0]) @ turn.T)
+    found = Shooting(Problem(model, no_contacts(), period_steps(40), 2.0 * np.pi))
+    for phase in (0.0, 0.4, 1.3):
+        z = np.concatenate([turn[:, 1] * np.cos(phase), -20.0 * turn[:, 1] * np.sin(phase)])
+        assert np.linalg.norm(found.weights @ found.scaled(z)) == pytest.approx(1.0, rel=1e-12)
+    slow = np.concatenate([np.zeros(2), 0.5 * turn[:, 0]])
+    assert np.linalg.norm(found.weights @ found.scaled(slow)) == pytest.approx(0.5, rel=1e-12)

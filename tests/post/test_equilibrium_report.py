@@ -19,7 +19,7 @@ from fenicsrom.post.curves.equilibrium_figures import figure
 from fenicsrom.post.curves.equilibrium_report import rows, sentences, special_table, summary
 
 DEMO = Path(__file__).parents[2] / "demos" / "arch_snap.toml"
-COARSE = ("--set", "geometry.parameters.elements_along=8")
+COARSE = ("--set", "geometry.parameters.elements_along=16")
 
 
 @pytest.fixture

@@ -4,11 +4,12 @@ import os
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from test_body_surface import beam_surface
 
 from fenicsrom.post.base import style
 from fenicsrom.post.body.body_view import view_of
-from fenicsrom.post.body.film import FILM_SECONDS, Dots, Film, film_frames, state_rgb, write_film
+from fenicsrom.post.body.film import FILM_SECONDS, Film, film_frames, write_film
 
 LENGTH = 2.0
 STATES = (1, 0, 1, 0)
@@ -23,8 +24,8 @@ def swing(size, name="quadrilateral"):
     tip = np.zeros((4, 1, 3))
     tip[:, 0, 1] = size * phase
     view = view_of(surface, moved=np.array([0.0, 1.0, 0.0]))
-    dots = Dots(np.array([[LENGTH, 0.05, 0.0]]), tip, np.array(STATES)[:, None])
-    return Film(surface, np.linspace(0.1, 0.4, 4), moved, view, dots=dots)
+    place, states = np.array([[LENGTH, 0.05, 0.0]]), np.array(STATES)[:, None]
+    return Film(surface, np.linspace(0.1, 0.4, 4), moved, view, False, tip, place, states)
 
 
 def heights(frames):
@@ -32,7 +33,7 @@ def heights(frames):
     found = []
     for frame, state in zip(frames, STATES, strict=True):
         colour = frame[25:-110, frame.shape[1] // 2 :] / 255.0  # no legend, no colour bar
-        away = np.abs(colour - np.array(state_rgb(state)) / 255.0).max(axis=2)
+        away = np.abs(colour - to_rgb(style.STATES[state][1])).max(axis=2)
         near = away <= 0.1
         assert near.sum() >= 10
         found.append(np.nonzero(near)[0].mean())

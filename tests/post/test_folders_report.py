@@ -51,6 +51,16 @@ def test_page_has_results_differences_and_curves(
     assert {path.name for path in output.iterdir()} == {"report.html", "response.png", "motion.png"}
 
 
+def test_page_refuses_what_one_of_its_runs_refused(folders: list[Path], tmp_path: Path) -> None:
+    found = json.loads((folders[2] / "summary.json").read_text())
+    found["unfinished"] = {"model": "reduced", "reason": "the steps are too long"}
+    (folders[2] / "summary.json").write_text(json.dumps(found))
+    output = tmp_path / "page"
+    assert main(["report", *map(str, folders), "--output", str(output)]) == 0
+    page = (output / "report.html").read_text()
+    assert "Refused, as the computation did not end: motion: the steps are too long" in page
+
+
 def test_differences_are_the_keys_with_other_values(folders: list[Path]) -> None:
     found = [outcome(folder, folder.name) for folder in folders]
     assert differences(found) == [
@@ -62,6 +72,7 @@ def test_differences_are_the_keys_with_other_values(folders: list[Path]) -> None
 def test_curves_lie_over_each_other_and_unstable_parts_are_dashed(folders: list[Path]) -> None:
     found = [outcome(folder, folder.name) for folder in folders[:2]]
     (axis,) = curves_figure(found, "frequency_Hz").axes
+    assert axis.get_xlabel() == "frequency, Hz"
     drawn = [(line.get_linestyle(), *map(list, line.get_data())) for line in axis.lines]
     expected = [
         ("-", [1.0, 2.0], [1.0, 2.0]),

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browser import browser, changed, choose_shape, picture, severe, turn
 
@@ -110,4 +111,22 @@ def test_report_has_no_error_in_a_browser_and_its_body_turns(
         before = browser.execute_script(TITLES, True)
         assert before.count("The motion at") == 1
         wait.until(lambda found: found.execute_script(TITLES, False) != before)
-    assert picture(browser).size and not severe(browser)
+    wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert picture(browser).size and not severe(browser) and not browser.execute_script(wide)
+
+
+@pytest.mark.slow
+def test_page_of_inspected_mesh_has_no_error_in_a_browser_and_turns(
+    tmp_path: Path, browser: Any
+) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    assert main(["inspect", str(DEMOS.parent / "meshes/blade.geo"), "--output", str(tmp_path)]) == 0
+    browser.get((tmp_path / "mesh.html").as_uri())
+    wait = WebDriverWait(browser, 60)
+    wait.until(lambda found: np.std(picture(found)[:, :, 0]) > 5.0)
+    before = picture(browser)
+    assert changed(before, turn(browser, wait, before)) > 1000
+    if folder := os.environ.get("FENICSROM_SCREENSHOTS"):
+        browser.save_screenshot(f"{folder}/inspect.png")
+    assert not severe(browser)

@@ -40,3 +40,21 @@ def test_pictures_of_a_study_have_the_projection_of_its_setup(
     (body,) = study.body
     assert len(seen) == 3 and all(view is body.view for view in seen.values())
     assert body.view.towards[1] < 0.0
+
+
+def test_view_says_how_many_shapes_it_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = beam_scene(3, SMALL, contacts=None, probe={"group": "tip"}, loads=[])
+    solid = make_solid(scene)
+    study = Study(scene, solid=solid)
+    fields = {label: solid.field(solid.equilibrium) for label in ("1V", "2V", "3V")}
+    monkeypatch.setattr(body_pictures, "shapes", lambda _: {"normal_modes": fields})
+    for most, said in ((3, ""), (2, "2 of 3 shapes")):
+        monkeypatch.setattr(body_pictures.turning, "MOST_SHAPES", most)
+        found = body_pictures._turning(study)
+        assert found is not None
+        setup, *shapes = found[1]
+        assert (
+            len(shapes) == most
+            and setup["note"].startswith(said)
+            and bool(setup["note"]) == bool(said)
+        )

@@ -64,6 +64,17 @@ def test_fine_surface_has_fewer_triangles_and_keeps_its_fields() -> None:
     assert np.ptp(coarse.points[:, 0]) == pytest.approx(LENGTH)
 
 
+def test_first_view_shows_all_of_a_tall_body() -> None:
+    surface = beam_surface("hexahedron", LENGTH)
+    surface.points = surface.points[:, [1, 2, 0]]
+    view, still = view_of(surface), np.zeros((1, surface.n_points, 3))
+    setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
+    plot, _ = turning_plot(surface, [setup], [], view)
+    seen = surface.points - plot.camera[:3]
+    slope = seen @ view.up / -(seen @ view.towards)
+    assert np.abs(slope).max() < np.tan(np.radians(0.5 * plot.camera_fov)) < 1.5 * np.ptp(slope)
+
+
 @pytest.fixture
 def report(tmp_path: Path) -> Path:
     """A report with a body, its set-up and one shape."""

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import json
 import math
+import pickle
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,29 @@ def test_engine_order_gives_multiple_of_speed() -> None:
         assert refused(text) == (ErrorKind.CONFLICT, "loads[0].engine_order")
     both = turning.replace("engine_order", "frequency = 2.0\nengine_order")
     assert refused(both) == (ErrorKind.CONFLICT, "loads[0].engine_order")
+
+
+def test_stored_scene_keeps_the_engine_order_until_it_gets_a_frequency() -> None:
+    """Overrides of the plain data of a scene, as a stored model has it."""
+    turning = (
+        RUBBING.replace("frequency = ", "engine_order = 3 #") + "\n[rotation]\nspeed_rpm=60.0\n"
+    )
+    scene = parse(turning)
+
+    def frequency(*overrides: str) -> float | None:
+        table = override_table(scene_table(scene), overrides, "scene")
+        return parse_scene(table, "scene", None).loads[0].frequency
+
+    assert frequency() == 3.0
+    assert frequency("rotation.speed_rpm=-120.0") == 6.0
+    assert frequency("loads.0.frequency=5.0", "rotation.speed_rpm=120.0") == 5.0
+    assert frequency("loads.0.frequency=5.0", "loads.0.engine_order=2") == 2.0
+    assert scene.loads[0].changed(force=2.0).at_speed(120.0).frequency == 6.0
+    assert scene.loads[0].changed(frequency=5.0).at_speed(120.0).frequency == 5.0
+    turned = scene.at_speed(120.0)
+    assert turned.rotation.speed_rpm == 120.0 and turned.loads[0].frequency == 6.0
+    assert scene.at_speed(0.0).loads == scene.loads
+    assert pickle.loads(pickle.dumps(scene)).at_speed(120.0).loads[0].frequency == 6.0
 
 
 def test_demos_match_the_cases_of_the_paper() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, CurvePoint
+from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
 from fenicsrom.online.model.problem import Problem
@@ -41,6 +41,8 @@ ADVICE = {
     "backbone.points allows; raise this number, or lower backbone.last",
     BACK: "the nonlinear mode comes back to its first amplitude, {}, and has no motions of larger "
     "ones; lower backbone.last",
+    REPEATS: "the nonlinear mode goes round a closed curve at a linear amplitude of {}, onto which "
+    "a step has jumped; more time.steps_per_period may avoid the jump",
     "closed": "the nonlinear mode comes back to its own start at {}; lower backbone.last",
 }
 """Why a mode is incomplete, and what to do, by the reason for which it ends."""

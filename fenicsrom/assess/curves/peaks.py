@@ -10,7 +10,7 @@ is followed, too, and the smallest of the larger ones is sought again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +20,11 @@ from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Optimum, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import CurvePoint, norm
+from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, climb
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import log, tell
 from fenicsrom.scene import Scene
 from fenicsrom.scene.curve_checks import keys_over, values_over
 from fenicsrom.scene.units import in_words
@@ -38,28 +39,22 @@ SAME = 1e-9  # relative difference of values below which they are the same
 LARGER = 1e-3  # relative difference by which another motion is larger than the peak
 
 
-def follow_peaks(
-    stored: StoredModel,
-    curve: ResponseCurve,
-    richer: RicherModel | None,
-    say: Callable[[str], None],
-) -> None:
+def follow_peaks(stored: StoredModel, curve: ResponseCurve, richer: RicherModel | None) -> None:
     """Add the peaks over the second number and the optimum to a curve that has its points.
 
     Args:
         stored: the model under the scene of the curve.
         curve: the curve; its peaks may be there in part.
         richer: a model with a richer basis, or None.
-        say: receives a line, or "" where it is only asked whether to stop.
     """
     settings = stored.scene.time
     value, top = own_value(stored), max((p for p in curve.points if p.periods == 1), key=height)
     while True:
         if curve.peaks:
-            _follow(stored, curve.peaks[-1], say)
+            _follow(stored, curve.peaks[-1])
             if curve.optimum is None:
-                say("the smallest peak")
-                curve.optimum = _optimum(stored, curve.peaks, richer, say)
+                log.info("  the smallest peak")
+                curve.optimum = _optimum(stored, curve.peaks, richer)
             if curve.optimum.larger is None or len(curve.peaks) == MOST:
                 return
             value, top = curve.optimum.peak.value, curve.optimum.larger
@@ -70,7 +65,7 @@ def follow_peaks(
         curve.optimum = None
 
 
-def _follow(stored: StoredModel, peaks: list[ForcedPeak], say: Callable[[str], None]) -> None:
+def _follow(stored: StoredModel, peaks: list[ForcedPeak]) -> None:
     """Follow one peak over all values, from the value of its first one to both sides."""
     over = str(response_table(stored.scene).peak_over)
     values = np.geomspace(*peak_range(stored), VALUES)
@@ -78,12 +73,12 @@ def _follow(stored: StoredModel, peaks: list[ForcedPeak], say: Callable[[str], N
     for side in (values[values > start], values[values < start][::-1]):
         for value in map(float, side):
             if all(peak.value != value for peak in peaks):
-                peak = _reached(stored, value, _nearest(peaks, value), HALVINGS, say)
+                peak = _reached(stored, value, _nearest(peaks, value), HALVINGS)
                 if peak is None:
                     break
                 peaks.append(peak)
-                say(
-                    f"{in_words(stored.scene, over, value)}: peak of the probe "
+                log.info(
+                    f"  {in_words(stored.scene, over, value)}: peak of the probe "
                     f"{1e3 * peak.amplitude:.5g} mm at {peak.frequency:.6g} Hz"
                 )
 
@@ -149,7 +144,7 @@ def _peak(
     shooting = Shooting(problem._replace(time=settings))
     z = near.z if richer is None else Richer(family, richer.transfer).start(near, shooting)
     s = shooting.scaled(z)
-    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    path = Continuation(shooting, family, table.low, table.high, s)
     start = path.at_parameter(s, near.parameter)
     if start is None:
         return None
@@ -160,27 +155,26 @@ def _peak(
 
 
 def _reached(
-    stored: StoredModel, value: float, near: ForcedPeak, halvings: int, say: Callable[[str], None]
+    stored: StoredModel, value: float, near: ForcedPeak, halvings: int
 ) -> ForcedPeak | None:
     """The peak at a value from that at another one, if need be by way of values between them."""
-    say("")
+    tell(0.0)
     peak = _peak(stored, value, near.point, stored.scene.time)
     if peak is not None or not halvings:
         return peak
-    middle = _reached(stored, float(np.sqrt(value * near.value)), near, halvings - 1, say)
-    return None if middle is None else _reached(stored, value, middle, halvings - 1, say)
+    middle = _reached(stored, float(np.sqrt(value * near.value)), near, halvings - 1)
+    return None if middle is None else _reached(stored, value, middle, halvings - 1)
 
 
 def _optimum(
     stored: StoredModel,
     followed: list[list[ForcedPeak]],
     richer: RicherModel | None,
-    say: Callable[[str], None],
 ) -> Optimum:
     """The smallest peak, located between its neighbours, with its errors."""
-    best, settings = _smallest(stored, followed, say), stored.scene.time
+    best, settings = _smallest(stored, followed), stored.scene.time
     steps = 2 * (settings.steps_per_period or FALLBACK_STEPS)
-    say("checking the smallest peak with half the step and a richer basis")
+    log.info("  checking the smallest peak with half the step and a richer basis")
     finer = _peak(stored, best.value, best.point, settings.changed(steps_per_period=steps))
     other = None
     if richer is not None:
@@ -193,12 +187,10 @@ def _optimum(
     worst = max((error for error in errors if error is not None), default=0.0)
     level = best.amplitude * (1.0 + worst) / max(1.0 - worst, 0.1)
     within = tuple(_crossing(largest_peaks(followed), best, level))
-    return replace(found, within=within, larger=_larger(stored, best, say))
+    return replace(found, within=within, larger=_larger(stored, best))
 
 
-def _smallest(
-    stored: StoredModel, followed: list[list[ForcedPeak]], say: Callable[[str], None]
-) -> ForcedPeak:
+def _smallest(stored: StoredModel, followed: list[list[ForcedPeak]]) -> ForcedPeak:
     """The smallest of the largest peaks, located between its neighbours."""
     from scipy.optimize import minimize_scalar  # slow to import
 
@@ -213,9 +205,7 @@ def _smallest(
     def size(logarithm: float) -> float:
         nonlocal best
         value = float(np.exp(logarithm))
-        found = [
-            _reached(stored, value, _nearest(one, value), HALVINGS, say) for one in near if one
-        ]
+        found = [_reached(stored, value, _nearest(one, value), HALVINGS) for one in near if one]
         top = max((p for p in found if p is not None), key=lambda p: p.amplitude, default=None)
         if top is None:
             return np.inf
@@ -244,13 +234,13 @@ def _crossing(peaks: list[ForcedPeak], best: ForcedPeak, level: float) -> Iterat
             yield before.value
 
 
-def _larger(stored: StoredModel, best: ForcedPeak, say: Callable[[str], None]) -> CurvePoint | None:
+def _larger(stored: StoredModel, best: ForcedPeak) -> CurvePoint | None:
     """The motion of the largest amplitude on the whole curve of a peak; None: it is the peak."""
     table, family = response_table(stored.scene), family_of(_at(stored, best.value))
     problem = family(best.frequency)
     shooting = Shooting(problem)
     s = shooting.scaled(best.point.z)
-    path = Continuation(shooting, family, table.low, table.high, norm(s))
+    path = Continuation(shooting, family, table.low, table.high, s)
     start = path.at_parameter(s, best.frequency)
     points = (
         []
@@ -263,7 +253,7 @@ def _larger(stored: StoredModel, best: ForcedPeak, say: Callable[[str], None]) -
                 direction,
                 points=table.points,
                 locate=False,
-                progress=lambda point: say(""),
+                progress=lambda point: tell(0.0),
             ).points
         ]
     )

@@ -30,7 +30,7 @@ from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, in
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
+from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.problem import Problem
@@ -219,6 +219,8 @@ ADVICE = {
     LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
     OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "
     "or choose a shorter range",
+    REPEATS: "it goes round a closed curve, onto which a step has jumped from another one; more "
+    "time.steps_per_period, or another response.first, may avoid the jump",
 }
 """Why a curve is incomplete, and what to do, by the reason for which it ends."""
 

@@ -18,13 +18,13 @@ from fenicsrom.assess.curves.response_problem import family_of, shooting_of, sta
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.curves.arc import FIRST_SIZE, oriented
+from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint, norm
+from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import working_time
+from fenicsrom.progress import listening, working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
@@ -67,7 +67,8 @@ def follow_curve(
             raise error
         _follow_more(stored, family, curve, walk)
         if response_table(stored.scene).peak_over is not None:
-            follow_peaks(stored, curve, richer, walk)
+            with listening(lambda _: walk("")):  # it may stop the computation
+                follow_peaks(stored, curve, richer)
         other = None
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)
@@ -108,12 +109,11 @@ def _follow_piece(
     Raises:
         ConvergenceError: the first point was not found.
     """
-    table, path = response_table(stored.scene), _path(stored, family)
+    table = response_table(stored.scene)
+    path = _path(stored, family, piece.points[0] if start is None else start)
     if start is not None:
         piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
         walk.passed()
-    else:
-        path.size = path.least = FIRST_SIZE * norm(piece.points[0].s) or 1.0
     path.run(
         piece.points[-1],
         None,
@@ -134,7 +134,7 @@ def _refine_largest(path: Continuation, piece: Piece) -> None:
 
     k = int(np.argmax([size(point) for point in points]))
     if 0 < k < len(points) - 1:
-        path.size = norm(points[k].s)
+        path.measure(points[k])
         top = path.highest(points[k - 1 : k + 2], size)
         if top is not points[k]:
             way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
@@ -142,20 +142,18 @@ def _refine_largest(path: Continuation, piece: Piece) -> None:
 
 
 def _path(
-    stored: StoredModel, family: Family, motion: CurvePoint | None = None, periods: int = 1
+    stored: StoredModel, family: Family, motion: CurvePoint | PeriodicMotion, periods: int = 1
 ) -> Continuation:
     """The continuation over the range of the scene, measured by the size of a motion."""
-    table, size = response_table(stored.scene), 1.0 if motion is None else norm(motion.s)
-    return Continuation(shooting_of(stored, family, periods), family, table.low, table.high, size)
+    table, shooting = response_table(stored.scene), shooting_of(stored, family, periods)
+    return Continuation(shooting, family, table.low, table.high, shooting.scaled(motion.z))
 
 
 def _first_point(
     path: Continuation, start: PeriodicMotion, value: float, direction: float, scene: Scene
 ) -> CurvePoint:
     """The first point of a piece; arguments and errors as `_follow_piece`."""
-    s = path.shooting.scaled(start.z)
-    path.size = path.least = FIRST_SIZE * norm(s) or 1.0
-    begin = path.at_parameter(s, value)
+    begin = path.at_parameter(path.shooting.scaled(start.z), value)
     if begin is None:
         here = in_words(scene, response_table(scene).parameter, value)
         raise ConvergenceError(f"the motion at {here} was lost")
@@ -192,7 +190,7 @@ def _follow_more(
 
     def start(value: float) -> CurvePoint:
         motion = _start(stored, family, value, progress)
-        return _first_point(_path(stored, family), motion, value, 1.0, stored.scene)
+        return _first_point(_path(stored, family, motion), motion, value, 1.0, stored.scene)
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
     follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())

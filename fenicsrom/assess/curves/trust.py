@@ -300,7 +300,7 @@ def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | Non
         return None
     values, vectors = np.linalg.eig(found)
     along = np.append(np.real(vectors[:, int(np.argmin(np.abs(values - 1.0)))]), 0.0)
-    return path.correct(path.place(here), along / np.linalg.norm(along))
+    return path.correct(path.place(here), path.direction(replace(here, tangent=along)))
 
 
 def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, Continuation]:
@@ -309,8 +309,8 @@ def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, 
     steps = finer * (problem.time.steps_per_period or FALLBACK_STEPS)
     time = problem.time.changed(steps_per_period=steps)
     shooting = Shooting(problem._replace(time=time), point.periods)
-    size = float(np.linalg.norm(shooting.scaled(point.z))) or 1.0
-    return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
+    bounds = 0.0, abs(point.parameter) or 1.0
+    return shooting, Continuation(shooting, family, *bounds, shooting.scaled(point.z))
 
 
 def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:

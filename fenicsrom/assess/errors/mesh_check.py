@@ -19,6 +19,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
 from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_mesh_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.online.step.speed_range import RangeModel
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 
@@ -125,9 +126,12 @@ def of_model(stored: StoredModel) -> MeshCheck:
     """Compare the natural frequencies of a reduced model with those of finer elements.
 
     Args:
-        stored: the model. Without one of finer elements, such as a superelement, it has no
-            estimates; that of a body which is too large for them was said when it was built.
+        stored: the model; of one for a range of speeds, the estimates are those at the middle
+            speed. Without a model of finer elements, such as a superelement, it has no estimates;
+            that of a body which is too large for them was said when it was built.
     """
+    if stored.whole is not None:
+        return of_range(stored.whole)
     if stored.meshes is None:
         return MeshCheck()
     ours, theirs = (
@@ -135,6 +139,13 @@ def of_model(stored: StoredModel) -> MeshCheck:
         for model in stored.meshes[:2]
     )
     return MeshCheck(_relative(ours, theirs))
+
+
+def of_range(whole: RangeModel) -> MeshCheck:
+    """The estimates that a model for a range of speeds holds, at the middle speed of its basis."""
+    if not whole.mesh_errors.size:
+        return MeshCheck(missing="elements of one degree more are too many, or have no equilibrium")
+    return MeshCheck(tuple(map(float, whole.mesh_errors)))
 
 
 def _relative(squares: Array, better: Array) -> tuple[float, ...]:

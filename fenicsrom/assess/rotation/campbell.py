@@ -13,7 +13,7 @@ modes by their shapes at the first speed.
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
+from fenicsrom.assess.errors.mesh_check import MeshCheck, of_range, of_solid
 from fenicsrom.assess.rotation.critical_speeds import (
     LEAST_MAC,
     Critical,
@@ -29,6 +29,7 @@ from fenicsrom.assess.rotation.critical_speeds import (
     critical_speeds,
 )
 from fenicsrom.assess.rotation.mode_names import mode_names
+from fenicsrom.assess.rotation.range_body import RangeBody, range_body
 from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
@@ -39,6 +40,7 @@ from fenicsrom.words import brief
 if TYPE_CHECKING:
     from fenicsrom.fem.body.deformation import DeformationGauge
     from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.store.archive import StoredModel
 
 DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
@@ -54,19 +56,21 @@ class Campbell:
         speeds_rpm: (s,) the speeds that were reached.
         squares: (s, m) omega^2 of each mode, rad^2/s^2; negative where the mode is unstable.
         mac: (s, m) MAC of each mode with itself at the previous speed; 1 at the first.
-        largest: (s,) largest displacement in the equilibrium, m.
-        names: names of the modes, such as 1F; empty if the body does not point away from its axis.
+        largest: (s,) largest displacement in the equilibrium, m; with a model for a range of
+            speeds, that of its contact points and its probe.
+        names: names of the modes, such as 1F; empty if the body does not point away from its axis,
+            and with a model for a range of speeds.
         critical: the critical speeds, in ascending order.
         operating_squares: (m,) omega^2 at the speed of [rotation], rad^2/s^2; None if this speed
             is not within the diagram, or its modes were not found.
         change: largest relative change of a frequency in the last round of the complex modes; None
             without Coriolis force.
         mesh_check: estimated errors of the frequencies at the first speed due to the mesh.
-        unknowns: free unknowns of the mesh.
+        unknowns: free unknowns of the mesh, or coordinates of a model for a range of speeds.
         seconds: run time.
         warnings: sentences for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
-        body: the solid.
+        body: the solid; None with a model for a range of speeds.
         files: the written files, the one to open first at the head.
     """
 
@@ -122,28 +126,37 @@ def hertz(squares: Array) -> Array:
     return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 
 
-def campbell(scene: Scene, comm: Any) -> Campbell:
+def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     """Compute the frequencies of a scene's body at the speeds of its [campbell] table.
 
     Args:
-        scene: a scene with [rotation]; `rotation.speed_rpm` is used only if [campbell] has no
-            speeds.
-        comm: MPI communicator.
+        given: a scene with [rotation], whose `rotation.speed_rpm` is used only if [campbell] has no
+            speeds; or a stored model for a range of speeds, which needs no mesh.
+        comm: MPI communicator of the solid.
 
     Returns:
         The frequencies; `unfinished` holds an error that stopped the computation before the last
         speed.
 
     Raises:
-        SceneError: no rotation, no speed, or more modes than unknowns.
+        SceneError: no rotation, no speed, or more modes than unknowns; or the model is for one
+            speed, or for another range.
         ConvergenceError, AccuracyError: the first speed failed.
     """
     from fenicsrom.fem.body.deformation import DeformationGauge
 
     begin = clock.perf_counter()
+    scene = given if isinstance(given, Scene) else given.scene
     speeds, count = speeds_rpm(scene), scene.campbell.modes
-    solid = _solid_at(float(speeds[0]), scene, comm)
-    gauge = DeformationGauge(solid, _at_speed(scene, float(speeds.max())))
+    gauge: DeformationGauge | None = None
+    solid: Solid | RangeBody
+    if isinstance(given, Scene):
+        body = _solid_at(float(speeds[0]), scene, comm)
+        solid, gauge = body, DeformationGauge(body, scene.at_speed(float(speeds.max())))
+    else:
+        solid = range_body(given, speeds)
+        assert given.whole is not None
+        count = min(count, given.whole.modes)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished: Exception | None = None
     for k, speed in enumerate(speeds):
@@ -160,11 +173,14 @@ def campbell(scene: Scene, comm: Any) -> Campbell:
         shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
         left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
         log.info(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
-    judged = of_solid(
-        _at_speed(scene, float(speeds[0])),
-        solid,
-        (tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]),
-    )
+    if isinstance(solid, RangeBody):
+        judged = of_range(solid.whole)
+    else:
+        judged = of_solid(
+            scene.at_speed(float(speeds[0])),
+            solid,
+            (tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]),
+        )
     reached = speeds[: len(tracked.squares)]
     kept = np.array(tracked.squares)[:, :count]
     found = Campbell(
@@ -173,7 +189,7 @@ def campbell(scene: Scene, comm: Any) -> Campbell:
         kept,
         np.array(tracked.mac)[:, :count],
         np.array(tracked.largest),
-        tracked.names(solid, scene)[:count],
+        [] if isinstance(solid, RangeBody) else tracked.names(solid, scene)[:count],
         [],
         None,
         max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
@@ -182,13 +198,13 @@ def campbell(scene: Scene, comm: Any) -> Campbell:
         0.0,
         [*solid.warnings, *judged.warnings(scene)],
         unfinished,
-        solid,
+        None if isinstance(solid, RangeBody) else solid,
     )
     found.warnings += _warnings(found)
     found.warnings += strain_warnings(
         [
             (f"at {speed:g} rpm", deformed)
-            for speed, deformed in zip(reached, tracked.deformations, strict=True)
+            for speed, deformed in zip(reached, tracked.deformations, strict=False)
         ]
     )
     _find_critical_speeds(found, _Between(solid, reached, tracked))
@@ -218,12 +234,6 @@ def _find_critical_speeds(found: Campbell, between: _Between) -> None:
             found.warnings.append(f"no margins at {speed:g} rpm: {error}")
 
 
-def _at_speed(scene: Scene, speed_rpm: float) -> Scene:
-    """The scene at another speed."""
-    assert scene.rotation is not None
-    return replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm))
-
-
 def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     """Make the mesh and the solid about its equilibrium at this speed.
 
@@ -237,7 +247,7 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     log.info("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     log.info("solid ..")
-    solid = solid_of(_at_speed(scene, speed_rpm), mesh)
+    solid = solid_of(scene.at_speed(speed_rpm), mesh)
     if scene.campbell.modes > solid.free:
         raise SceneError(
             f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
@@ -252,7 +262,7 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
 class _Tracked:
     """The modes of a body at successive speeds, in the order of the modes at the first speed."""
 
-    def __init__(self, count: int, gauge: DeformationGauge):
+    def __init__(self, count: int, gauge: DeformationGauge | None):
         self.count, self.gauge = count, gauge
         self.squares: list[Array] = []
         self.mac: list[Array] = []
@@ -261,7 +271,7 @@ class _Tracked:
         self.changes: list[float] = []
         self.shapes: list[Shapes] = []
 
-    def add(self, solid: Solid) -> None:
+    def add(self, solid: Solid | RangeBody) -> None:
         """Add the modes of the body at its present speed.
 
         Raises:
@@ -277,7 +287,8 @@ class _Tracked:
         self.squares.append(values)
         self.mac.append(common)
         self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
-        self.deformations.append(self.gauge.measure(solid.equilibrium))
+        if self.gauge is not None:
+            self.deformations.append(self.gauge.measure(solid.equilibrium))
         self.changes.append(change)
 
     def names(self, solid: Solid, scene: Scene) -> list[str]:
@@ -295,7 +306,7 @@ class _Tracked:
 class _Between:
     """The modes at any speed, in the order of those at the nearest speed of the diagram."""
 
-    def __init__(self, solid: Solid, speeds: Array, tracked: _Tracked):
+    def __init__(self, solid: Solid | RangeBody, speeds: Array, tracked: _Tracked):
         self.solid, self.speeds, self.tracked = solid, speeds, tracked
         self._found: dict[float, tuple[Array, Array]] = {}
 
@@ -333,6 +344,9 @@ def speeds_rpm(scene: Scene) -> Array:
         )
     if scene.campbell.speeds_rpm is not None:
         return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
+    if scene.rotation.speeds_rpm is not None:
+        first, *_, last = scene.rotation.speeds_rpm
+        return np.linspace(first, last, 13, dtype=np.float64)
     if not scene.rotation.speed_rpm > 0.0:
         raise SceneError(
             f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "

@@ -21,9 +21,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.reduction.modes import close_frequency_groups
-from fenicsrom.reduction.projection import projected_gyroscopic
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.rotation.range_body import RangeBody
     from fenicsrom.fem.solid.solid import Solid
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
@@ -35,7 +35,7 @@ COMPLEX_TOLERANCE = 1e-8
 COMPLEX_ROUNDS = 12
 
 
-def modes_at_speed(solid: Solid, count: int) -> tuple[Array, Shapes, float]:
+def modes_at_speed(solid: Solid | RangeBody, count: int) -> tuple[Array, Shapes, float]:
     """The lowest modes about the present equilibrium, complex with the Coriolis force.
 
     Args:
@@ -76,7 +76,7 @@ def modes_at_speed(solid: Solid, count: int) -> tuple[Array, Shapes, float]:
     )
 
 
-def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, Shapes]:
+def _state_space_modes(solid: Solid | RangeBody, space: Array, count: int) -> tuple[Array, Shapes]:
     """The complex modes within an M-orthonormal space (local, k).
 
     With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. That matrix times i is Hermitian,
@@ -92,12 +92,14 @@ def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, S
         raise ConvergenceError(
             "complex modes: the equilibrium is unstable", kind=ErrorKind.INSTABILITY
         ) from None
-    skew = np.block([[np.zeros((k, k)), lower.T], [-lower, -projected_gyroscopic(solid, space)]])
+    skew = np.block(
+        [[np.zeros((k, k)), lower.T], [-lower, -solid.inner(space, solid.gyroscopic_times(space))]]
+    )
     values, vectors = np.linalg.eigh(-1j * skew)
     return values[k : k + count], vectors[k:, k : k + count]
 
 
-def _extended(solid: Solid, space: Array, vectors: Array) -> Array:
+def _extended(solid: Solid | RangeBody, space: Array, vectors: Array) -> Array:
     """Extend an M-orthonormal space by the vectors that it does not contain yet."""
     sizes = np.sqrt(np.diag(solid.mass_inner(vectors, vectors)))
     vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
@@ -111,7 +113,7 @@ def _extended(solid: Solid, space: Array, vectors: Array) -> Array:
     return np.concatenate([space, np.linalg.solve(lower, added.T).T], axis=1)
 
 
-def _hermitian(solid: Solid, a: Shapes, b: Shapes) -> Shapes:
+def _hermitian(solid: Solid | RangeBody, a: Shapes, b: Shapes) -> Shapes:
     """a^H M b of real or complex blocks (local, k) and (local, l)."""
     if not (np.iscomplexobj(a) or np.iscomplexobj(b)):
         return solid.mass_inner(a, b)
@@ -125,7 +127,7 @@ def _hermitian(solid: Solid, a: Shapes, b: Shapes) -> Shapes:
 
 
 def follow(
-    solid: Solid, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
+    solid: Solid | RangeBody, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
 ) -> tuple[Array, Shapes, Array]:
     """Sort the modes at one speed in the order of the modes at the previous speed.
 

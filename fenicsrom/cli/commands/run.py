@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import (
@@ -22,6 +24,10 @@ from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 
+if TYPE_CHECKING:
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.scene import Scene
+
 RESUME = Argument(
     "--resume",
     metavar="CHECKPOINT",
@@ -32,9 +38,11 @@ RESUME = Argument(
 def run(options: argparse.Namespace) -> int:
     """Run a scene or a stored model."""
     if options.stored:
-        return _rerun(options)
+        return _from_model(options)
     require_scene(options)
     comm, scene = start(options)
+    if scene.speeds_rpm is not None:
+        return _of_range(options, comm, scene)
     from fenicsrom.post.base.directions import direction_names
     from fenicsrom.post.run import motion_table, sentences
 
@@ -56,14 +64,12 @@ def run(options: argparse.Namespace) -> int:
         return end(comm, found.unfinished[1] if found.unfinished else None)
 
 
-def _rerun(options: argparse.Namespace) -> int:
+def _from_model(options: argparse.Namespace) -> int:
     """Integrate a stored model again."""
     from dataclasses import replace
 
     with importing():
         from fenicsrom.online.store import archive, checkpoints
-        from fenicsrom.post.base.directions import direction_names
-        from fenicsrom.post.run import motion_table, sentences
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -71,19 +77,43 @@ def _rerun(options: argparse.Namespace) -> int:
         stored = replace(stored, scene=checkpoints.load_scene(resume))
     current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
-        found = study.rerun(
-            current,
-            folder,
-            resume=resume,
-            stop=is_terminated,
-            given=given_keys(options),
-        )
-        sizes = {"reduced": found.stored.size}
-        names = direction_names(current.scene, current.model.points)
-        table = motion_table.response_table({"reduced": found.motion}, sizes, names, current.scene)
-        lines = sentences.rerun_sentences(found)
-        print_results(current.scene, table, found.warnings, lines, found.files)
-        return end(None, found.unfinished)
+        return _rerun(current, folder, resume, given_keys(options))
+
+
+def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
+    """Build the model for a range of speeds, and integrate it at the speed of the scene."""
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+
+    resume = Path(options.resume) if options.resume else None
+    with opened(options, scene, comm) as folder:
+        stored = study.build_model(scene, comm=comm)
+        save_model(folder / MODEL, stored)
+        return _rerun(stored, folder, resume, more=[folder / MODEL])
+
+
+def _rerun(
+    stored: StoredModel,
+    folder: Path,
+    resume: Path | None,
+    given: Collection[str] = (),
+    more: Sequence[Path] = (),
+) -> int:
+    """Integrate a stored model and print its results, with more written files.
+
+    Other arguments as `fenicsrom.study.rerun`.
+    """
+    with importing():
+        from fenicsrom.post.base.directions import direction_names
+        from fenicsrom.post.run import motion_table, sentences
+
+    found = study.rerun(stored, folder, resume=resume, stop=is_terminated, given=given)
+    scene, sizes = stored.scene, {"reduced": found.stored.size}
+    names = direction_names(scene, stored.model.points)
+    table = motion_table.response_table({"reduced": found.motion}, sizes, names, scene)
+    lines = sentences.rerun_sentences(found)
+    print_results(scene, table, found.warnings, lines, [*found.files, *more])
+    return end(None, found.unfinished)
 
 
 COMMAND = Command(

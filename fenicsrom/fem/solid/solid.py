@@ -520,6 +520,19 @@ class Solid(ElasticBody):
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
+    def unload(self) -> None:
+        """Take the undeformed body at rest in place of the equilibrium, for polynomials about it.
+
+        K, its factor and the damping stay those of the last equilibrium.
+        """
+        assert self.rotation is not None
+        self.rotation.set_speed(0.0)
+        self.equilibrium = np.zeros(self.local)
+        if self.gyroscopic is not None:
+            self.gyroscopic.destroy()
+            self.gyroscopic = None
+        self._set_follower_loads()
+
     def _move(
         self,
         u: Array,

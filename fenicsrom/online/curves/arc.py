@@ -2,7 +2,7 @@
 
 The curve of r(s, p) = 0 is followed along its arc, with
 
-    |(ds, dp)|^2 = |ds|^2 / size^2 + dp^2 / range^2,    J = [dr/ds, dr/dp].                      (1)
+    |(ds, dp)|^2 = |W ds|^2 / size^2 + dp^2 / range^2,    J = [dr/ds, dr/dp].                    (1)
 
 Where a contact point changes its state, the tangent of the curve jumps: the curve has a corner. Let
 v be the unit null vector of J with det [J; v] > 0. Along the curve of a piecewise smooth map the
@@ -28,7 +28,16 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, Curve, hermite, norm
+from fenicsrom.online.curves.curve import (
+    BACK,
+    END,
+    LOST,
+    OUT_OF_POINTS,
+    REPEATS,
+    Curve,
+    hermite,
+    norm,
+)
 from fenicsrom.online.periodic.shooting import hold_sliders
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.05, 1e-7  # along a curve, with the lengths (1)
@@ -44,6 +53,7 @@ STRAIGHT, EASY = 0.98, 4  # cosine and corrections of a curve that goes straight
 FIRST_SIZE = 2.0  # least size in (1), in parts of that of the first point
 REMEASURED = 1.3  # change of the motion after which lengths are measured by its new size
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
+REPEATED = 3  # so many points that a curve passes again show that it goes round and round
 
 LOCATED = 1e-3
 """How closely the highest point is located, as a part of the arc of two steps that holds it.
@@ -83,7 +93,7 @@ class Place(NamedTuple):
     """A solution of the equations, as it is found.
 
     Attributes:
-        y: (n + 1,) s / size and p / range.
+        y: (n + 1,) W s / size and p / range.
         tangent: (n + 1,) v, with the lengths (1).
         residual: relative to s.
         jacobian: (n, n + 1) J where the derivative was taken last, of s and p.
@@ -113,7 +123,7 @@ class ArcLength:
         low: where the range of the parameter starts.
         high: where it ends.
         range: its width.
-        size: of s, which measures lengths; `run` keeps it near the size of the present point.
+        size: of W s, which measures lengths; `run` keeps it near that of the present point.
         least: smallest size.
         step: size of the next step.
     """
@@ -122,10 +132,11 @@ class ArcLength:
     sliders: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     """The equations and unknowns that are sliders of contact points."""
 
-    def __init__(self, low: float, high: float, size: float):
-        """Set the range of the parameter, and the size of s from that of the first point."""
+    def __init__(self, low: float, high: float, s: Array, weights: Array):
+        """Set the range of the parameter, the first s (n,), and the weights W (n, n)."""
         self.low, self.high, self.range = low, high, high - low
-        self.size = self.least = FIRST_SIZE * size
+        self.size = self.least = FIRST_SIZE * norm(weights @ s) or 1.0
+        self._weights, self._inverse = weights, np.linalg.inv(weights)
         self._evaluations = [0, 0]
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
@@ -144,25 +155,32 @@ class ArcLength:
     # ------------------------------------------------------------------ places
 
     def place(self, point: Point) -> Array:
-        """The unknowns y (n + 1,) of a point: s / size and p / range."""
-        return np.concatenate([point.s / self.size, [point.parameter / self.range]])
+        """The unknowns y (n + 1,) of a point: W s / size and p / range."""
+        return self._unknowns(point.s, point.parameter)
+
+    def _unknowns(self, s: Array, parameter: float) -> Array:
+        return np.append(self._weights @ s / self.size, parameter / self.range)
+
+    def variables(self, y: Array) -> tuple[Array, float]:
+        """The variables s (n,) and p of unknowns y (n + 1,)."""
+        return self._inverse @ y[:-1] * self.size, float(y[-1] * self.range)
 
     def direction(self, point: Point) -> Array:
         """The unit tangent (n + 1,) at a point, with the lengths (1)."""
-        found = np.append(point.tangent[:-1] / self.size, point.tangent[-1] / self.range)
+        found = self._unknowns(point.tangent[:-1], point.tangent[-1])
         return np.asarray(found / norm(found))
 
     def at_parameter(self, s: Array, value: float) -> Point:
         """The point at a value of the parameter near s (n,); None if it is not found."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
-        return self.correct(np.append(s / self.size, value / self.range), along, exact=True)
+        return self.correct(self._unknowns(s, value), along, exact=True)
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> Point:
         """The point of the curve on the plane through y normal to `along`; None if not found.
 
         Args:
-            y: (n + 1,) s / size and p / range.
+            y: (n + 1,) W s / size and p / range.
             along: (n + 1,) unit normal; a unit vector of p keeps the parameter.
             exact: whether the derivative is taken at the very point.
         """
@@ -179,7 +197,7 @@ class ArcLength:
     def _at(self, y: Array, *, derive: bool) -> Values | None:
         self._evaluations[0] += 1
         self._evaluations[1] += derive
-        return self.values(y[:-1] * self.size, float(y[-1] * self.range), derive=derive)
+        return self.values(*self.variables(y), derive=derive)
 
     def _corrected(self, y: Array, along: Array, tolerance: float, *, exact: bool) -> Place | None:
         """The solution on the plane through y (n + 1,) normal to `along`; None if not found.
@@ -230,6 +248,7 @@ class ArcLength:
         """J (n, n + 1) with the lengths (1), in which sliders that stick rest; their number."""
         found = jacobian.copy()
         free = hold_sliders(found, self.sliders)
+        found[:, :-1] = found[:, :-1] @ self._inverse
         found[:, -1] *= self.range / self.size
         return found, free
 
@@ -303,13 +322,13 @@ class ArcLength:
             locate: whether to locate special points.
             progress: called with each point.
         """
-        here, self.step = start, FIRST_STEP
+        here, self.step, self._repeated = start, FIRST_STEP, 0
         if direction is not None and start.tangent[-1] * direction < 0.0:
             here = oriented(start, -start.sense)
         curve = Curve([here]) if curve is None else curve
         curve.reason = "interrupted"
         while len(curve.points) < points:
-            self._measure(here)
+            self.measure(here)
             step = min(self.step, largest_step)
             made = self._next(here, step)
             found = None if made is None else made[0]
@@ -339,9 +358,9 @@ class ArcLength:
         curve.reason = OUT_OF_POINTS
         return curve
 
-    def _measure(self, here: Point) -> None:
+    def measure(self, here: Point) -> None:
         """Measure lengths by the size of a point, where it has changed."""
-        now = max(norm(here.s), self.least)
+        now = max(norm(self._weights @ here.s), self.least)
         if not 1.0 / REMEASURED <= now / self.size <= REMEASURED:
             self.size = now
 
@@ -382,7 +401,11 @@ class ArcLength:
         if len(curve.points) > 2 and self._passes(curve.points[:2], before, found):
             curve.points.append(curve.points[0])
             return "closed"
-        return ""
+        low, high = sorted((before.parameter, found.parameter))
+        for k, point in enumerate(curve.points[1:-2], 1):
+            if low <= point.parameter <= high:
+                self._repeated += self._passes(curve.points[k : k + 2], before, found)
+        return REPEATS if self._repeated >= REPEATED else ""
 
     def _passes(self, home: list[Point], before: Point, found: Point) -> bool:
         """Whether the curve passes the first of two points in their direction."""

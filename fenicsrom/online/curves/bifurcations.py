@@ -7,7 +7,7 @@ Between two points of a curve there is a special point where
   the circle tells the kind. A multiplier that crosses at +1 away from a fold marks a branch point.
   If it crosses in a jump, which the derivative of a motion with contact may do where a contact
   state first occurs, the bifurcation is non-smooth;
-- a contact state first or last occurs at a contact point
+- a contact state first or last occurs anywhere in a contact of the scene
   (`fenicsrom.online.curves.contact_events`).
 
 Each is a change of sign of a function of the motion, bracketed on the curve itself by the secant
@@ -21,6 +21,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import SMOOTH, STRAIGHT, oriented
@@ -36,6 +37,7 @@ STEEP = 0.1  # least cosine between a plane's normal and the tangent along which
 REAL = 1e-6  # angle of a multiplier below which it counts as real
 
 Test = Callable[[CurvePoint], float]
+Margins = Callable[[CurvePoint], Array]
 
 
 class Path(Protocol):
@@ -51,21 +53,27 @@ class Path(Protocol):
         """The unit tangent (N + 1,) at a point."""
 
 
-def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
+def special_points(
+    path: Path, a: CurvePoint, b: CurvePoint, contacts: NDArray[np.int64]
+) -> list[CurvePoint]:
     """The special points between two points of a curve, in their order.
 
     Args:
         path: finds points of the curve.
         a: a point.
         b: the next point; the tangents of both point along the path.
+        contacts: (P,) number of the contact to which each contact point belongs.
 
     Returns:
         The special points; one that could not be located is an end of its bracket.
     """
     found: list[CurvePoint] = []
-    for kind, contact, test in _changes(a, b):
-        bracket = change_of_sign(path, test, a, b)
-        found.append(replace(bracket.nearest, kind=kind, contact=contact))
+    if a.tangent[-1] * b.tangent[-1] < 0.0:
+        fold = change_of_sign(path, lambda point: float(point.tangent[-1]), a, b).nearest
+        found.append(replace(fold, kind="fold"))
+    for kind, margins in _contact_changes(a, b, contacts):
+        nearest = change_of_sign(path, _largest(margins), a, b).nearest
+        found.append(replace(nearest, kind=kind, contact=int(np.argmax(margins(nearest)))))
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in _crossings(path, a, b):
         apart = [norm(path.place(point) - fold) for fold in folds]
@@ -77,29 +85,32 @@ def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]
     return sorted(found, key=lambda point: float(chord @ path.place(point)))
 
 
-def _changes(a: CurvePoint, b: CurvePoint) -> Iterator[tuple[str, int, Test]]:
-    """Kind, contact point and test function of the fold and the contact events between a and b."""
-    if a.tangent[-1] * b.tangent[-1] < 0.0:
-        yield "fold", -1, lambda point: float(point.tangent[-1])
-    for p in map(int, np.flatnonzero(a.states != b.states)):
-        touches = [bool(point.states[p] & (SLIPS | STICKS)) for point in (a, b)]
-        opens = [bool(point.states[p] & OPENS) for point in (a, b)]
-        slips = [bool(point.states[p] & SLIPS) for point in (a, b)]
+def _contact_changes(
+    a: CurvePoint, b: CurvePoint, contacts: NDArray[np.int64]
+) -> Iterator[tuple[str, Margins]]:
+    """Kind of each contact event between a and b, and how far its contact is from it."""
+    for contact in np.unique(contacts):
+        mine = contacts == contact
+        bits = [int(np.bitwise_or.reduce(point.states[mine])) for point in (a, b)]
+        touches, opens, slips = (
+            [bool(had & state) for had in bits] for state in (SLIPS | STICKS, OPENS, SLIPS)
+        )
         if touches[0] != touches[1]:
-            yield _end(touches, "touch"), p, _extreme("touch", p)
+            yield _end(touches, "touch"), _margins("touch", mine)
         if opens[0] != opens[1]:
-            yield _end(opens, "lift-off"), p, _extreme("lift_off", p)
+            yield _end(opens, "lift-off"), _margins("lift_off", mine)
         if slips[0] != slips[1] and all(touches):
-            yield _end(slips, "slip"), p, _extreme("slip", p)
+            yield _end(slips, "slip"), _margins("slip", mine)
 
 
-def _extreme(name: str, p: int) -> Test:
-    """The function that reads a field of `Extremes` at a contact point."""
+def _margins(name: str, mine: NDArray[np.bool_]) -> Margins:
+    """The function that reads a field of `Extremes` at the points of a contact."""
+    return lambda point: np.where(mine, getattr(point.extremes, name), -np.inf)
 
-    def test(point: CurvePoint) -> float:
-        return float(getattr(point.extremes, name)[p])
 
-    return test
+def _largest(margins: Margins) -> Test:
+    """The function that is positive if one of the margins is."""
+    return lambda point: float(margins(point).max())
 
 
 def _end(occurs: list[bool], what: str) -> str:

@@ -45,8 +45,8 @@ def bracketed(
 
     The secant method keeps a distance from the ends of the bracket, so that both ends come near.
     The value at an end that stays twice is halved (Illinois), and a bracket that three evaluations
-    did not halve is bisected. After a bisection, a bracket that one evaluation did not halve is
-    bisected: a function that jumps from a tiny value to a large one needs many bisections.
+    did not halve is bisected. If the next evaluation does not halve it either, it is bisected twice
+    as often before the secant method is tried again: a function that jumps needs bisections only.
 
     Args:
         between: gives the point of the curve at a distance from a, between two points at two
@@ -63,11 +63,14 @@ def bracketed(
     """
     points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
     ends, slow, width, moved = [0.0, length], 0, length, -1
+    often, left = 1, 0  # bisections of the next series, and of the present one
     for _ in range(EVALUATIONS):
         if ends[1] - ends[0] <= narrow:
             break
         low, high = (value * weight for value, weight in zip(values, weights, strict=True))
-        bisects = slow >= 3 or low == high
+        if slow >= 3 and not left:
+            left, often = often, 2 * often
+        bisects = left > 0 or low == high
         if bisects:
             arc = 0.5 * (ends[0] + ends[1])
         else:
@@ -84,9 +87,10 @@ def bracketed(
         if side == moved:
             weights[1 - side] *= 0.5
         moved = side
-        slow += 1
+        left, slow = max(left - bisects, 0), slow + (not bisects)
         if ends[1] - ends[0] <= 0.5 * width:
-            slow, width = 2 if bisects else 0, ends[1] - ends[0]
+            width = ends[1] - ends[0]
+            slow = 2 if bisects else 0
     if ends[1] - ends[0] > max(narrow, lost):
         return None
     return Bracket(points[0], points[1], (values[0], values[1]))

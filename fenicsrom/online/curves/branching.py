@@ -12,6 +12,7 @@ problem.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.online.curves.curve import Curve, CurvePoint, norm
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import force_family
 from fenicsrom.online.periodic.shooting import Shooting
@@ -46,18 +47,17 @@ def branch(
         The continuation of the branch and its first point, whose tangent points away from the
         curve; None if no branch was found.
     """
-    path.size = float(np.linalg.norm(point.s))
     direction = _eigenvector(path, point)
     if direction is None:
         return None
-    other = Continuation(shooting, path.family, path.low, path.high, path.size)
-    along = np.append(sense * direction, 0.0)
+    other = Continuation(shooting, path.family, path.low, path.high, point.s)
+    along = other.direction(replace(point, tangent=np.append(sense * direction, 0.0)))
     for distance in SWITCH:
         start = other.correct(other.place(point) + distance * along, along, exact=True)
         if start is None or not path.low <= start.parameter <= path.high:
             continue
         same = path.at_parameter(point.s, start.parameter)
-        apart = np.inf if same is None else float(np.linalg.norm(same.s - start.s)) / path.size
+        apart = np.inf if same is None else norm(other.place(same) - other.place(start))
         if apart > APART * distance:
             turn = float(np.sign(start.tangent @ along)) or 1.0
             return other, oriented(start, turn * start.sense)
@@ -65,7 +65,7 @@ def branch(
 
 
 def _eigenvector(path: Continuation, point: CurvePoint) -> Array | None:
-    """The real unit eigenvector (N,) of the multiplier at -1 or 1; None if the march fails."""
+    """The real eigenvector (N,) of the multiplier at -1 or 1; None if the march fails."""
     monodromy = path.monodromy(point)
     if monodromy is None:
         return None
@@ -73,7 +73,7 @@ def _eigenvector(path: Continuation, point: CurvePoint) -> Array | None:
     target = -1.0 if point.kind == "period doubling" else 1.0
     vector = vectors[:, int(np.argmin(np.abs(values - target)))]
     real = np.real(vector * np.exp(-1j * np.angle(vector[np.argmax(np.abs(vector))])))
-    return np.asarray(real / np.linalg.norm(real))
+    return np.asarray(real)
 
 
 def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list[CurvePoint]:
@@ -93,8 +93,7 @@ def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list
         return []
     found: list[CurvePoint] = []
     for direction in (1.0, -1.0):
-        size = float(np.linalg.norm(s))
-        path = Continuation(shooting, family, LEAST_LOAD, LARGEST_LOAD, size)
+        path = Continuation(shooting, family, LEAST_LOAD, LARGEST_LOAD, s)
         start = path.at_parameter(s, 1.0)
         if start is None:
             return found

@@ -17,7 +17,7 @@ from fenicsrom.online.curves.arc import ArcLength, Place, Values
 from fenicsrom.online.curves.bifurcations import change_of_sign, special_points
 from fenicsrom.online.curves.contact_events import occurrences
 from fenicsrom.online.curves.crest import half_range
-from fenicsrom.online.curves.curve import LOST, Curve, CurvePoint, norm
+from fenicsrom.online.curves.curve import LOST, Curve, CurvePoint
 from fenicsrom.online.curves.curve_measures import harmonics, states_over_period
 from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
 from fenicsrom.online.model.problem import Problem
@@ -29,7 +29,7 @@ from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK
 class Continuation(ArcLength):
     """The periodic motions of a family."""
 
-    def __init__(self, shooting: Shooting, family: Family, low: float, high: float, size: float):
+    def __init__(self, shooting: Shooting, family: Family, low: float, high: float, s: Array):
         """Keep the problem.
 
         Args:
@@ -37,9 +37,11 @@ class Continuation(ArcLength):
             family: problems by the parameter.
             low: where the range of the parameter starts.
             high: where it ends.
-            size: of the scaled variables, to weigh them against the parameter.
+            s: (N,) scaled variables of the first motion, whose size is weighed against the range.
         """
-        super().__init__(low, high, size)
+        weights = np.eye(s.size)
+        weights[: shooting.map.size, : shooting.map.size] = shooting.weights
+        super().__init__(low, high, s, weights)
         self.shooting, self.family = shooting, family
         self.sliders = shooting.sliders
 
@@ -64,7 +66,7 @@ class Continuation(ArcLength):
 
     def point(self, place: Place, evaluations: tuple[int, int]) -> CurvePoint:
         """The motion of a solution; arguments as `ArcLength.point`."""
-        s, parameter = place.y[:-1] * self.size, float(place.y[-1] * self.range)
+        s, parameter = self.variables(place.y)
         problem, record, m = self.problem_at(s, parameter), place.detail.record, self.shooting.m
         displacement = record.displacement
         if displacement.shape[1] == 0:
@@ -88,7 +90,7 @@ class Continuation(ArcLength):
             parameter=parameter,
             z=z,
             s=s,
-            tangent=place.tangent * np.append(np.full(s.size, self.size), self.range),
+            tangent=np.append(*self.variables(place.tangent)),
             amplitude=np.ptp(displacement, axis=0) / 2.0,
             peak_force=np.max(record.force[:, :, 0], axis=0, initial=0.0),
             friction_dissipation=float(np.sum(record.friction_dissipation[-1])),
@@ -125,8 +127,9 @@ class Continuation(ArcLength):
         """Points in unstable stretches between two points, and the special points there."""
         guess = self.shooting.guess
         unseen, special = unseen_points(self, before, found), []
+        contacts = self.shooting.problem.model.points.contact
         for first, last in pairwise([before, *unseen, found]):
-            special.extend(special_points(self, first, last))
+            special.extend(special_points(self, first, last, contacts))
         self.shooting.guess = guess  # the curve goes on as if nothing had been sought
         return unseen, special
 
@@ -165,6 +168,6 @@ def follow(
     m = round(start.period / problem.period)
     shooting = Shooting(problem, m)
     s = shooting.scaled(start.z)
-    path = Continuation(shooting, family, *bounds, size=norm(s))
+    path = Continuation(shooting, family, *bounds, s)
     first = path.at_parameter(s, value)
     return Curve(reason=LOST) if first is None else path.run(first, direction, **options)

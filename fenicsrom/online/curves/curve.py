@@ -25,6 +25,8 @@ END = "end of the range"
 """Reason for which a curve ends at a bound of its parameter."""
 BACK = "back at the start of the range"
 """Reason for which a curve ends that comes back to the value of the parameter where it began."""
+REPEATS = "repeats itself"
+"""Reason for which a curve ends that goes round a closed curve beside its first point."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 
@@ -112,9 +114,9 @@ class Curve:
     Attributes:
         points: in the order in which they were found.
         special: located bifurcations and contact events.
-        reason: why the continuation ended: `END`, `BACK`, `OUT_OF_POINTS`, `LOST`, "closed" (the
-            curve returned to its first point), "end of the branch" (a motion of several periods
-            became one of fewer) or "interrupted".
+        reason: why the continuation ended: `END`, `BACK`, `OUT_OF_POINTS`, `LOST`, `REPEATS`,
+            "closed" (the curve returned to its first point), "end of the branch" (a motion of
+            several periods became one of fewer) or "interrupted".
     """
 
     points: list[CurvePoint] = field(default_factory=list)

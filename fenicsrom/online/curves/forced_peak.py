@@ -84,8 +84,8 @@ def forced_peaks(
     for factor in factors:
         by_force = force_family(at_force(1.0)(frequency))
         s = _at_larger_force(shooting, by_force, s, before, factor)
-        size, family = float(np.linalg.norm(s)), at_force(factor)
-        path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
+        bounds = frequency / WINDOW, frequency * WINDOW
+        path = Continuation(shooting, at_force(factor), *bounds, s)
         first = path.at_parameter(s, frequency)
         top, ends = (None, ()) if first is None else climb(path, first, amplitude)
         if top is None:
@@ -127,7 +127,7 @@ def _at_larger_force(
     Raises:
         ConvergenceError: the factor was not reached.
     """
-    path = Continuation(shooting, family, before, factor, float(np.linalg.norm(s)))
+    path = Continuation(shooting, family, before, factor, s)
     first = path.at_parameter(s, before)
     curve = Curve(reason=LOST)
     if first is not None:

@@ -157,7 +157,8 @@ class ModeContinuation(Continuation):
             drift=no_drift(problem.contacts, model.load_histories),
         )
         shooting = Shooting(problem)
-        super().__init__(shooting, lambda _: problem, np.log(first), np.log(last), 1.0)
+        unit = np.eye(shooting.map.size + 2)[0]
+        super().__init__(shooting, lambda _: problem, np.log(first), np.log(last), unit)
         self.mode, self.problem = mode, problem
         zero, pmap = np.zeros(model.size), shooting.map
         self._rest = shooting.scaled(pmap.pack(mode.equilibrium, zero, zero, mode.sliders))

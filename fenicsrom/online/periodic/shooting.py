@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,21 @@ class Shooting:
     def sliders(self) -> NDArray[np.int64]:
         """The variables that are sliders."""
         return np.arange(self.map.blocks * self.map.n, self.map.size)
+
+    @cached_property
+    def weights(self) -> Array:
+        """W (N, N): in the length of W s, velocities count by the amplitudes that they cause.
+
+        L^T v / omega of a mode with a frequency omega_k above omega is multiplied by
+        omega / omega_k, so that a high mode that rings counts as little as it moves.
+        """
+        model, n = self.problem.model, self.problem.model.size
+        inverse, stiffness = np.linalg.inv(np.linalg.cholesky(model.mass)), model.rest_stiffness()
+        squares, shapes = np.linalg.eigh(inverse @ (0.5 * (stiffness + stiffness.T)) @ inverse.T)
+        found = np.eye(self.map.size)
+        ratios = self.omega / np.sqrt(np.maximum(squares, self.omega**2))
+        found[n : 2 * n, n : 2 * n] = (shapes * ratios) @ shapes.T
+        return found
 
     def scaled(self, z: Array) -> Array:
         """Scaled variables s."""

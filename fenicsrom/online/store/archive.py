@@ -42,8 +42,15 @@ Arrays with the prefix `finer_` are those of a model of finer elements, which ju
 (`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
 header.
 
+A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
+prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
+(n, n), `range_speeds` (s,), `range_equilibria` (s, n), `range_errors` (4, k) and
+`range_mesh_errors`. The other arrays are those of its model at the speed of the scene; at another
+speed they follow from the range model.
+
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
-unknowns of the mesh (`dofs`), scene with its source, units and provenance. The entry `digest` is
+unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
+numbers of its modes and masters. The entry `digest` is
 the SHA-256 of all other entries: a file that was changed is refused.
 
 `fenicsrom.online.store.scene_changes` states which keys may change when a stored model runs again.
@@ -69,6 +76,7 @@ from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
@@ -81,6 +89,7 @@ from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 7"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
+RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -117,6 +126,8 @@ class StoredModel:
         further: labels of the other coordinates of the larger model.
         finer: the model of finer elements, which judges the mesh; None if it was not made.
         finer_labels: labels of its coordinates.
+        whole: the model for a range of speeds from which the model at the speed of the scene
+            follows; None of a model for one speed.
     """
 
     model: ReducedModel
@@ -133,6 +144,7 @@ class StoredModel:
     further: tuple[str, ...] = ()
     finer: ReducedModel | None = None
     finer_labels: tuple[str, ...] = ()
+    whole: RangeModel | None = None
 
     @property
     def meshes(self) -> tuple[ReducedModel, ReducedModel, list[int]] | None:
@@ -246,8 +258,36 @@ class StoredModel:
             for name, model in models.items()
         }
         found = replace(self, scene=scene, **changed)
+        if self.whole is not None:
+            whole = replace(self.whole, model=self.whole.model._replace(**changes))
+            found = replace(found, whole=whole)
+            if scene.rotation != self.scene.rotation:
+                found = found.at_speed()
         found.require_size()
         return found
+
+    def at_speed(self) -> StoredModel:
+        """The model at the speed of its scene, made anew from that for the range of speeds.
+
+        It has the coordinates of this model, if there are any of their labels at this speed.
+
+        Raises:
+            ConvergenceError: there is no equilibrium at this speed.
+        """
+        whole, scene = self.whole, self.scene
+        assert whole is not None and scene.rotation is not None
+        interface_modes = isinstance(scene.basis.masters, int)
+        found = whole.at(scene.rotation.omega, interface_modes, scene.geometrically_nonlinear)
+        made = replace(
+            self,
+            model=found.model,
+            candidates=found.candidates if found.further else None,
+            labels=found.labels,
+            further=found.further,
+            frequencies_hz=found.frequencies_hz,
+        )
+        same = self.labels and {*self.labels} <= {*found.labels, *found.further}
+        return made.resized(self.labels) if same else made
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
@@ -405,6 +445,19 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         more = _matrices(stored.finer) | {name: getattr(stored.finer, name) for name in OFFSETS}
         arrays |= {f"{FINER}{name}": array for name, array in more.items()}
         header["finer_labels"] = list(stored.finer_labels)
+    if (whole := stored.whole) is not None:
+        more = _matrices(whole.model) | {name: getattr(whole.model, name) for name in OFFSETS}
+        more |= {
+            "centrifugal": whole.centrifugal,
+            "softening": whole.softening,
+            "coriolis": whole.coriolis,
+            "speeds": whole.speeds,
+            "equilibria": whole.equilibria,
+            "errors": np.array(whole.errors),
+            "mesh_errors": whole.mesh_errors,
+        }
+        arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
+        header["range"] = {"modes": whole.modes, "masters": whole.masters}
     return header, arrays
 
 
@@ -467,7 +520,17 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
         tuple(labels[size:]),
         _model(finer, scene) if finer_labels else None,
         tuple(finer_labels),
+        _range_model(data, scene, **header["range"]) if "range" in header else None,
     )
+
+
+def _range_model(data: dict[str, Any], scene: Scene, modes: int, masters: int) -> RangeModel:
+    """The range model of the arrays of a file."""
+    found = {name.removeprefix(RANGE): array for name, array in data.items()}
+    names = "centrifugal", "softening", "coriolis", "speeds", "equilibria", "mesh_errors"
+    arrays = {name: found[name] for name in names}
+    errors = RangeErrors(*found["errors"])
+    return RangeModel(_model(found, scene), **arrays, modes=modes, masters=masters, errors=errors)
 
 
 def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:

@@ -69,7 +69,7 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:
     """The wanted scene with the folder of the mesh, the damping α and open modes as made.
 
-    The accuracy and the size of the basis may change too.
+    The accuracy and the size of the basis may change too, and the speed of a model for a range.
     """
     basis, geometry = wanted.basis, wanted.geometry
     basis = replace(basis, accuracy=made.basis.accuracy, size=made.basis.size)
@@ -78,7 +78,11 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
     if geometry.mesh.name == made.geometry.mesh.name:
         geometry = replace(geometry, mesh=made.geometry.mesh)
     material = replace(wanted.material, mass_damping=made.material.mass_damping)
-    return replace(wanted, basis=basis, geometry=geometry, material=material)
+    found = replace(wanted, basis=basis, geometry=geometry, material=material)
+    before, rotation = made.rotation, wanted.rotation
+    if before is None or rotation is None or before.speeds_rpm is None:
+        return found
+    return replace(found, rotation=replace(rotation, speed_rpm=before.speed_rpm))
 
 
 def _changed_load_key(made: Load, wanted: Load) -> str | None:

@@ -132,7 +132,8 @@ def _details(plot: Any, labels: Sequence[tuple[str, str]], details: Sequence[Det
     plot.add_tools(TapTool(renderers=[plot.scatter("x", "y", source=points, **ring)]))
     small = []
     for (across, up), source in zip(labels, sources, strict=True):
-        look = {"x_axis_label": across, "y_axis_label": up, "toolbar_location": None}
+        look: dict[str, Any] = {"sizing_mode": "stretch_width", "toolbar_location": None}
+        look |= {"x_axis_label": across, "y_axis_label": up}
         small.append(new_plot(height=240, **look))
         small[-1].line("x", "y", source=source, line_width=2)
         for axis in (*small[-1].xaxis, *small[-1].yaxis):

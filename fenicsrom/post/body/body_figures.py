@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import magnification, new_figure, scale_text, styled
+from fenicsrom.post.base.style import magnification, scale_text, styled
 from fenicsrom.post.body.body_surface import areas, form_edges
 from fenicsrom.post.body.body_view import View, face_on, frame_of, largest_of, view_at, view_of
-from fenicsrom.post.body.rendering import colour_bar, coloured, drawn_lines, show
+from fenicsrom.post.body.rendering import body_figure, colour_bar, coloured, drawn_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +42,9 @@ STEEP = 0.1
 TOWARDS = 0.7
 """Part of the squares of a shape along the line of sight from which its nodal lines are drawn."""
 
+TITLE = 0.25
+"""Height of a title above a body, inches."""
+
 
 @styled
 def shape_figure(
@@ -51,14 +53,14 @@ def shape_figure(
     modes: Collection[str] = (),
     view: View | None = None,
 ) -> Figure:
-    """Draw shapes as deformed bodies, coloured by their displacement, one panel each.
+    """Draw shapes as deformed bodies, coloured by their displacement, one beside another.
 
     The largest displacement is drawn as `SHAPE` of the size of the body. The edges of the
     undeformed body are grey. At most `MOST_SHAPES` shapes are drawn. A plate is seen face-on.
 
     Args:
         surface: the surface, with the displacements (n, 3) as point arrays.
-        titles: name of the displacement -> title of its panel.
+        titles: name of the displacement -> its title.
         modes: names of those that get nodal lines, if they move towards the viewer.
         view: the projection of other bodies; by default the first shape is seen from its side.
     """
@@ -66,67 +68,73 @@ def shape_figure(
     fields = {label: np.asarray(surface.point_data[label]) for label in labels}
     view = face_on(surface) or view or view_of(surface, moved=largest_of(fields[labels[0]]))
     factors = {
-        label: SHAPE * view.length / (_largest(field) or 1.0) for label, field in fields.items()
+        label: SHAPE * view.length / (float(np.linalg.norm(largest_of(field))) or 1.0)
+        for label, field in fields.items()
     }
     nodal = {
         label: line
         for label in labels
         if label in modes and (line := _nodal_lines(surface, fields[label], view)).n_points
     }
-    figure, axes = _panels(surface, factors, view, nodal=nodal)
-    for axis, label in zip(axes, labels, strict=False):
-        axis.set_title(titles[label])
+    figure, axis = _deformed(surface, factors, titles, view, nodal=nodal)
     few = f" ({len(labels)} of {len(titles)} shapes)" if len(titles) > len(labels) else ""
     about = f"displacement / largest of the shape{few}{f'; {NODAL}' * bool(nodal)}\n{NO_SCALE}"
-    colour_bar(figure, figure.axes, 1.0, about)
+    colour_bar(figure, axis, 1.0, about)
     return figure
 
 
-def _panels(
+def _deformed(
     surface: PolyData,
     factors: Mapping[str, float],
+    titles: Mapping[str, str],
     view: View,
     colours: str = "viridis",
-    nodal: Mapping[str, PolyData] = MappingProxyType({}),
-) -> tuple[Figure, Sequence[Axes]]:
-    """Draw deformed bodies, coloured from 0 to their largest value, in panels of one figure.
+    nodal: Mapping[str, PolyData] | None = None,
+) -> tuple[Figure, Axes]:
+    """Draw deformed bodies in rows, each coloured from 0 to its largest value.
 
     Args:
         surface: the surface; its colours are those of the point array `SIZE`, or else of the size
             of the displacement.
         factors: the point array of each displacement (n, 3) -> its factor.
+        titles: the same -> its title.
         view: the projection.
         colours: name of the colour map.
         nodal: lines on the undeformed surface that move with it.
     """
-    edges = form_edges(surface)
-    rest = drawn_lines(edges.translate(-2.0 * view.length * view.towards), OUTLINE)
-    bodies = [surface.warp_by_vector(label, factor=factor) for label, factor in factors.items()]
-    low, high = shown_part(view, [surface.points, *(body.points for body in bodies)])
-    aspect = (high[1] - low[1]) / (high[0] - low[0])
-    columns = min(len(bodies), 2 if aspect < 0.25 else 3 if aspect < 1.0 else 5)
-    rows = -(-len(bodies) // columns)
-    wide = 9.6 / columns if columns > 1 else 8.0 * min(1.0, max(0.6, 1.0 / aspect))
-    figure = new_figure(wide * columns, 1.0 + rows * (wide * aspect + 0.3))
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axis in axes:
-        axis.set_axis_off()
-    for axis, body, (label, factor) in zip(axes, bodies, factors.items(), strict=False):
+    from pyvista import merge
+
+    edges, nodal = form_edges(surface), nodal or {}
+    bodies = {label: surface.warp_by_vector(label, factor=k) for label, k in factors.items()}
+    low, high = frame_of(view, [surface.points, *(body.points for body in bodies.values())])
+    step = high - low
+    columns = min(len(bodies), 2 if step[1] < 0.25 * step[0] else 3 if step[1] < step[0] else 5)
+    wide = 9.6 if columns > 1 else 8.0
+    step[1] += TITLE * columns * step[0] / wide
+    painted, rest, bent, white, corners = [], [], [], [], []
+    for k, (label, body) in enumerate(bodies.items()):
+        row, column = divmod(k, columns)
+        moved = step * [column, -row]
+        place = moved @ np.array([view.right, view.up])
         if SIZE not in body.point_data:
             body.point_data[SIZE] = np.linalg.norm(surface.point_data[label], axis=1)
-        largest = float(body.point_data[SIZE].max()) or 1.0
-        parts = [coloured(body, SIZE, largest, colours), rest]
-        parts.append(drawn_lines(edges.warp_by_vector(label, factor=factor)))
+        found = body.point_data[SIZE]
+        body.point_data[SIZE] = found / (float(found.max()) or 1.0)
+        painted.append(body.translate(place))
+        rest.append(edges.translate(place - 2.0 * view.length * view.towards))
+        bent.append(edges.warp_by_vector(label, factor=factors[label]).translate(place))
         if label in nodal:
-            moved = nodal[label].warp_by_vector(label, factor=factor)
-            parts.append(drawn_lines(moved, "white", 3.5))
-        show(axis, parts, view, low, high, wide)
-    return figure, list(axes)
-
-
-def _largest(displacement: Array) -> float:
-    """The length of the largest of displacements (n, 3)."""
-    return float(np.linalg.norm(displacement, axis=1).max())
+            lines = nodal[label].warp_by_vector(label, factor=factors[label])
+            white.append(lines.translate(place))
+        corners.append((low + moved + [0.0, high[1] - low[1]], titles[label]))
+    parts = [coloured(merge(painted), SIZE, 1.0, colours), drawn_lines(merge(rest), OUTLINE)]
+    parts += [drawn_lines(merge(bent)), *(drawn_lines(line, "white", 3.5) for line in white)]
+    high = high + step * [columns - 1, 0] + [0.0, step[1] - (high - low)[1]]
+    low = low - step * [0.0, row + 0.1 * (row > 0)]
+    figure, axis, _ = body_figure(parts, view, low, high, 0.8, wide)
+    for (x, y), title in corners:
+        axis.text(x, y, title, fontsize=11, va="bottom")
+    return figure, axis
 
 
 def _nodal_lines(surface: PolyData, displacement: Array, view: View) -> PolyData:
@@ -144,32 +152,20 @@ def _nodal_lines(surface: PolyData, displacement: Array, view: View) -> PolyData
     return found.remove_cells(~steep).contour([0.0], scalars="across")
 
 
-def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
-    """Corners (2,) of the part of a picture with places (n, 3), and the triad below, m."""
-    low, high = frame_of([view.project(found) for found in places], 0.0)
-    spare = 0.03 * view.length
-    return low - [spare, 0.16 * view.length], high + spare
-
-
 @styled
-def deflection_figure(
-    surface: PolyData, label: str, title: str, view: View | None = None
-) -> Figure:
+def deflection_figure(surface: PolyData, label: str, title: str, view: View) -> Figure:
     """Draw a displacement in m, magnified by a stated factor if it is small.
 
     Args:
         surface: the surface.
         label: the point array of the displacement (n, 3).
         title: title of the figure.
-        view: the projection; by default the displacement is seen from its side.
+        view: the projection.
     """
-    displacement = np.asarray(surface.point_data[label])
-    view = view or view_of(surface, moved=largest_of(displacement))
-    factor = magnification(_largest(displacement), view.length)
-    figure, (axis,) = _panels(surface, {label: factor}, view)
-    axis.set_title(title)
-    about = f"displacement, mm ({scale_text(factor)})"
-    colour_bar(figure, axis, 1e3 * _largest(displacement) or 1.0, about)
+    largest = float(np.linalg.norm(largest_of(surface.point_data[label])))
+    factor = magnification(largest, view.length)
+    figure, axis = _deformed(surface, {label: factor}, {label: title}, view)
+    colour_bar(figure, axis, 1e3 * largest or 1.0, f"displacement, mm ({scale_text(factor)})")
     return figure
 
 
@@ -189,12 +185,12 @@ def stress_figure(surface: PolyData, label: str, title: str) -> Figure:
     stress, displacement = surface.point_data[SIZE], np.asarray(surface.point_data[label])
     worst = int(np.argmax(stress))
     view, seen = view_at(surface, worst)
-    factor = magnification(_largest(displacement), view.length)
-    figure, (axis,) = _panels(surface, {label: factor}, view, "turbo")
+    factor = magnification(float(np.linalg.norm(largest_of(displacement))), view.length)
+    titles = {label: title if seen else f"{title}, hidden by the body"}
+    figure, axis = _deformed(surface, {label: factor}, titles, view, "turbo")
     at = view.project(surface.points[worst] + factor * displacement[worst])
     colour = "white" if seen else "none"
     axis.plot(*at, "o", color=colour, markersize=6.5, markeredgecolor="black", zorder=6)
-    axis.set_title(title if seen else f"{title}, hidden by the body")
     about = f"von Mises stress, MPa (displacements {scale_text(factor)})"
     colour_bar(figure, axis, 1e-6 * float(stress[worst]) or 1.0, about, "turbo")
     return figure

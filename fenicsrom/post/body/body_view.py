@@ -127,10 +127,17 @@ def is_seen(surface: PolyData, place: Array, view: View) -> bool:
 
 def face_on(surface: PolyData) -> View | None:
     """The projection that sees the broad side of a plate, such as a blade; None of other bodies."""
-    extent = np.sort(np.ptp(surface.points, axis=0))
-    if is_flat(surface.points) or extent[2] >= SLENDER * extent[1] or _axes(surface)[1] < PLATE:
+    if is_flat(surface.points) or is_slender(surface.points):
         return None
-    return view_of(surface, oblique=FACE_ON)
+    axes, ratio = _axes(surface)
+    deep, _, wide = np.ptp(surface.points @ axes.T, axis=0)  # a bracket is deep
+    return view_of(surface, oblique=FACE_ON) if ratio >= PLATE and deep < wide else None
+
+
+def is_slender(points: Array) -> bool:
+    """Whether the box around points (n, d) is `SLENDER` times as long as high."""
+    extent = np.sort(np.ptp(points, axis=0))
+    return bool(extent[-1] >= SLENDER * extent[-2])
 
 
 def _axes(surface: PolyData) -> tuple[Array, float]:
@@ -169,8 +176,8 @@ def largest_of(displacement: Array) -> Array:
     return np.asarray(displacement[int(np.argmax(np.linalg.norm(displacement, axis=1)))])
 
 
-def frame_of(places: Sequence[Array], spare: float) -> tuple[Array, Array]:
-    """The lower left and the upper right corner of places (n, 2) with a margin, m."""
-    low = np.min([place.min(axis=0) for place in places], axis=0) - spare
-    high = np.max([place.max(axis=0) for place in places], axis=0) + spare
-    return low, high
+def frame_of(view: View, points: Sequence[Array]) -> tuple[Array, Array]:
+    """Corners (2,) of the part of a picture with points (n, 3), and with the triad below, m."""
+    places = np.concatenate([view.project(found) for found in points])
+    spare = 0.03 * view.length
+    return places.min(axis=0) - [spare, 0.16 * view.length], places.max(axis=0) + spare

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import new_figure
+from fenicsrom.post.base.writers import PICTURE_DPI
 from fenicsrom.post.body.body_view import View
 
 if TYPE_CHECKING:
@@ -19,7 +20,10 @@ if TYPE_CHECKING:
     from pyvista import Plotter, PolyData
 
 TRIAD = 0.18
-"""Size of the arrows of the global axes in the lower left corner, relative to the picture."""
+"""Size of the arrows of the global axes in the lower left corner, relative to the body."""
+
+LEAST_TRIAD = 100.0
+"""Pixels of these arrows from which their names can be read."""
 
 LABEL_MARGIN = 0.1
 """Margin below the label of a colour bar, inches."""
@@ -36,8 +40,8 @@ HIDDEN = 0.4
 ABOVE = 0.002
 """Distance of lines from the faces below them, relative to the size of the body."""
 
-SHARP = 140.0
-"""Pixels of a picture in an inch of its panel."""
+FINE = 2
+"""Pixels of the window in a pixel of the picture, in each direction: they smooth the edges."""
 
 Pixels = NDArray[np.uint8]
 
@@ -52,21 +56,21 @@ class Part(NamedTuple):
     """
 
     mesh: PolyData
-    look: Mapping[str, Any]
+    look: dict[str, Any]
     symbol: bool = False
 
 
-def painted(mesh: PolyData, colour: str = GREY, **look: Any) -> Part:
-    """A surface in one colour."""
-    return Part(mesh, {"color": colour, **look})
+def painted(mesh: PolyData, colour: str = GREY, symbol: bool = False, **look: Any) -> Part:
+    """Something in one colour."""
+    return Part(mesh, {"color": colour, **look}, symbol)
 
 
 def drawn_lines(mesh: PolyData, colour: str = LINE, width: float = 1.8) -> Part:
     """Lines in one colour, with their width in pixels."""
-    return Part(mesh, {"color": colour, "line_width": width, "lighting": False})
+    return painted(mesh, colour, line_width=width, lighting=False)
 
 
-def coloured(mesh: PolyData, scalars: str, largest: float, colours: str = "viridis") -> Part:
+def coloured(mesh: PolyData, scalars: str, largest: float, colours: Any = "viridis") -> Part:
     """A surface with the colours of a point array from 0 to its largest value."""
     look = {"scalars": scalars, "clim": (0.0, largest), "cmap": colours, "copy_mesh": False}
     return Part(mesh, look | {"show_scalar_bar": False})
@@ -79,9 +83,9 @@ def _window() -> Plotter:
 
     plotter = pyvista.Plotter(off_screen=True, lighting="none")
     plotter.add_light(pyvista.Light(position=(-0.3, 0.6, 1.0), light_type="camera light"))
-    plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    plotter.disable_anti_aliasing()
     plotter.background_color = "white"
-    look: Any = {f"{axis}_color": LINE for axis in "xyz"} | {"color": LINE, "line_width": 2}
+    look: Any = {f"{axis}_color": LINE for axis in "xyz"} | {"color": LINE, "line_width": 2 * FINE}
     plotter.add_axes(interactive=False, **look, **{f"{axis}label": axis for axis in "xyz"})
     return plotter
 
@@ -96,17 +100,20 @@ def window_of(
         view: the projection.
         low: (2,) lower left corner of the picture, m.
         high: (2,) its upper right corner, m.
-        size: width and height in pixels.
+        size: width and height of the picture in pixels.
     """
     plotter = _window()
     plotter.clear_actors()
-    plotter.window_size = list(size)
-    triad = TRIAD * max(size)
-    plotter.renderer.axes_widget.SetViewport(0.0, 0.0, triad / size[0], triad / size[1])
+    window: Any = plotter.render_window
+    window.SetSize(FINE * size[0], FINE * size[1])  # `window_size` would draw everything
+    triad = np.maximum(TRIAD * view.length / (high - low), LEAST_TRIAD / np.array(size))
+    plotter.renderer.axes_widget.SetViewport(0.0, 0.0, *triad)
     drawn = [part for part in parts if part.mesh.n_points]
     for mesh, look, _ in drawn:
         shaded = {"ambient": 0.75, "diffuse": 0.3, **look}
-        actor = plotter.add_mesh(mesh, render=False, **shaded)
+        for width in ("line_width", "point_size"):
+            shaded[width] = FINE * look.get(width, 1.0)
+        actor: Any = plotter.add_mesh(mesh, render=False, **shaded)
         if not mesh.n_faces:  # lines and points lie in front of the faces on which they are
             actor.position = ABOVE * view.length * view.towards
     reach = max([view.length, *(float(np.abs(part.mesh.bounds).max()) for part in drawn)])
@@ -121,31 +128,24 @@ def window_of(
     return plotter
 
 
-def pixels_of(plotter: Plotter, opaque: bool = False) -> Pixels:
-    """What the window shows now, (height, width, 4) red, green, blue and opacity, or without it."""
+def pixels_of(plotter: Plotter) -> Pixels:
+    """What the window shows now, (height, width, 3) red, green and blue."""
+    from PIL import Image
+
     plotter.render()
-    image: Any = plotter.screenshot(transparent_background=not opaque, return_img=True)
-    return image
+    image: Any = plotter.screenshot(return_img=True)
+    return np.array(Image.fromarray(image).reduce(FINE))
 
 
 def render(
     parts: Sequence[Part], view: View, low: Array, high: Array, size: tuple[int, int]
 ) -> Pixels:
-    """Draw the parts on a transparent ground; arguments as `window_of`.
-
-    Returns:
-        (height, width, 4) red, green, blue and opacity. Symbols behind the body are pale.
-    """
+    """Draw the parts; symbols behind the body are pale. Arguments as for `window_of`."""
     whole = pixels_of(window_of(parts, view, low, high, size))
-    symbols = [part for part in parts if part.symbol]
-    if not symbols:
-        return whole
-    front = pixels_of(window_of(symbols, view, low, high, size))
-    here = front[..., 3] > 0
-    pale, below = front[here].astype(float), whole[here]
-    weight = HIDDEN / 255.0 * pale[:, 3:]
-    whole[here, :3] = weight * pale[:, :3] + (1.0 - weight) * below[:, :3] + 0.5
-    whole[here, 3] = np.maximum(below[:, 3], HIDDEN * pale[:, 3])
+    if symbols := [part for part in parts if part.symbol]:
+        front = pixels_of(window_of(symbols, view, low, high, size))
+        here = front.min(axis=2) < 255
+        whole[here] = HIDDEN * front[here] + (1.0 - HIDDEN) * whole[here] + 0.5
     return whole
 
 
@@ -164,44 +164,70 @@ def show(
     """
     axis.set_axis_off()
     axis.set(xticks=[], yticks=[])  # measuring hidden ticks takes time
-    extent = high - low
-    size = np.rint(SHARP * width * np.array([1.0, extent[1] / extent[0]])).astype(int)
-    image = render(parts, view, low, high, (int(size[0]), int(size[1])))
+    wide, tall = np.rint(PICTURE_DPI * width / (high - low)[0] * (high - low)).astype(int)
+    image = render(parts, view, low, high, (int(wide), int(tall)))
     axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear")
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
 
 
-def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figure, Axes, float]:
-    """Make a figure with one panel for a body.
+def body_figure(
+    parts: Sequence[Part], view: View, low: Array, high: Array, spare: float, width: float = 8.0
+) -> tuple[Figure, Axes, float]:
+    """Draw the parts in a figure with one panel, not much taller than wide.
 
     Args:
+        parts: what to draw.
         view: the projection.
         low: (2,) lower left corner of the part of the picture that is shown, m.
         high: (2,) its upper right corner, m.
         spare: height of title, legend and colour bar, inches.
+        width: largest width of the panel, inches.
 
     Returns:
         The figure, the panel and its width in inches.
     """
     aspect = (high[1] - low[1]) / (high[0] - low[0])
-    wide = 8.0 * min(1.0, max(0.6, 1.0 / aspect))
+    wide = width * min(1.0, max(0.6, 1.0 / aspect))
     figure = new_figure(wide, wide * aspect + spare)
     axis = figure.subplots()
+    show(axis, parts, view, low, high, wide)
     return figure, axis, wide
 
 
+def write_names(axis: Axes, names: Iterable[tuple[str, Array, str]], wide: float) -> None:
+    """Write names in a panel; one that would cover an earlier name is left out.
+
+    Args:
+        axis: the panel.
+        names: each name with its place (2,), m, and its colour.
+        wide: width of the panel, inches.
+    """
+    from matplotlib.patheffects import withStroke
+
+    point = abs(np.subtract(*axis.get_xlim())) / (72.0 * wide)
+    taken: list[tuple[Array, Array]] = []
+    look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "weight": "bold"}
+    look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
+    for name, at, colour in names:
+        half = point * np.array([4.0 + 3.0 * len(name), 5.0])
+        if all(np.any(np.abs(at - other) > half + size) for other, size in taken):
+            taken.append((at, half))
+            text = axis.text(at[0], at[1], name, color=colour, zorder=7, **look)
+            text.set_in_layout(False)  # it lies inside the panel; measuring it takes time
+
+
 def colour_bar(
-    figure: Figure, axes: Any, largest: float, label: str, colours: str = "viridis"
+    figure: Figure, axis: Axes, largest: float, label: str, colours: str = "viridis"
 ) -> None:
-    """Add the colour bar of values from 0 to the largest below all panels."""
+    """Add the colour bar of values from 0 to the largest below a panel."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     bar: Any = figure.colorbar(
         ScalarMappable(Normalize(0.0, largest), colours),
-        ax=axes,
+        ax=axis,
         location="bottom",
-        shrink=0.3 if np.size(axes) > 1 else 0.5,
+        shrink=0.5,
         aspect=40,
         ticks=[0.0, 0.5 * largest, largest],
         format="{x:.3g}",

@@ -9,7 +9,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_folder
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.post.paraview.vtk_files import Grid, in_space, linear_grid, write_series, write_vtu
+from fenicsrom.post.paraview.vtk_files import Grid, linear_grid, write_series, write_vtu
 from fenicsrom.scene import Scene
 
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
@@ -66,7 +66,12 @@ def surface_grid(
     Argument `moved` as for `write_surfaces`.
     """
     places = _surface(scene, points, k, time, moved)
-    return _line(places) if places.ndim == 2 else _sheet(places)
+    number = np.arange(places[..., 0].size).reshape(places.shape[:-1])
+    corners = [number[:-1], number[1:]]
+    if places.ndim == 3:
+        corners = [part for end in corners for part in (end[:, :-1], end[:, 1:])]
+    cells = np.stack(corners, axis=-1).reshape(-1, len(corners))
+    return linear_grid(places.reshape(-1, places.shape[-1]), cells, places.ndim - 1)
 
 
 def _surface(
@@ -114,39 +119,14 @@ def _plane(position: Array, path: Array, frame: Array, distance: float) -> Array
     tangents = frame[1:]
     reach = np.abs((path - position.mean(axis=0)) @ tangents.T).max(axis=(0, 1))
     half = reach + (BEYOND * float(np.linalg.norm(position, axis=1).max()) or 1.0)
-    steps = [np.linspace(-size, size, ALONG + 1) for size in half]
-    if frame.shape[0] == 2:
-        return np.asarray(centre + steps[0][:, None] * tangents[0])
-    return np.asarray(
-        centre + steps[0][:, None, None] * tangents[0] + steps[1][None, :, None] * tangents[1]
-    )
+    steps = np.meshgrid(*(np.linspace(-size, size, ALONG + 1) for size in half), indexing="ij")
+    return np.asarray(centre + np.stack(steps, axis=-1) @ tangents)
 
 
 def _ball(centre: Array, radius: float) -> Array:
     """Points (n, l, 3) of a sphere, by longitude and latitude."""
-    longitude = np.linspace(0.0, 2.0 * np.pi, AROUND // 4 + 1)[:, None]
-    latitude = np.linspace(0.0, np.pi, AROUND // 8 + 1)[None, :]
-    directions = np.stack(
-        [
-            np.cos(longitude) * np.sin(latitude),
-            np.sin(longitude) * np.sin(latitude),
-            np.cos(latitude) + 0.0 * longitude,
-        ],
-        axis=-1,
-    )
-    return np.asarray(centre + radius * directions)
-
-
-def _line(points: Array) -> Grid:
-    """A polyline through points (k, d)."""
-    first = np.arange(len(points) - 1)
-    return Grid(in_space(points), np.column_stack([first, first + 1]), 3)
-
-
-def _sheet(points: Array) -> Grid:
-    """Quadrilaterals between points (k, l, 3)."""
-    rows, columns = points.shape[:2]
-    number = np.arange(rows * columns).reshape(rows, columns)
-    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
-    cells = np.stack(corners, axis=-1).reshape(-1, 4)
-    return linear_grid(points.reshape(-1, 3), cells, 2)
+    longitude = np.linspace(0.0, 2.0 * np.pi, AROUND // 4 + 1)
+    latitude = np.linspace(0.0, np.pi, AROUND // 8 + 1)
+    turn, tilt = np.meshgrid(longitude, latitude, indexing="ij")
+    ways = [np.cos(turn) * np.sin(tilt), np.sin(turn) * np.sin(tilt), np.cos(tilt)]
+    return np.asarray(centre + radius * np.stack(ways, axis=-1))

@@ -16,7 +16,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, scale_text
 from fenicsrom.post.body.body_figures import SHAPE
 from fenicsrom.post.body.body_surface import NODE, form_edges
-from fenicsrom.post.body.body_view import View
+from fenicsrom.post.body.body_view import View, frame_of
 from fenicsrom.post.body.rendering import Part
 
 if TYPE_CHECKING:
@@ -37,6 +37,9 @@ FINE, FINE_COLOUR = 2.0**-13, 2.0**-7
 UNPAINTED = -0.1
 """The value that has no colour."""
 
+FIELD, BROAD = 20.0, 1.6
+"""The angle that the camera sees from bottom to top, degrees, and how much wider the view is."""
+
 CONTROLS = """
 const shown = SHOWN, bar = document.createElement("div"), list = document.createElement("select");
 bar.id = "controls";
@@ -44,6 +47,7 @@ bar.style = "position:absolute;z-index:10;left:8px;top:8px;font:14px sans-serif;
 list.id = "shape";
 shown.forEach((one, k) => list.add(new Option(one.name, k)));
 const play = document.createElement("input"), scale = document.createElement("span");
+scale.style = "margin-left:1em";
 play.type = "checkbox"; play.id = "play"; play.checked = true;
 const label = document.createElement("label");
 label.append(play, " animate");
@@ -247,16 +251,21 @@ def _plot(surface: PolyData, view: View) -> Any:
     import k3d
 
     plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
-    plot.lighting, plot.camera_fov = 0.3, 20.0
-    middle = surface.points.mean(axis=0)
-    plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
+    plot.lighting, plot.camera_fov = 0.3, FIELD
+    low, high = frame_of(view, [surface.points])
+    wide, tall = high - low
+    deep = surface.points @ view.towards
+    away = 0.5 * max(tall, wide / BROAD) / np.tan(np.radians(0.5 * FIELD)) + float(np.ptp(deep))
+    middle = np.array([*(0.5 * (low + high)), deep.mean()])
+    centre = middle @ np.array([view.right, view.up, view.towards])
+    plot.camera = [*(centre + away * view.towards), *centre, *view.up]
     return plot
 
 
 def _page(plot: Any, script: str) -> str:
     """A page with a plot, and what the script adds to it."""
     plot.snapshot_type, plot.menu_visibility = "full", False
-    return str(plot.get_snapshot(9, additional_js_code=script))
+    return str(plot.get_snapshot(4, additional_js_code=script))
 
 
 def _mesh(surface: PolyData, **look: Any) -> Any:

@@ -40,7 +40,8 @@ def multiplier_figure(found: Response) -> Figure:
     from matplotlib.colors import Normalize
 
     curves = shown_curves(found)
-    colours = Normalize(found.table.low, found.table.high)
+    places = [point.parameter for curve in curves for point in curve.points]
+    colours = Normalize(min(places), max(places))
     columns = min(len(curves), 2)  # of the legend
     drawn = new_figure(3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns)
     axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True, sharex=True)[0]

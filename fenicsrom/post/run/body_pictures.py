@@ -14,22 +14,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.online.stress.stress_peaks import Peak, Stresses
 from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
 from fenicsrom.post.body.body_surface import NODE, surface_of
-from fenicsrom.post.body.body_view import SLENDER, View, largest_of
-from fenicsrom.post.body.film import Dots, Film
-from fenicsrom.post.body.turning_view import (
-    MOST_SHAPES,
-    UNPAINTED,
-    Shown,
-    loaded,
-    running,
-    simplified,
-    swinging,
-    turning_page,
-    turning_plot,
-    turning_widget,
-)
+from fenicsrom.post.body.body_view import View, largest_of
+from fenicsrom.post.body.film import Film
 from fenicsrom.post.paraview.fields import (
     about_equilibrium,
     contact_points,
@@ -163,17 +152,18 @@ def film_of(study: Study) -> Film | None:
         The film; None on ranks other than the first.
     """
     motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
-    marks = contact_points(study, motion) if study.scene.contacts else None
-    if marks is not None and study.solid.loaded:
-        marks = about_equilibrium(study, *marks)
+    places: Array = np.zeros((0, 3))
+    values: dict[str, Any] = {"displacement": np.zeros((len(rows), 0, 3)), "state": []}
+    if study.scene.contacts:
+        places, values = contact_points(study, motion)
+        values = {name: found[rows] for name, found in values.items()}
+        if study.solid.loaded:
+            places, values = about_equilibrium(study, places, values)
     if body is None:
         return None
-    dots = None
-    if marks is not None:
-        dots = Dots(marks[0], marks[1]["displacement"][rows], marks[1]["state"][rows])
     rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
-    moved = body.frames_at(rest, len(rows))
-    return Film(rest, times, moved, body.view, study.solid.loaded, dots)
+    moved, dots = body.frames_at(rest, len(rows)), values["displacement"]
+    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, values["state"])
 
 
 def view(study: Study) -> Any:
@@ -185,7 +175,7 @@ def view(study: Study) -> Any:
         study: the result of `run` or `modes`, on one rank.
     """
     found = _turning(study)
-    return None if found is None else turning_widget(*found)
+    return None if found is None else turning.turning_widget(*found)
 
 
 def turning_view(study: Study) -> str | None:
@@ -195,7 +185,7 @@ def turning_view(study: Study) -> str | None:
         The HTML text; None on ranks other than the first.
     """
     found = _turning(study)
-    return None if found is None else turning_page(*found)
+    return None if found is None else turning.turning_page(*found)
 
 
 def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
@@ -203,27 +193,32 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
     body = body_of(study)
     if body is None:
         return None
-    surface, length = simplified(body.surface), body.view.length
-    still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, UNPAINTED)
-    shown = [Shown("set-up", "", still, plain)]
+    surface, length = turning.simplified(body.surface), body.view.length
+    still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, turning.UNPAINTED)
+    count = len(body.titles)
+    few = f"{turning.MOST_SHAPES} of {count} shapes are listed; the ParaView files hold all"
+    shown = [turning.Shown("set-up", few * (count > turning.MOST_SHAPES), still, plain)]
     shown += [
-        swinging(title, surface.point_data[label], length)
-        for label, title in list(body.titles.items())[:MOST_SHAPES]
+        turning.swinging(title, surface.point_data[label], length)
+        for label, title in list(body.titles.items())[: turning.MOST_SHAPES]
     ]
     rest = surface.point_data[EQUILIBRIUM]
     if study.solid.loaded:
-        shown.append(loaded(EQUILIBRIUM, rest, length))
+        shown.append(turning.loaded(EQUILIBRIUM, rest, length))
     if "reduced" in study.motions:
         moved = body.frames_at(surface, len(_film_rows(study)))
-        shown.append(running("periodic motion", rest, moved, length))
-    if study.stresses is not None and study.recovery is not None:
-        shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
+        shown.append(turning.running("periodic motion", rest, moved, length))
+    stresses = study.stresses
+    if stresses is not None and study.recovery is not None and stresses.largest.von_mises:
+        shown.append(_stressed(study.recovery.stress, stresses, surface, length))
     parts = symbols(body.marks, body.grid.points, length)
     parts += held_points(body.surface, body.marks)
-    return turning_plot(surface, shown, parts, body.view)
+    return turning.turning_plot(surface, shown, parts, body.view)
 
 
-def _stressed(table: StressTable, found: Stresses, surface: PolyData, length: float) -> Shown:
+def _stressed(
+    table: StressTable, found: Stresses, surface: PolyData, length: float
+) -> turning.Shown:
     """The state of the largest von Mises stress at the points of a surface."""
     from scipy.spatial import cKDTree
 
@@ -231,7 +226,7 @@ def _stressed(table: StressTable, found: Stresses, surface: PolyData, length: fl
     _, nearest = cKDTree(grid.points).query(surface.points)
     peak = float(values[SIZE].max()) or 1.0
     name = f"von Mises stress, {found.largest.state}"
-    entry = loaded(name, values["displacement"][nearest], length)
+    entry = turning.loaded(name, values["displacement"][nearest], length)
     note = f"colour: 0 to {1e-6 * peak:.4g} MPa"
     return replace(entry, colours=values[SIZE][nearest] / peak, note=note)
 
@@ -274,15 +269,9 @@ def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:
     return titles
 
 
-def is_slender(surface_points: Array) -> bool:
-    """Whether the box around points (n, d) is `body_view.SLENDER` times as long as high."""
-    extent = np.sort(np.ptp(surface_points, axis=0))
-    return bool(extent[-1] >= SLENDER * extent[-2])
-
-
 def _title(scene: Scene) -> str:
     """The heading of the set-up, with the speed of rotation."""
-    turning = f", {scene.rotation.speed_rpm:g} rpm" if scene.rotation is not None else ""
+    speed = f", {scene.rotation.speed_rpm:g} rpm" if scene.rotation is not None else ""
     heading = scene_heading(scene)
-    whole = heading if turning and turning.strip(", ") in heading else f"{heading}{turning}"
+    whole = heading if speed and speed.strip(", ") in heading else f"{heading}{speed}"
     return textwrap.fill(whole, TITLE_WIDTH)

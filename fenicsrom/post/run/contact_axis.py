@@ -41,6 +41,7 @@ class ContactAxis(NamedTuple):
             return
         wanted = np.linspace(0, self.at.size - 1, min(self.at.size, MOST_NUMBERS))
         look: dict[str, Any] = {"fontsize": 8, "color": "#0072B2"}
+        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # beside the first number
         for k in np.unique(wanted.round().astype(int)):
             if upright:
                 place, turn = (1.005, self.at[k]), axes.get_yaxis_transform()

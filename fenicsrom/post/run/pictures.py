@@ -17,6 +17,7 @@ from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.body.body_surface import is_flat
+from fenicsrom.post.body.body_view import is_slender
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.run.body_pictures import (
@@ -24,7 +25,6 @@ from fenicsrom.post.run.body_pictures import (
     body_of,
     body_pictures,
     film_of,
-    is_slender,
     stress_picture,
     turning_view,
 )
@@ -267,8 +267,12 @@ def write_stress_picture(
 ) -> list[Drawn]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
 
+    A body without stress, such as that of normal modes without loads, has no picture.
+
     Raises:
         OSError: the file cannot be written.
     """
+    if not stresses.largest.von_mises:
+        return []
     picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
     return draw_pictures([picture], folder, notes)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import (
@@ -154,10 +155,11 @@ def unreliable_sentence(name: str, error: Exception) -> str:
 def rerun_sentences(found: Rerun) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
     motion = found.motion
-    told = [resumed_sentence(motion), periodic_sentence(motion)]
+    told = [resumed_sentence(motion), periodic_sentence(motion), range_sentence(found.stored)]
     told.append(
         support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
     )
+    told += [] if found.stored.whole is None else [of_range(found.stored.whole).sentence()]
     told += out_of_reach(motion, found.stored.model.points)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if found.stresses is None else stress_sentences(found.stresses)
@@ -165,6 +167,34 @@ def rerun_sentences(found: Rerun) -> list[str]:
         names = direction_names(found.stored.scene, found.stored.model.points)
         told += text_table(estimate_rows(found.errors, motion, names)).splitlines()
     return [sentence for sentence in told if sentence]
+
+
+def range_sentence(stored: StoredModel) -> str | None:
+    """State the speeds of a model for a range of speeds and its errors between them; else None."""
+    whole = stored.whole
+    if whole is None:
+        return None
+    rpm = 30.0 / np.pi
+    speeds, between = (
+        ", ".join(f"{rpm * omega:.6g}" for omega in each)
+        for each in (whole.speeds, whole.errors.speeds)
+    )
+    _, displacement, frequency, flexibility = np.max(whole.errors, axis=1)
+    contact = f", the flexibility of the contact by {flexibility:.1e}" if whole.masters else ""
+    return (
+        f"Model for all speeds from {rpm * whole.speeds[0]:.6g} to {rpm * whole.speeds[-1]:.6g} "
+        f"rpm: {whole.model.size} coordinates, joined from {speeds} rpm. At {between} rpm it "
+        f"differs from the solid: the equilibrium by {displacement:.1e}, the frequencies by "
+        f"{frequency:.1e}{contact}."
+    )
+
+
+def range_warnings(stored: StoredModel) -> list[str]:
+    """Warn of a model for a range of speeds that is less accurate than its basis shall be."""
+    sentence, accuracy = range_sentence(stored), stored.scene.basis.accuracy
+    if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
+        return []
+    return [f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"]
 
 
 def resumed_sentence(motion: Motion) -> str | None:
@@ -348,8 +378,7 @@ def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
 def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
     """State what a run of a stored model does not compute, as "NAME: REASON"."""
     return [
-        "offline stages, and files of the body: the reduced model was read from a file, without "
-        "its mesh",
+        "offline stages, and files of the body: the reduced model is stored without its mesh",
         *(
             f"{stage}: {key} has no effect on a run of a stored model"
             for stage, key in _without_effect(stored.scene).items()

@@ -113,6 +113,7 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
         | size_summary(found.sized),
+        **range_summary(stored),
         "seconds": {"reduced motion": motion.seconds},
         "left_out": found.left_out,
         **motions_summary({"reduced": motion}, stored.model.points),
@@ -125,6 +126,18 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
     contents["warnings"] = found.warnings
     contents["provenance"] = stored.provenance
     return contents
+
+
+def range_summary(stored: StoredModel) -> dict[str, Any]:
+    """The speed of a model for a range of speeds, and its errors between those of its basis."""
+    whole, rotation = stored.whole, stored.scene.rotation
+    if whole is None or rotation is None:
+        return {}
+    found: dict[str, Any] = {"speed_rpm": rotation.speed_rpm, "size": whole.model.size}
+    rpm = 30.0 / np.pi
+    errors = whole.errors._asdict() | {"speeds": rpm * whole.errors.speeds}
+    found["mesh_errors"] = whole.mesh_errors
+    return {"range": found | {"speeds_rpm": rpm * whole.speeds, "errors_between": errors}}
 
 
 def size_summary(found: Sized | None) -> dict[str, Any]:

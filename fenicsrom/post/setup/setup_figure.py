@@ -6,7 +6,8 @@ all of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from fenicsrom.post.body.body_surface import (
     surface_of,
 )
 from fenicsrom.post.body.body_view import View, frame_of, view_of
-from fenicsrom.post.body.rendering import body_panel, drawn_lines, painted, show
+from fenicsrom.post.body.rendering import body_figure, drawn_lines, painted, show, write_names
 from fenicsrom.post.paraview.vtk_files import Grid
 from fenicsrom.post.setup.setup_marks import CLAMPED, Mark
 from fenicsrom.post.setup.setup_symbols import (
@@ -36,7 +37,6 @@ from fenicsrom.post.setup.setup_symbols import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pyvista import PolyData
 
@@ -54,9 +54,8 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     surface = surface_of(grid)
     view = view or setup_view(surface, marks)
     drawn = symbols(marks, grid.points, view.length)
-    places = [view.project(mesh.points) for mesh in (surface, *(part.mesh for part in drawn))]
-    low, high = frame_of(places, 0.05 * view.length)
-    low = low - [0.0, 0.13 * view.length]
+    places = [surface.points, *(part.mesh.points for part in drawn)]
+    low, high = frame_of(view, places)
     body = [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
     body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]
     around = surroundings(marks, grid.points)
@@ -64,15 +63,23 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     handles = _legend_handles(marks)
     columns = 2 if len(handles) > 3 else len(handles)
     rows = -(-len(handles) // max(columns, 1))
-    figure, axis, wide = body_panel(view, low, high, 0.6 + 0.21 * (rows + title.count("\n")))
-    show(axis, [*body, *around], view, low, high, wide)
-    _write_numbers(axis, marks, view, (high[0] - low[0]) / (72.0 * wide))
-    reach = [view.project(part.mesh.points) for part in around]
-    if any(np.any(seen < low) or np.any(seen > high) for seen in reach):
-        low, high = frame_of([*places, *reach], 0.05 * view.length)
-        figure.set_figwidth(figure.get_figwidth() * (1.0 + OVERVIEW))
+    spare = 0.6 + 0.21 * (rows + title.count("\n"))
+    figure, axis, wide = body_figure([*body, *around], view, low, high, spare)
+    write_names(axis, _numbers(marks, view, (high[0] - low[0]) / (72.0 * wide)), wide)
+    reach = [part.mesh.points for part in around]
+    if any(np.any((seen < low) | (seen > high)) for seen in map(view.project, reach)):
+        far = replace(view, length=float(np.ptp(np.concatenate(reach), axis=0).max()))
+        layout: Any = figure.get_layout_engine()
+        layout.set(rect=(0.0, 0.0, 1.0 / (1.04 + OVERVIEW), 1.0))  # it does not know the panel
+        figure.set_figwidth(figure.get_figwidth() * (1.04 + OVERVIEW))
         panel = axis.inset_axes((1.02, 0.0, OVERVIEW, 1.0))
-        show(panel, [painted(surface), *around], view, low, high, OVERVIEW * wide)
+        show(
+            panel,
+            [painted(surface), *around],
+            far,
+            *frame_of(far, [*places, *reach]),
+            OVERVIEW * wide,
+        )
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
@@ -111,41 +118,25 @@ def _legend_handles(marks: Sequence[Mark]) -> list[Any]:
     return handles
 
 
-def halving(count: int) -> list[int]:
-    """The numbers below `count`: the first, the last, and then those between known ones."""
-    steps = [count - 1 or 1]
-    while steps[-1] > 1:
-        steps.append(-(-steps[-1] // 2))
-    return list(dict.fromkeys(k for step in steps for k in range(0, count, step)))
-
-
-def _write_numbers(axis: Axes, marks: Sequence[Mark], view: View, point: float) -> None:
-    """Number several loads and contact points; numbers that would overlap are left out.
+def _numbers(marks: Sequence[Mark], view: View, point: float) -> Iterator[tuple[str, Array, str]]:
+    """The numbers of several loads and contact points, with their places and colours.
 
     The argument `point` is the length of a typographic point in the picture, m.
     """
-    from matplotlib.patheffects import withStroke
-
     loads = [mark for mark in marks if mark.kind == "load"]
     contacts = [mark for mark in marks if mark.kind == "contact"]
-    wanted: list[tuple[str, int, Array, Array]] = []
-    if len(loads) > 1:
-        reach = REACH * view.length
-        for number, (load, tips) in enumerate(zip(loads, load_tips(loads, reach), strict=True), 1):
-            (way,) = load.ways
-            wanted += [("load", number, tip - reach * way, -way) for tip in tips]
-    first = 1
-    for mark in contacts if sum(len(mark.places) for mark in contacts) > 1 else ():
-        for k in halving(len(mark.places)):
-            wanted.append(("contact", first + k, mark.places[k], -mark.ways[k]))
-        first += len(mark.places)
-    taken: list[Array] = []
-    for kind, number, place, step in wanted:
-        at, way, half = view.project(place), view.project(step), point * np.array([10.0, 5.0])
+    reach = REACH * view.length
+    rows = [
+        ("load", number, tip - reach * way, -way)
+        for number, (load, tips) in enumerate(zip(loads, load_tips(loads, reach), strict=True), 1)
+        for way in load.ways
+        for tip in tips
+        if len(loads) > 1
+    ]
+    points = [pair for mark in contacts for pair in zip(mark.places, -mark.ways, strict=True)]
+    found = [("contact", number, *pair) for number, pair in enumerate(points, 1) if points[1:]]
+    for kind, number, place, step in rows + found[-1:] + found[:-1]:
+        at, way = view.project(place), view.project(step)
         size = float(np.linalg.norm(way))
-        at = at + 11.0 * point * (way / size if size > 1e-9 else np.array([0.0, -1.0]))
-        if all(np.any(np.abs(at - other) > 2.0 * half) for other in taken):
-            taken.append(at)
-            look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 7}
-            look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
-            axis.text(at[0], at[1], str(number), color=COLOURS[kind], weight="bold", **look)
+        away = way / size if size > 1e-9 else np.array([0.0, -1.0])
+        yield str(number), at + 11.0 * point * away, COLOURS[kind]

@@ -50,6 +50,10 @@ ATTACHED_FORMS = {"mass": "s", "spring": "D", "dashpot": "^"}
 """The same of attachments."""
 
 
+ATTACHED = (("mass", "mass", "kg"), ("stiffness", "spring", "N/m"), ("damping", "dashpot", "N s/m"))
+"""Keys of an attachment, its kind and the unit; the last two have a key for each area, too."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mark:
     """One thing in the picture of the set-up.
@@ -90,8 +94,10 @@ def gathered_marks(
     """
     regions = _regions(solid, scene)
     placed: list[tuple[str, Any]] = [
-        *((f"loads[{k}]", load) for k, load in enumerate(scene.loads) if _is_concentrated(load)),
-        *((f"attachments[{k}]", found) for k, found in enumerate(scene.attachments)),
+        (f"{name}[{k}]", one)
+        for name in ("loads", "attachments")
+        for k, one in enumerate(getattr(scene, name))
+        if name != "loads" or not (one.everywhere or one.kind == "pressure")
     ]
     at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
     pressed: list[Any] = [*scene.attachments, *scene.contacts]
@@ -145,11 +151,6 @@ def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
         if not load.everywhere and _is_region(load.place) and load.place.at == "mean":
             mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
     return fields
-
-
-def _is_concentrated(load: Load) -> bool:
-    """Whether a load has one arrow, at its place."""
-    return not load.everywhere and load.kind != "pressure"
 
 
 def _is_region(place: Place) -> bool:
@@ -257,18 +258,13 @@ def _pressed(contact: Contact, per: Mapping[Place, str]) -> str:
 
 def _attached(attachment: Any, per: str) -> list[tuple[str, str]]:
     """The kinds and the labels of the parts of an attachment."""
-    parts = (
-        ("mass", attachment.mass, "kg"),
-        ("spring", attachment.stiffness, "N/m"),
-        ("spring", attachment.stiffness_per_area, f"N/m{per}"),
-        ("dashpot", attachment.damping, "N s/m"),
-        ("dashpot", attachment.damping_per_area, f"N s/m{per}"),
-    )
     along = " in each direction"
     if attachment.components is not None:
         along = f" along {', '.join(attachment.components)}"
-    return [
-        (kind, f"{kind}, {size:g} {unit}{along * (kind != 'mass')}")
-        for kind, size, unit in parts
-        if size
-    ]
+    found = []
+    for key, kind, unit in ATTACHED:
+        for name, area in ((key, ""), (f"{key}_per_area", per)):
+            if size := getattr(attachment, name, 0.0):
+                label = f"{kind}, {size:g} {unit}{area}{along * (kind != 'mass')}"
+                found.append((kind, label))
+    return found

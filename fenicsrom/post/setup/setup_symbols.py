@@ -70,7 +70,8 @@ def region_colour(mark: Mark) -> str:
 def region_parts(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
     """The body with the faces of its regions in their colours, the clamped ones above the others.
 
-    The nodes of a support or of a plane body that belong to no face of the region are points.
+    The rim of a support is seen through the body. The nodes of a support or of a plane body that
+    belong to no face of the region are points.
     """
     from pyvista import Color, PolyData
 
@@ -85,8 +86,14 @@ def region_parts(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
         paint[faces] = Color(colour).int_rgb
         if flat or mark.kind == "support":
             alone = np.setdiff1d(np.flatnonzero(on), surface.regular_faces[faces])
-            look = {"color": colour, "point_size": 11.0}
-            parts.append(Part(PolyData(surface.points[alone]), look, symbol=not flat))
+            parts.append(
+                painted(PolyData(surface.points[alone]), colour, not flat, point_size=11.0)
+            )
+        if faces.any() and mark.kind == "support":
+            rim = surface.remove_cells(~faces).extract_feature_edges(
+                feature_edges=False, manifold_edges=False
+            )
+            parts.append(painted(rim, colour, True, line_width=3.5))
     body.cell_data["paint"] = paint
     return [Part(body, {"scalars": "paint", "rgb": True}), *parts]
 
@@ -168,9 +175,8 @@ def surroundings(marks: Sequence[Mark], points: Array) -> list[Part]:
     for wall in (mark.wall for mark in marks if mark.wall is not None):
         cells = np.insert(wall.cells, 0, wall.cells.shape[1], axis=1).ravel()
         kind = "lines" if wall.cells.shape[1] == 2 else "faces"
-        look = {"opacity": 1.0 if kind == "lines" else 0.35, "line_width": 2.0}
-        mesh = pyvista.PolyData(wall.points, **{kind: cells})
-        found.append(painted(mesh, COLOURS["contact"], **look))
+        mesh, opacity = pyvista.PolyData(wall.points, **{kind: cells}), kind == "lines" or 0.35
+        found.append(painted(mesh, COLOURS["contact"], opacity=float(opacity), line_width=2.0))
     for mark in (mark for mark in marks if mark.kind == "rotation"):
         places = np.concatenate([points, *(part.mesh.points for part in found)])
         (point,), (axis,) = mark.places, mark.ways

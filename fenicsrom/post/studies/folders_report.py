@@ -114,7 +114,9 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         for folder, name in zip(folders, names, strict=True)
     ]
     output.mkdir(parents=True, exist_ok=True)
+    refused = [f"{one.name}: {reason}" for one in found if (reason := _unfinished(one))]
     warnings = [f"{one.name}: {line}" for one in found for line in one.summary.get("warnings", ())]
+    warnings = [*refused, *warnings]
     drawn = draw_pictures(_pictures(found), output, warnings)
     results, differing = results_table(found), differences(found)
     sections: list[tuple[str, list[Any]]] = [
@@ -123,8 +125,15 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         *((picture.heading, [picture]) for picture in drawn[1:]),
     ]
     title = f"Comparison of {', '.join(one.name for one in found)}"
-    page = write_report(output / "report.html", title, sections, verdict_of(warnings), warnings)
+    verdict = verdict_of(warnings, next(iter(refused), None))
+    page = write_report(output / "report.html", title, sections, verdict, warnings)
     return text_table(results, 2), [page, *(picture.path for picture in drawn)]
+
+
+def _unfinished(one: Outcome) -> Any:
+    """Why a computation has no complete or no reliable result; None if it has."""
+    found = one.summary.get("unfinished")
+    return found["reason"] if isinstance(found, dict) else found
 
 
 def results_table(found: Sequence[Outcome]) -> list[list[Any]]:
@@ -198,7 +207,7 @@ def _pictures(found: Sequence[Outcome]) -> list[Picture]:
     parameters = dict.fromkeys(_parameter(one) for one in found if one.rows)
     pictures = [
         Picture(
-            f"Amplitude over {parameter.replace('_', ' ')}",
+            f"Amplitude over {_label(parameter).partition(',')[0]}",
             f"response{'' if k == 0 else k}.png",
             lambda parameter=parameter: curves_figure(  # type: ignore[misc]
                 [one for one in found if one.rows and _parameter(one) == parameter], parameter
@@ -220,6 +229,12 @@ def _parameter(one: Outcome) -> str:
     return next(name for name in one.rows[0] if name.startswith(key))
 
 
+def _label(column: str) -> str:
+    """The name of a column and its unit, such as `frequency_Hz`, as the label of an axis."""
+    name, _, unit = column.rpartition("_")
+    return f"{name}, {unit}" if name else column
+
+
 @styled
 def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
     """Draw response curves and backbones with the same parameter over each other."""
@@ -239,7 +254,7 @@ def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
                 shown = slice(part[0], part[-1] + 2)
                 axis.plot(x[shown], y[shown], style, color=colour, label=label)
                 label = "_"
-    axis.set_xlabel(parameter.replace("_", " "))
+    axis.set_xlabel(_label(parameter))
     axis.set_ylabel("largest amplitude, mm")
     axis.set_ylim(0.0)
     figure.legend(loc="outside upper center", ncols=min(3, len(named)))

@@ -1,0 +1,127 @@
+"""A body of which only the model for a range of speeds is known, for its modes at any of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from fenicsrom.online.step.speed_range import RangeModel
+    from fenicsrom.online.store.archive import StoredModel
+
+
+class RangeBody:
+    """A range model in its equilibrium at one speed: what the modes of a body need.
+
+    Its vectors have the n coordinates of the range model.
+
+    Attributes:
+        whole: the range model.
+        free: n.
+        warnings: sentences for the user.
+        equilibrium: (n,) coordinates of the equilibrium.
+        gyroscopic: (n, n) gyroscopic matrix at this speed; None without the Coriolis force.
+    """
+
+    def __init__(self, whole: RangeModel, omega: float):
+        """Store the range model and move to the equilibrium at a speed in rad/s."""
+        self.whole, self.free = whole, whole.model.size
+        self.warnings: list[str] = []
+        self.spin(omega)
+
+    def spin(self, omega: float) -> None:
+        """Move to the equilibrium at another speed in rad/s.
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        self.equilibrium = self.whole.equilibrium(omega)
+        self._stiffness = self.whole.tangent(omega, self.equilibrium)
+        coriolis = self.whole.coriolis
+        self.gyroscopic = omega * coriolis if coriolis.size else None
+
+    @property
+    def factor(self) -> RangeBody:
+        """The inverse of the stiffness, which `solve` applies."""
+        return self
+
+    def solve(self, block: Array) -> Array:
+        """The inverse of the stiffness times a block (n, k)."""
+        return np.asarray(np.linalg.solve(self._stiffness, block), np.float64)
+
+    def eigenmodes(self, inverse: object, count: int) -> tuple[Array, Array]:
+        """The `count` lowest ω² (count,) and mass-normalised modes (n, count)."""
+        squares, modes = scipy.linalg.eigh(
+            self._stiffness, self.whole.model.mass, subset_by_index=(0, count - 1)
+        )
+        return squares, modes
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """Inner products aᵀ b of two blocks (n, k) and (n, l)."""
+        return a.T @ b
+
+    def mass_times(self, block: Array) -> Array:
+        """M times a block (n, k)."""
+        return self.whole.model.mass @ block
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """Mass inner products aᵀ M b of two blocks."""
+        return a.T @ self.mass_times(b)
+
+    def stiffness_times(self, block: Array) -> Array:
+        """The tangent at the equilibrium times a block (n, k)."""
+        return self._stiffness @ block
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """The gyroscopic matrix times a block (n, k)."""
+        assert self.gyroscopic is not None
+        return self.gyroscopic @ block
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement (k,) of a contact point or of the probe in each column (n, k)."""
+        model = self.whole.model
+        d = model.points.frame.shape[2]
+        moved = np.concatenate([model.contact_rows, model.probe]) @ block
+        return np.linalg.norm(moved.reshape(-1, d, block.shape[1]), axis=1).max(axis=0, initial=0.0)
+
+
+def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
+    """The body of a stored model at the first of some speeds (k,), rev/min.
+
+    Raises:
+        SceneError: the model is for one speed, or a speed is out of its range.
+        ConvergenceError: there is no equilibrium at the first speed.
+    """
+    source, whole = stored.file or stored.scene.source, stored.whole
+    if whole is None:
+        raise SceneError(
+            f"{source}: rotation.speeds_rpm is missing: the model is for one speed; build it for a "
+            "range of speeds, or run the diagram of the scene without --from",
+            kind=ErrorKind.MISSING,
+            key="rotation.speeds_rpm",
+            source=source,
+        )
+    first, last = 30.0 / np.pi * whole.speeds[[0, -1]]
+    out = speeds[(speeds < first) | (speeds > last)]
+    if out.size:
+        raise SceneError(
+            f"{source}: campbell.speeds_rpm = {out[0]:g}: must be in the range of the model, "
+            f"{first:g} to {last:g} rpm",
+            kind=ErrorKind.RANGE,
+            key="campbell.speeds_rpm",
+            source=source,
+        )
+    found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
+    if stored.scene.campbell.modes > whole.modes:
+        found.warnings.append(
+            f"campbell.modes = {stored.scene.campbell.modes}: the diagram has the "
+            f"{counted(whole.modes, 'mode')} of the basis; for more, build the model with a larger "
+            "basis.modes"
+        )
+    return found

@@ -1,0 +1,85 @@
+"""Models on a subspace of a larger model, about another state: without a mesh, to rounding.
+
+With q = q₀ + Z y, the coefficients of a cubic force are those of
+
+    Zᵀ f(q₀ + Z y),    Kᵢⱼ → K + A q₀ + ½ B q₀ q₀,    Aᵢⱼₖ → A + B q₀,    B → B,    (1)
+
+multiplied by Z at every index. Both A and B are stored by pairs of indices, so that each product is
+one of matrices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pairs
+
+
+def shifted(elastic: ElasticPolynomial, q0: Array) -> ElasticPolynomial:
+    """The polynomial (1) about q0 (n,), with Z = I."""
+    n = q0.size
+    force, tangent = np.empty(n), np.empty((n, n))
+    elastic_force(elastic, q0, force, tangent)
+    quadratic = elastic.quadratic
+    if quadratic.size:
+        first, second = pairs(n)
+        rows = np.arange(first.size)
+        by_q = np.zeros((first.size, n))  # the derivative of the pairs of q at q0
+        by_q[rows, second] += q0[first]
+        by_q[rows, first] += q0[second]
+        quadratic = quadratic + elastic.cubic @ by_q
+    return ElasticPolynomial(force, tangent, quadratic, elastic.cubic)
+
+
+def change_of_tangent(elastic: ElasticPolynomial, x: Array) -> Array:
+    """The derivative (n, n) of the tangent at q = 0 along x (n,)."""
+    found = np.zeros((x.size, x.size))
+    first, second = pairs(x.size)
+    found[first, second] = found[second, first] = elastic.quadratic @ x
+    return found
+
+
+def projected(elastic: ElasticPolynomial, z: Array) -> ElasticPolynomial:
+    """The polynomial (1) at q0 = 0 on the columns of Z (n, k)."""
+    force, stiffness = z.T @ elastic.force, z.T @ elastic.stiffness @ z
+    if not elastic.quadratic.size:
+        return ElasticPolynomial(force, stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
+    first, second = pairs(len(z))
+    k, m = pairs(z.shape[1])
+    by_pairs = z[first][:, k] * z[second][:, m]  # products of two columns of Z by pairs of rows
+    mixed = first != second
+    by_pairs[mixed] += z[second[mixed]][:, k] * z[first[mixed]][:, m]
+    quadratic = by_pairs.T @ elastic.quadratic @ z
+    by_pairs_twice = by_pairs * np.where(mixed, 1.0, 2.0)[:, None]  # the columns i = j are halved
+    cubic = (by_pairs.T @ elastic.cubic) @ by_pairs_twice
+    cubic *= np.where(k == m, 0.5, 1.0)
+    return ElasticPolynomial(force, stiffness, quadratic, cubic)
+
+
+def subspace_model(
+    whole: ReducedModel, elastic: ElasticPolynomial, q0: Array, z: Array, velocity_matrix: Array
+) -> ReducedModel:
+    """The Galerkin projection of a model on q = q0 + Z y.
+
+    Args:
+        whole: the model, without follower pressures.
+        elastic: its elastic force about q0 (`shifted`), on Z.
+        q0: (n,) the state at y = 0.
+        z: (n, k) Z.
+        velocity_matrix: (n, n) D, or (0, 0).
+    """
+    return reduced_model(
+        mass=z.T @ whole.mass @ z,
+        damping=whole.damping,
+        elastic=elastic,
+        loads=z.T @ whole.loads,
+        load_histories=whole.load_histories,
+        points=whole.points,
+        contact_rows=whole.contact_rows @ z,
+        contact_offset=whole.contact_offset + whole.contact_rows @ q0,
+        probe=whole.probe @ z,
+        probe_offset=whole.probe_offset + whole.probe @ q0,
+        velocity_matrix=z.T @ velocity_matrix @ z if velocity_matrix.size else velocity_matrix,
+    )

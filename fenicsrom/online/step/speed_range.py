@@ -1,0 +1,325 @@
+"""One model for a range of speeds of rotation, exact in Ω.
+
+About the unloaded shape, u = R q, a body that turns at Ω obeys
+
+    M q̈ + (α M + D + Ω G) q̇ + f(q) − Ω² (c + Q q) = p(t) − Bᵀ F,    (1)
+
+with the cubic elastic force f, the centrifugal force Ω² (c + Q q) and the Coriolis force −Ω G q̇ of
+`fenicsrom.fem.body.rotation`; nothing else depends on Ω. The *range model* is (1) on the joined
+basis of some speeds (`fenicsrom.reduction.joined`). It is too large for a time integration: the
+cost of its force grows with n⁴. At one speed it is therefore reduced a second time, without the
+mesh. The equilibrium q_Ω solves f(q) = Ω² (c + Q q) under the static loads, and with the tangent T
+there
+
+    q = q_Ω + Z y,    Z = [R_m, Φ, θ],    (2)
+
+where R_m, Φ and θ are the interface modes, the normal modes and the modal derivatives of the range
+model, each v of them as v − R_m Bᵀ v (`fenicsrom.reduction.basis`). The model on (2) is exact on
+its subspace, and is one like any other. A larger model judges it: more modes, static responses to
+the loads, and combinations of the derivatives along interface modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.model.loads import static_factors
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
+from fenicsrom.online.model.subspace import change_of_tangent, projected, shifted, subspace_model
+from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
+from fenicsrom.online.step.newton import Correction, in_load_steps, newton, small_against_load
+
+NEXT_MODES = 3
+"""Normal modes of the larger model above those of the model."""
+
+NEXT_INTERFACE_MODES = 10
+"""Interface modes of the larger model beyond those of the model, if not all directions are."""
+
+COMBINATIONS = 8
+"""Combinations of the derivatives along interface modes in the larger model."""
+
+DEPENDENCE = 1e-7
+"""A vector is left out if its independent part, relative to its norm, is at most this."""
+
+ITERATIONS = 30
+"""Largest number of Newton iterations of an equilibrium."""
+
+SMALLEST_STEP = 1.0 / 64.0
+"""Smallest step of the centrifugal and static loads, relative to the loads."""
+
+
+@dataclass(frozen=True, eq=False)
+class AtSpeed:
+    """The range model at one speed, reduced.
+
+    Attributes:
+        model: the model of n coordinates.
+        candidates: the larger model that judges it; its first n coordinates are those of the model.
+        labels: (n,) labels of the coordinates.
+        further: labels of the other coordinates of the larger model.
+        frequencies_hz: (v,) natural frequencies of the normal modes of the basis, Hz.
+    """
+
+    model: ReducedModel
+    candidates: ReducedModel
+    labels: tuple[str, ...]
+    further: tuple[str, ...]
+    frequencies_hz: Array
+
+
+class RangeErrors(NamedTuple):
+    """Errors of a range model against the solid at speeds between those of its basis.
+
+    Attributes:
+        speeds: (k,) rad/s.
+        displacement: (k,) of the equilibrium, relative, in the mass norm.
+        frequency: (k,) the largest relative error of a natural frequency.
+        flexibility: (k,) of the flexibility of the masters, relative, in the Frobenius norm; zero
+            without contact.
+    """
+
+    speeds: Array
+    displacement: Array
+    frequency: Array
+    flexibility: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RangeModel:
+    """The model (1) on the joined basis of some speeds.
+
+    Attributes:
+        model: the model at rest about the unloaded shape, of n coordinates; its first coordinates
+            are the displacements of the masters.
+        centrifugal: (n,) c, kg m.
+        softening: (n, n) Q, kg.
+        coriolis: (n, n) G, kg; (0, 0) without the Coriolis force.
+        speeds: (s,) speeds of the basis, ascending, rad/s.
+        equilibria: (s, n) coordinates of the equilibria at these speeds.
+        modes: number of normal modes of a model at one speed.
+        masters: number of master displacements.
+        errors: the errors between the speeds.
+        mesh_errors: (v,) estimated relative errors of the natural frequencies due to the mesh, at
+            the middle speed of the basis; (0,) if they are not estimated.
+    """
+
+    model: ReducedModel
+    centrifugal: Array
+    softening: Array
+    coriolis: Array
+    speeds: Array
+    equilibria: Array
+    modes: int
+    masters: int
+    errors: RangeErrors
+    mesh_errors: Array
+
+    def velocity_matrix(self, omega: float) -> Array:
+        """D + Ω G (n, n) at a speed in rad/s; (0, 0) without both."""
+        parts = [a for a in (self.model.velocity_matrix, omega * self.coriolis) if a.size]
+        return np.sum(parts, axis=0) if parts else np.zeros((0, 0))
+
+    def elastic(self, omega: float, part: float = 1.0) -> ElasticPolynomial:
+        """f(q) − part Ω² (c + Q q) at a speed in rad/s."""
+        elastic, square = self.model.elastic, part * omega**2
+        return elastic._replace(
+            force=elastic.force - square * self.centrifugal,
+            stiffness=elastic.stiffness - square * self.softening,
+        )
+
+    def tangent(self, omega: float, q: Array) -> Array:
+        """The tangent (n, n) of `elastic` at q (n,)."""
+        force, found = np.empty(q.size), np.empty((q.size, q.size))
+        elastic_force(self.elastic(omega), q, force, found)
+        return found
+
+    def equilibrium(self, omega: float) -> Array:
+        """q_Ω (n,) at a speed in rad/s, under the static loads.
+
+        Newton's method starts at the polynomial in Ω² through the equilibria of the basis, or, if
+        it does not converge from there, follows the equilibrium from rest.
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        known, at = self.speeds**2, omega**2
+        weights = [np.prod([(at - b) / (a - b) for b in known if b != a]) for a in known]
+        found = self._newton(np.array(weights) @ self.equilibria, omega, 1.0)
+        if found is not None:
+            return found
+        found, reached = in_load_steps(
+            np.zeros(self.model.size), lambda q, part: self._newton(q, omega, part), SMALLEST_STEP
+        )
+        if reached < 1.0:
+            speed = 30.0 / np.pi * omega
+            raise ConvergenceError(
+                f"no equilibrium at {speed:.6g} rpm: the range model lost it at "
+                f"{reached:.3g} of the centrifugal and static loads",
+                found,
+            )
+        return found
+
+    def _newton(self, start: Array, omega: float, part: float) -> Array | None:
+        """The equilibrium (n,) under a part of all loads from a start (n,), or None."""
+        elastic = self.elastic(omega, part)
+        load = part * (self.model.loads @ static_factors(self.model.load_histories))
+        driving = load + part * omega**2 * self.centrifugal
+        force, tangent = np.empty(start.size), np.empty((start.size, start.size))
+
+        def correct(q: Array) -> Correction | None:
+            elastic_force(elastic, q, force, tangent)
+            try:
+                change = np.asarray(np.linalg.solve(tangent, load - force), np.float64)
+            except np.linalg.LinAlgError:
+                return None
+            return change, abs(float((load - force) @ change))
+
+        def converged(q: Array, decrement: float, first: float, last: float) -> bool:
+            return small_against_load(decrement, 0.0, float(driving @ q)) or decrement == 0.0
+
+        return newton(start, correct, converged, ITERATIONS)
+
+    def at(self, omega: float, interface_modes: bool, nonlinear: bool) -> AtSpeed:
+        """The models on (2) at a speed in rad/s.
+
+        Args:
+            omega: the speed, rad/s.
+            interface_modes: whether the masters are the interface modes at this speed; otherwise
+                they are those of the basis.
+            nonlinear: False gives linear models about the equilibrium, without derivatives.
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        q0 = self.equilibrium(omega)
+        elastic = shifted(self.elastic(omega), q0)
+        if not nonlinear:
+            elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
+        space = _Space(self, elastic)
+        squares, z, labels, count = space.basis(interface_modes)
+        reduced, n = projected(elastic, z), len(labels)
+        reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
+        whole = subspace_model(self.model, reduced, q0, z, self.velocity_matrix(omega))
+        return AtSpeed(
+            nested_model(whole, range(count)),
+            whole,
+            labels[:count],
+            labels[count:],
+            np.sqrt(np.maximum(squares[: self.modes], 0.0)) / (2.0 * np.pi),
+        )
+
+
+class _Space:
+    """The vectors of (2) in a range model about its equilibrium."""
+
+    def __init__(self, whole: RangeModel, elastic: ElasticPolynomial):
+        """Store the range model, and its elastic force about the equilibrium."""
+        self.whole, self.elastic = whole, elastic
+        self.mass, self.tangent = whole.model.mass, elastic.stiffness
+
+    def solve(self, block: Array) -> Array:
+        """T⁻¹ times a block (n, k)."""
+        return np.asarray(np.linalg.solve(self.tangent, block), np.float64)
+
+    def basis(self, interface_modes: bool) -> tuple[Array, Array, tuple[str, ...], int]:
+        """Z and the vectors of the larger model.
+
+        Returns:
+            ω² of the normal modes, the vectors (n, k), their labels, and how many are those of Z.
+        """
+        whole, n = self.whole, self.mass.shape[0]
+        squares, modes = scipy.linalg.eigh(self.tangent, self.mass)
+        v, m = whole.modes, whole.masters
+        rows: Array = np.eye(m, n)
+        more: Array = np.zeros((0, n))
+        if interface_modes:
+            given = whole.model.contact_rows
+            flexibility = given @ self.solve(given.T)
+            ahead = np.linalg.eigh(0.5 * (flexibility + flexibility.T))[1].T[::-1] @ given
+            rows, more = ahead[:m], ahead[m : m + NEXT_INTERFACE_MODES]
+        attached = self.solve(np.concatenate([rows, more]).T)
+        static = attached[:, :m] @ np.linalg.inv(rows @ attached[:, :m])
+        named = _named(modes[:, :v], "V")
+        nonlinear = self.elastic.quadratic.size > 0
+        if nonlinear:
+            named |= self.derivatives(named, named)
+        size = len(named)
+        named |= _named(modes[:, v : v + NEXT_MODES], "V", v)
+        named |= _named(attached[:, m:], "S", m)
+        named |= _named(self.solve(whole.model.loads), "A")
+        if nonlinear and m:
+            named |= self.combined(modes[:, :v], static)
+        z, labels, kept = self.orthonormalised(static, rows, named, size)
+        return squares, z, labels, m + kept
+
+    def derivatives(self, one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:
+        """θ = −T⁻¹ T′[x] y of all pairs of some vectors (n,) by their labels, each pair once."""
+        named = {**one, **other}
+        pairs = [pair for pair in combinations_with_replacement(named, 2) if {*pair} & {*other}]
+        changes = {label: change_of_tangent(self.elastic, named[label]) for label, _ in pairs}
+        found = self.solve(np.array([changes[a] @ named[b] for a, b in pairs]).T)
+        return {a + b: -found[:, k] for k, (a, b) in enumerate(pairs)}
+
+    def combined(self, modes: Array, static: Array) -> dict[str, Array]:
+        """The combinations of derivatives along interface modes that hold the most energy.
+
+        All vectors have the same elastic energy.
+        """
+        along = _named(self.with_unit_energy(modes), "V")
+        across = _named(self.with_unit_energy(static), "S")
+        found = np.array(list(self.derivatives(along, across).values())).T
+        gram = found.T @ self.tangent @ found
+        axes = np.linalg.eigh(0.5 * (gram + gram.T))[1][:, ::-1][:, :COMBINATIONS]
+        return _named(found @ axes, "D")
+
+    def with_unit_energy(self, block: Array) -> Array:
+        """Vectors (n, k) scaled to the elastic energy 1/2 J."""
+        return block / np.sqrt(np.abs(np.sum(block * (self.tangent @ block), axis=0)))
+
+    def orthonormalised(
+        self, static: Array, rows: Array, named: dict[str, Array], size: int
+    ) -> tuple[Array, tuple[str, ...], int]:
+        """R_m, then the vectors v − R_m Bᵀ v, orthonormal in the mass norm.
+
+        Args:
+            static: (n, m) R_m.
+            rows: (m, n) Bᵀ.
+            named: the vectors (n,) by their labels.
+            size: number of the vectors that belong to Z.
+
+        Returns:
+            The vectors (n, k), their labels, and how many of the first ones were kept.
+        """
+        kept: list[Array] = []
+        labels: list[str] = []
+        count = 0
+        for number, (label, vector) in enumerate(named.items()):
+            x = vector / np.sqrt(vector @ self.mass @ vector)
+            x = x - static @ (rows @ x)
+            for _ in range(2):  # the second pass removes the rounding errors of the first
+                for y in kept:
+                    x = x - y * (y @ self.mass @ x)
+            rest = np.sqrt(x @ self.mass @ x)
+            if rest <= DEPENDENCE:
+                continue
+            x = x / rest
+            x = x - static @ (rows @ x)  # the division has amplified rounding errors
+            kept.append(x)
+            labels.append(label)
+            count += number < size
+        masters = tuple(f"{k + 1}S" for k in range(static.shape[1]))
+        return np.column_stack([static, *kept]), (*masters, *labels), count
+
+
+def _named(block: Array, kind: str, first: int = 0) -> dict[str, Array]:
+    """The columns (n,) of a block (n, k) by their labels, such as 1V."""
+    return {f"{first + k + 1}{kind}": block[:, k] for k in range(block.shape[1])}

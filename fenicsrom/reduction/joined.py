@@ -1,0 +1,217 @@
+"""The joined basis of some speeds of rotation, and the range model on it.
+
+At each speed Ω_k the body has an equilibrium u_k, normal modes Φ_k, attachment modes
+G_k = K_k⁻¹ B W and modal derivatives θ_k of all pairs of normal modes. The displacement about the
+unloaded shape is
+
+    u = R q,    R = [R_m, all u_k, all Φ_k, all G_k, all θ_k],    (1)
+
+with one W for all speeds, and with R_m = G (Bᵀ G)⁻¹ of one speed; every other vector v enters as
+v − R_m Bᵀ v (`fenicsrom.reduction.basis`). Without the u_k nothing would stiffen at speed. The
+derivatives say how equilibrium and modes change between the speeds.
+
+A Galerkin model contains every equilibrium and every mode of the solid that its basis contains.
+Against the solid at a speed between those of the basis, the model therefore has the error that one
+speed more in the basis would remove.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
+from fenicsrom.progress import log
+from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.candidates import NEXT_MODES
+from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
+from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.projection import project, projected_gyroscopic
+from fenicsrom.reduction.protocols import Structure
+from fenicsrom.scene import Basis
+
+DEPENDENCE = 1e-5
+"""A vector is left out of the joined basis if its independent part is at most this.
+
+At 1e-3 a joined basis misses its own speeds by up to 3e-4.
+"""
+
+LARGEST = 120
+"""Largest number of coordinates: the cubic force of n = 120 takes 0.4 GB, as n⁴."""
+
+
+class Turning(Structure, Protocol):
+    """A structure that may turn at any speed."""
+
+    @property
+    def rotation(self) -> Any:
+        """The `fenicsrom.fem.body.rotation.RotatingFrame`."""
+
+    def spin(self, omega: float) -> None:
+        """Move to the equilibrium at another speed, rad/s."""
+
+    def unload(self) -> None:
+        """Take the undeformed body at rest in place of the equilibrium."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a structure shows at one speed.
+
+    Attributes:
+        omega: the speed, rad/s.
+        equilibrium: (local, 1) u, m.
+        squares: (v,) ω² of the normal modes.
+        modes: (local, v) normal modes.
+        attached: (local, m) attachment modes of the masters.
+        derivatives: (local, v (v + 1) / 2) of all pairs of modes; none between the speeds.
+        flexibility: (m, m) of the masters.
+    """
+
+    omega: float
+    equilibrium: Array
+    squares: Array
+    modes: Array
+    attached: Array
+    derivatives: Array
+    flexibility: Array
+
+
+def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel:
+    """The range model of a structure, with its errors between the speeds; none due to the mesh.
+
+    Args:
+        structure: the structure at the middle one of the speeds; afterwards it is unloaded.
+        options: the options of the basis.
+        speeds: (s,) speeds of the basis, ascending, rad/s.
+
+    Raises:
+        ConvergenceError, AccuracyError: no equilibrium at a speed, or an inaccurate mode.
+        SceneError: there are too many coordinates.
+    """
+    middle = speeds[speeds.size // 2]
+    first = component_modes(structure, options)
+    more = min(first.omega.size + NEXT_MODES, structure.free)
+    next_modes = structure.eigenmodes(structure.factor, more)[1][:, first.omega.size :]
+    extra = [next_modes, structure.factor.solve(structure.load_vectors)]
+    seen = {}
+    between = 0.5 * (speeds[1:] + speeds[:-1])
+    for omega in map(float, np.sort(np.concatenate([speeds, between]))):
+        log.info(f"  {30.0 / np.pi * omega:g} rpm ..")
+        structure.spin(omega)
+        seen[omega] = _see(structure, first, omega, with_derivatives=omega in speeds)
+    at = [seen[omega] for omega in speeds]
+    others = [one.attached for one in at if one.omega != middle]
+    vectors = [
+        *(one.equilibrium for one in at),
+        *(one.modes for one in at),
+        *others,
+        *(one.derivatives for one in at),
+        *extra,
+    ]
+    blocks = np.concatenate(vectors, axis=1)
+    basis = build_basis(
+        "rubin",
+        first.masters,
+        first.rows,
+        blocks,
+        [f"{k + 1}J" for k in range(blocks.shape[1])],
+        structure.mass_inner,
+        structure.comm.allreduce,
+        DEPENDENCE,
+    )
+    if basis.size > LARGEST:
+        raise SceneError(
+            f"{structure.source}: rotation.speeds_rpm: the joined basis has {basis.size} "
+            f"coordinates, at most {LARGEST} are allowed; use fewer basis.modes, basis.masters or "
+            "speeds",
+            kind=ErrorKind.RANGE,
+            key="rotation.speeds_rpm",
+            source=structure.source,
+        )
+    log.info(f"  polynomial of {basis.size} coordinates ..")
+    return _projected(structure, basis, first, at, list(seen.values()))
+
+
+def _see(structure: Turning, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
+    """What a structure shows at its present speed, with the masters of one speed."""
+    count = first.omega.size
+    squares, modes = structure.eigenmodes(structure.factor, count)
+    labels = [f"{k + 1}V" for k in range(count)]
+    pairs = all_pairs(labels) if with_derivatives else []
+    attached = structure.factor.solve(np.ascontiguousarray(first.rows.T))
+    return _Seen(
+        omega,
+        structure.equilibrium[:, None].copy(),
+        squares,
+        modes,
+        attached,
+        modal_derivatives(
+            modes,
+            labels,
+            pairs,
+            structure.tangent_derivative,
+            structure.factor,
+            structure.comm.allreduce,
+        ),
+        structure.inner(first.rows.T, attached),
+    )
+
+
+def _projected(
+    structure: Turning,
+    basis: ReducedBasis,
+    first: ComponentModes,
+    at: list[_Seen],
+    seen: list[_Seen],
+) -> RangeModel:
+    """The range model on a basis, with its errors at the speeds between those of the basis."""
+    r, frame = basis.vectors, structure.rotation
+    coriolis = projected_gyroscopic(structure, r)
+    if coriolis.size:
+        coriolis /= frame.omega
+    force = structure.inner(r, frame.unit_centrifugal_force[:, None])[:, 0]
+    softening = structure.inner(r, frame.mass_times(r))
+    structure.unload()
+    model = project(structure, basis)
+    known = np.concatenate([one.equilibrium for one in at], axis=1)
+    found = RangeModel(
+        model,
+        force,
+        softening,
+        coriolis,
+        np.array([one.omega for one in at]),
+        np.asarray(np.linalg.solve(model.mass, structure.mass_inner(r, known)).T, np.float64),
+        first.omega.size,
+        first.rows.shape[0],
+        RangeErrors(*np.zeros((4, 0))),
+        np.zeros(0),
+    )
+    between = [one for one in seen if one.omega not in found.speeds]
+    errors = [_errors(structure, r, found, one) for one in between]
+    return replace(found, errors=RangeErrors(*np.array(errors).T))
+
+
+def _errors(structure: Turning, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:
+    """The speed, and the errors of `RangeErrors` against what the structure shows there."""
+
+    def size(vector: Array) -> float:
+        return float(np.sqrt(structure.mass_inner(vector, vector)[0, 0]))
+
+    q = found.equilibrium(seen.omega)
+    tangent = found.tangent(seen.omega, q)
+    squares = scipy.linalg.eigh(tangent, found.model.mass, eigvals_only=True)
+    frequencies = np.sqrt(np.abs(squares[: seen.squares.size] / seen.squares))
+    m, moved = found.masters, size(seen.equilibrium)
+    flexibility = np.linalg.inv(tangent)[:m, :m] - seen.flexibility
+    return (
+        seen.omega,
+        size(r @ q[:, None] - seen.equilibrium) / moved if moved > 0.0 else 0.0,
+        float(np.max(np.abs(frequencies - 1.0))),
+        float(np.linalg.norm(flexibility) / np.linalg.norm(seen.flexibility)) if m else 0.0,
+    )

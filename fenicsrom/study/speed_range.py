@@ -1,0 +1,79 @@
+"""The model for a range of speeds of rotation, made from the solid at some of these speeds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.progress import log
+from fenicsrom.scene.checks import LEAST_MODES
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
+    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.scene import Scene
+
+
+def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
+    """The model for the range of `rotation.speeds_rpm`, at `rotation.speed_rpm`, on one rank.
+
+    Args:
+        scene: a scene with `rotation.speeds_rpm`.
+        mesh: the mesh; None makes or reads the mesh of the scene.
+        comm: MPI communicator.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: no equilibrium at a speed, or an inaccurate mode.
+    """
+    import numpy as np
+
+    from fenicsrom.assess.errors.mesh_check import of_solid
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import solid_of
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.provenance import provenance
+    from fenicsrom.reduction.joined import range_model
+    from fenicsrom.scene.excitation import highest_frequency
+
+    speeds = scene.speeds_rpm
+    assert speeds is not None
+    if comm.size > 1:
+        raise SceneError(
+            f"{scene.source}: rotation.speeds_rpm: the model is built on one rank, not on "
+            f"{comm.size}",
+            kind=ErrorKind.CONFLICT,
+            key="rotation.speeds_rpm",
+            source=scene.source,
+        )
+    log.info("mesh ..")
+    mesh = mesh or build_mesh(scene.geometry, comm)
+    log.info("solid ..")
+    middle = replace(scene.at_speed(speeds[len(speeds) // 2]), loads=scene.loads)
+    solid = solid_of(middle, mesh)
+    modes = scene.basis.modes if isinstance(scene.basis.modes, int) else LEAST_MODES
+
+    def squares(body: Solid) -> Array:
+        return body.eigenmodes(body.factor, modes)[0]
+
+    log.info("finer elements ..")
+    judged = of_solid(middle, solid, (squares(solid), squares))
+    solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
+    log.info("one model for all speeds ..")
+    whole = range_model(solid, scene.basis, np.pi / 30.0 * np.array(speeds))
+    whole = replace(whole, mesh_errors=np.array(judged.frequencies))
+    found = StoredModel(
+        whole.model,
+        scene,
+        "rubin",
+        (),
+        solid.free,
+        np.zeros(0),
+        provenance(),
+        whole=whole,
+    ).at_speed()
+    solid.destroy()
+    return found

@@ -1,0 +1,280 @@
+"""One model for a range of speeds against beam theory, the solid at each speed, and its motion."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from support import beam_scene, make_solid, refusal
+
+import fenicsrom
+from fenicsrom.assess.rotation.range_body import RangeBody
+from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind
+from fenicsrom.online.motion.measures import amplitude, peak_normal_force
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.scene import Scene, read_scene
+
+DEMO = Path(__file__).parents[2] / "demos" / "blade_rub.toml"
+RPM = 30.0 / np.pi
+UNSTRESSED = ("output.stresses='none'", "output.motion=false", "output.animation=false")
+BLADE = (*UNSTRESSED, "rotation.speeds_rpm=[0.0, 3000.0, 6000.0]", "rotation.coriolis=true")
+TINY = (
+    "geometry.parameters.elements_along=4",
+    "geometry.parameters.elements_across=2",
+    "contacts.0.gap=0.9e-3",
+    "time.steps_per_period=100",
+    "time.periods=3",
+    "time.steady_tolerance=0.0",
+)
+
+
+def blade(*overrides: str) -> Scene:
+    """The blade of the demo, rotating in a range of speeds."""
+    return read_scene(DEMO, (*BLADE, *overrides))
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredModel, Path]:
+    """The model of a coarse blade for all speeds up to 6000 rpm, and its file."""
+    stored = fenicsrom.build_model(blade(*TINY))
+    path = tmp_path_factory.mktemp("range") / "reduced_model.npz"
+    save_model(path, stored)
+    return stored, path
+
+
+def at_speed(stored: StoredModel, rpm: float, *more: str) -> StoredModel:
+    """The model at another speed."""
+    return stored.with_overrides([f"rotation.speed_rpm={rpm}", *more])
+
+
+@pytest.mark.parametrize(
+    ("hub", "flaps", "allowed"),
+    [
+        (0.0, (7.36037, 11.20233, 15.14936), 1.5e-4),
+        (1.0, (10.44387, 16.60636, 22.84529), 4e-4),  # the solid stretches by 1e-4 at eta = 14
+    ],
+)
+def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
+    hub: float, flaps: tuple[float, ...], allowed: float
+) -> None:
+    """Flap of a uniform Euler-Bernoulli cantilever, by Rayleigh-Ritz with 24 polynomials: omega L^2
+    sqrt(rho A / E I) at eta = Omega L^2 sqrt(rho A / E I) of 6, 10 and 14; lag^2 = flap^2 -
+    eta^2. The speeds of the basis are eta = 0 and 12; the radius of the hub is 0 or L."""
+    length, height, young, density = 2.54, 0.0254, 207e9, 7801.0
+    unit = np.sqrt(young * height**2 / 12.0 / (density * length**4))
+    scene = beam_scene(
+        3,
+        ("geometry.parameters.elements_along=40", "material.poisson=0.0"),
+        contacts=None,
+        rotation={
+            "speed_rpm": 6.0 * unit * RPM,
+            "axis": [0.0, 0.0, 1.0],
+            "point": [-hub * length, 0.0, 0.0],
+            "speeds_rpm": [0.0, 12.0 * unit * RPM],
+        },
+        basis={"modes": 4},
+    )
+    stored = fenicsrom.build_model(scene)
+    assert stored.whole is not None
+    for eta, flap in zip((6.0, 10.0, 14.0), flaps, strict=True):
+        found = stored.whole.at(eta * unit, False, True).frequencies_hz[:2]
+        lag, wanted = 2.0 * np.pi * found / unit
+        np.testing.assert_allclose([wanted, np.hypot(lag, eta)], flap, rtol=allowed)
+    assert np.max(stored.whole.errors[1:3]) < 2e-4
+    solid = make_solid(replace(scene, rotation=replace(scene.rotation, speeds_rpm=None)))
+    solid.spin(12.0 * unit)  # a speed of the basis: the joined basis holds its modes
+    squares, _ = solid.eigenmodes(solid.factor, 4)
+    found = stored.whole.at(12.0 * unit, False, True)
+    np.testing.assert_allclose(2.0 * np.pi * found.frequencies_hz, np.sqrt(squares), rtol=1e-6)
+
+
+def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
+    stored, _ = tiny
+    solid = make_solid(replace(blade(*TINY), rotation=replace(blade().rotation, speeds_rpm=None)))
+    for rpm in (1000.0, 4500.0):
+        solid.spin(rpm / RPM)
+        squares, _ = solid.eigenmodes(solid.factor, 4)
+        model = at_speed(stored, rpm)
+        np.testing.assert_allclose(
+            model.frequencies_hz, np.sqrt(squares) / (2.0 * np.pi), rtol=3e-5
+        )
+        tip = solid.probe_rows @ solid.equilibrium
+        np.testing.assert_allclose(model.model.probe_offset, tip, rtol=0, atol=1e-6 * abs(tip[2]))
+        moved = solid.contact_rows @ solid.equilibrium
+        np.testing.assert_allclose(model.model.contact_offset, moved, rtol=0, atol=1e-6)
+        omega, body = rpm / RPM, RangeBody(stored.whole, rpm / RPM)
+        whirling, _, _ = modes_at_speed(body, 4)
+        wanted, _, _ = modes_at_speed(solid, 4)
+        assert abs(np.sqrt(wanted / squares) - 1.0).max() > 1e-5 * omega / 100.0
+        np.testing.assert_allclose(np.sqrt(whirling), np.sqrt(wanted), rtol=3e-5)
+
+
+def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
+    """At 1500 and 4500 rpm, the middles between the speeds of the basis."""
+    stored, _ = tiny
+    errors = stored.whole.errors
+    np.testing.assert_allclose(RPM * errors.speeds, [1500.0, 4500.0])
+    assert np.all(errors.displacement < 1e-4) and np.all(errors.displacement > 0.0)
+    assert np.all(errors.frequency < 1e-4) and np.all(errors.flexibility < 1e-2)
+    coarse = fenicsrom.build_model(blade(*TINY, "rotation.speeds_rpm=[0.0, 6000.0]"))
+    assert coarse.whole.errors.displacement[0] > 10.0 * errors.displacement.max()
+    for name in ("sines", "spans"):  # not those at the middle speed, 6000 rpm
+        of_load = (getattr(one.model.load_histories, name) for one in (coarse, stored))
+        np.testing.assert_array_equal(*of_load)
+    rows = coarse.whole.at(3000.0 / RPM, True, True)
+    exact = stored.whole.at(3000.0 / RPM, True, True)  # 3000 rpm belongs to its basis
+    change = abs(rows.frequencies_hz / exact.frequencies_hz - 1.0).max()
+    assert change == pytest.approx(coarse.whole.errors.frequency[0], rel=1e-2)
+
+
+def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_middle_speed(tiny: Any) -> None:
+    stored, path = tiny
+    scene = blade(*TINY)
+    alone = replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
+    judged = fenicsrom.modes(alone).mesh_check
+    found = stored.whole.mesh_errors
+    assert found.size == 4 and found.max() > 1e-3
+    np.testing.assert_allclose(found, judged.frequencies, rtol=1e-5)
+    np.testing.assert_array_equal(load_model(path).whole.mesh_errors, found)
+
+
+def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None:
+    stored, path = tiny
+    read = load_model(path)
+    for rpm in (3000.0, 5000.0):
+        one, other = at_speed(stored, rpm), at_speed(read, rpm)
+        assert one.labels == other.labels and one.further == other.further
+        for name in ("mass", "contact_rows", "contact_offset", "velocity_matrix"):
+            np.testing.assert_array_equal(getattr(one.model, name), getattr(other.model, name))
+        np.testing.assert_array_equal(one.model.elastic.cubic, other.model.elastic.cubic)
+    larger = stored.resized(stored.size + 4)
+    assert at_speed(larger, 5000.0).labels == larger.labels
+    back = at_speed(at_speed(read, 5000.0), 3000.0)
+    np.testing.assert_array_equal(back.model.elastic.cubic, read.model.elastic.cubic)
+
+
+def test_loads_and_casing_follow_the_speed(tiny: Any) -> None:
+    stored, _ = tiny
+    found = at_speed(stored, 4500.0, "loads.0.pressure=1e3")
+    assert found.scene.loads[0].frequency == 75.0 and found.scene.period == 1.0 / 75.0
+    assert found.model.load_histories.sines[0, 1] == pytest.approx(2.0 * np.pi * 150.0)
+    again = found.with_overrides(["loads.0.frequency=60.0"])
+    assert again.scene.loads[0].frequency == 60.0
+    assert at_speed(again, 3000.0).scene.loads[0].frequency == 60.0  # no engine order any more
+
+
+@pytest.mark.slow
+def test_motion_at_a_speed_matches_that_of_a_model_of_this_speed(tiny: Any) -> None:
+    stored, _ = tiny
+    changes = ("rotation.speed_rpm=2000.0", "contacts.0.gap=1.3e-3")
+    found = stored.with_overrides(changes).simulate()
+    scene = blade(*TINY, *changes)
+    alone = replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
+    wanted = simulate(
+        fenicsrom.build_model(alone).candidates, alone
+    )  # 38 coordinates instead of 24
+    size = np.linalg.norm(amplitude(wanted))
+    assert size > 1e-2 and peak_normal_force(wanted) > 100.0
+    assert np.linalg.norm(amplitude(found) - amplitude(wanted)) < 2e-3 * size
+    assert peak_normal_force(found) == pytest.approx(peak_normal_force(wanted), rel=2e-3)
+
+
+def test_sweep_over_the_speed_takes_one_model(tiny: Any, tmp_path: Path) -> None:
+    stored, _ = tiny
+    found = fenicsrom.sweep(
+        stored, {"rotation.speed_rpm": [2000.0, 4500.0, 7000.0]}, folder=tmp_path
+    )
+    assert found.models == 0
+    assert "7000" in str(found.rows[2]) and found.rows[2].keys() != found.rows[0].keys()
+    own = [at_speed(stored, rpm).simulate() for rpm in (2000.0, 4500.0)]
+    peaks = [peak_normal_force(motion) for motion in own]
+    assert abs(peaks[0] - peaks[1]) > 1.0
+    told = [value for row in found.rows[:2] for value in row.values() if value in peaks]
+    assert told == peaks
+
+
+def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> None:
+    stored, path = tiny
+    out = tmp_path / "run"
+    speed = "rotation.speed_rpm=2000.0"
+    assert main(["run", "--from", str(path), "--set", speed, "--output", str(out)]) in (0, 1)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["range"]["speed_rpm"] == 2000.0
+    assert summary["range"]["errors_between"]["speeds"] == pytest.approx([1500.0, 4500.0])
+    np.testing.assert_allclose(
+        summary["frequencies_hz"], at_speed(stored, 2000.0).frequencies_hz, rtol=1e-12
+    )
+    out, speeds = tmp_path / "campbell", "campbell.speeds_rpm=[0.0, 2500.0, 5000.0]"
+    told = ["campbell", "--from", str(path), "--set", speeds, "--output", str(out)]
+    assert main(told) == 0
+    diagram = json.loads((out / "campbell.json").read_text())
+    body = RangeBody(stored.whole, 5000.0 / RPM)
+    modes = stored.whole.modes
+    assert modes < 6 and sum("basis.modes" in text for text in diagram["warnings"]) == 1
+    squares, _, _ = modes_at_speed(body, modes)
+    found = np.sort(diagram["frequencies_hz"][2])
+    np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("override", "kind", "key"),
+    [
+        ("rotation.speed_rpm=6001.0", ErrorKind.RANGE, "rotation.speed_rpm"),
+        ("rotation.speeds_rpm=[3000.0]", ErrorKind.TYPE, "rotation.speeds_rpm"),
+        ("basis.method='craig-bampton'", ErrorKind.CONFLICT, "basis.method"),
+        ("basis.derivatives='none'", ErrorKind.CONFLICT, "basis.derivatives"),
+        ("damping.stiffness=1e-6", ErrorKind.CONFLICT, "damping.stiffness"),
+        ("output.stresses='cauchy'", ErrorKind.CONFLICT, "output.stresses"),
+        ("reference.full=true", ErrorKind.CONFLICT, "reference.full"),
+        ("loads.0.follower=true", ErrorKind.CONFLICT, "loads[0].follower"),
+    ],
+)
+def test_what_a_range_of_speeds_cannot_do_is_refused(
+    override: str, kind: ErrorKind, key: str
+) -> None:
+    with refusal(kind, key):
+        blade(override)
+
+
+def test_model_of_one_speed_has_no_diagram_and_no_other_speed(tiny: Any) -> None:
+    stored, _ = tiny
+    with refusal(ErrorKind.RANGE, "rotation.speed_rpm"):
+        at_speed(stored, 7000.0)
+    high = stored.with_overrides(["campbell.speeds_rpm=[0.0, 7000.0]"])
+    with refusal(ErrorKind.RANGE, "campbell.speeds_rpm"):
+        fenicsrom.campbell(high)
+    alone = replace(stored, whole=None)
+    with refusal(ErrorKind.MISSING, "rotation.speeds_rpm"):
+        fenicsrom.campbell(alone)
+    with refusal(ErrorKind.CONFLICT, "rotation.speeds_rpm"):
+        fenicsrom.run(blade(*TINY))
+
+
+@pytest.mark.slow
+def test_blade_of_the_demo_at_all_speeds_matches_the_solid() -> None:
+    """Frequencies (Hz) and the probe (mm) of the solid of 3,672 unknowns, solved at each speed."""
+    whole = fenicsrom.build_model(blade("basis.modes=4")).whole
+    assert whole is not None and whole.model.size < 85
+    for rpm, frequencies, tip in (
+        (0.0, (32.867, 115.232, 216.590, 281.335), (0.0, 0.0, 0.0)),
+        (1500.0, (43.546, 133.488, 219.849, 303.507), (0.40756, -6.36124, 11.70759)),
+        (4500.0, (85.102, 224.198, 236.884, 415.270), (1.33876, -12.65955, 22.81724)),
+    ):
+        found = whole.at(rpm / RPM, True, True)
+        np.testing.assert_allclose(found.frequencies_hz, frequencies, rtol=0, atol=1.5e-3)
+        np.testing.assert_allclose(1e3 * found.model.probe_offset, tip, rtol=0, atol=2e-5)
+    squares, _, _ = modes_at_speed(RangeBody(whole, 1500.0 / RPM), 4)
+    whirling = np.sqrt(squares) / (2.0 * np.pi)
+    np.testing.assert_allclose(
+        whirling, [43.5367, 133.4849, 219.8294, 303.5002], rtol=0, atol=1.5e-3
+    )
