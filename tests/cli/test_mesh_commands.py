@@ -67,6 +67,7 @@ def test_body_of_150_m_draws_a_hint(tmp_path: Path) -> None:
 
 def test_inspection_of_curved_cells_and_of_a_plane_mesh() -> None:
     found = inspect(shared_meshes() / "beam2d.geo")
+    assert found.geometry.thickness == 1.0  # m
     assert found.geometry.dimension == 2 and found.volume == pytest.approx(2.54 * 0.0254)
     assert "metre of thickness" in "\n".join(mesh_report.lines(found, 1.0))
 

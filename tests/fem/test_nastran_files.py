@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import refusal
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.formats import MeshFile, read
 from fenicsrom.formats.shapes import SHAPES
 
@@ -120,6 +120,17 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     assert list(mesh.node_groups["SPC 5"]) == [0, 1, 2, 3] and list(mesh.node_groups["SPC 6"]) == [
         7
     ]
+
+
+@pytest.mark.parametrize("card", ["CROD", "CTUBE", "CBAR", "CBEAM", "CONROD"])
+def test_grids_of_a_line_stand_behind_its_property(tmp_path: Path, card: str) -> None:
+    """A grid that the file does not hold is named, wherever the card has it."""
+    first = (3,) if card == "CONROD" else (4, 3)
+    assert model(tmp_path, GRIDS + HEXA + small(card, 13, *first, 8, 8, 8)).not_read == (
+        f"1 {card} element",
+    )
+    with pytest.raises(SceneError, match=f"{card} 13 refers to GRID 99"):
+        model(tmp_path, GRIDS + HEXA + small(card, 13, *first[:-1], 99, 1))
 
 
 def test_plane_elements_make_a_plane_mesh(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq, root
-from support import refusal
+from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.reduction.beam import beam_structure
 from fenicsrom.reduction.timoshenko import TimoshenkoBeam, _assemble, timoshenko
 from fenicsrom.scene import BeamSection, Material
 
@@ -347,6 +348,15 @@ def test_places_of_beam_are_nodes() -> None:
 def test_load_between_nodes_is_refused(load_at: float, allowed: str) -> None:
     with refusal(ErrorKind.RANGE, "reference.beam_section.load_at", names=f"at {allowed}"):
         timoshenko(replace(PAPER, load_at=load_at), STEEL, False)
+
+
+def test_beam_of_a_solid_in_space_moves_in_the_plane() -> None:
+    section = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
+    table = {"reference": {"beam": True, "beam_section": section}}
+    found = beam_structure(beam_scene(3, **table))
+    assert np.any(found.load_vectors) and found.contact_rows.shape[0] == 3
+    with refusal(ErrorKind.CONFLICT, "reference.beam", names="leaves this plane"):
+        beam_structure(beam_scene(3, ("loads.0.direction=[0.0, 0.6, 0.8]",), **table))
 
 
 def test_matrices_of_beam_are_read_only() -> None:

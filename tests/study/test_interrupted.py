@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, uncoupled
+from support import STOCKY, beam_scene, uncoupled
 
 from fenicsrom import study
 from fenicsrom.assess.errors import verdicts
@@ -140,3 +140,27 @@ def test_longer_run_continues_from_the_end_of_an_unchecked_motion(
     whole = simulate.simulate(longer.model, longer.scene)
     np.testing.assert_array_equal(motion.displacement, whole.displacement[-motion.time.size :])
     assert motion.periods == 5
+
+
+def test_resumed_run_keeps_the_coordinates_that_joined_its_basis(tmp_path: Path) -> None:
+    pytest.importorskip("dolfinx")
+    scene = beam_scene(
+        2,
+        (
+            *STOCKY,
+            "basis.modes=1",
+            "basis.accuracy=1e-3",
+            "material.mass_damping=100.0",
+            "time={periods=60, steps_per_period=40}",
+            "loads.0.force=1e5",
+            "loads.0.frequency=60.0",
+            "output={pictures=false, paraview=false, stresses='none'}",
+        ),
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    first = study.run(scene, folder=tmp_path / "first")
+    assert first.sized is not None and first.sized.energies
+    path = tmp_path / "first" / "checkpoint.npz"
+    again = study.run(scene, folder=tmp_path / "again", resume=path)
+    assert again.basis is not None and again.basis.labels == first.basis.labels

@@ -6,6 +6,8 @@ import html
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.sentences import UNJUDGED
+from fenicsrom.study.source import Source
 
 SHORT = (
     "geometrically_nonlinear=false",
@@ -150,3 +153,11 @@ def test_failure_before_the_first_step_is_raised(
     monkeypatch.setattr("fenicsrom.online.run.simulate.simulate", failing)
     with pytest.raises(ConvergenceError, match="no equilibrium"):
         study.rerun(stored(), tmp_path)
+
+
+@pytest.mark.parametrize(("rank", "is_first"), [(0, True), (1, False)])
+def test_files_of_a_source_are_written_by_the_first_rank(rank: int, is_first: bool) -> None:
+    comm = SimpleNamespace(rank=rank, size=2)
+    study_of_rank: Any = SimpleNamespace(solid=SimpleNamespace(comm=comm))
+    assert Source(cast(Any, None), [], study_of_rank).first == is_first
+    assert Source(cast(Any, None), [], None).first
