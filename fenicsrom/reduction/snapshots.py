@@ -7,6 +7,10 @@ A response curve over the frequency moves the body at other frequencies too. U_t
 transients: at both ends of the curve, and where a load or one of its harmonics meets a natural
 frequency. A linear resonance is too large and would hide the other snapshots. Therefore none of
 these transients has more weight than the transient of the scene.
+
+A backbone moves the body along one mode, often farther than the loads do. The linear mode at the
+largest amplitude of the backbone therefore joins the snapshots of derivatives along principal
+directions.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
+from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
@@ -70,6 +75,9 @@ UNBOUNDED = 1e6
 MOST_RESONANCES = 6
 """Largest number of resonances of a response curve at which linear transients are computed."""
 
+MODE_PHASES = 40
+"""Snapshots of a period of the mode of a backbone."""
+
 
 @dataclass(frozen=True, eq=False)
 class Deflections:
@@ -118,6 +126,11 @@ class Snapshots:
             size = self._sizes(more).max(initial=0.0)
             found.append(more * min(1.0, largest / size) if size > 0.0 else more)
         return Deflections(self._model.vectors, np.concatenate(found, axis=1))
+
+    @cached_property
+    def mode(self) -> Array:
+        """Coordinates (n, s) of the mode of a backbone, in the vectors of `linear`."""
+        return mode_snapshots(self._scene, self._model.model)
 
     @cached_property
     def static(self) -> Array:
@@ -227,6 +240,35 @@ def linear_snapshots(
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return np.ascontiguousarray(motion.coordinates[rows].T)
+
+
+def mode_snapshots(scene: Scene, model: ReducedModel) -> Array:
+    """The linear mode of [backbone] at its largest amplitude: with sticking and with open contact.
+
+    Args:
+        scene: the scene.
+        model: the linear model of the structure.
+
+    Returns:
+        Coordinates (n, s) over a period of each mode that moves the probe; none without a backbone.
+
+    Raises:
+        ConvergenceError: there is no equilibrium.
+    """
+    table = scene.backbone
+    if table is None:
+        return np.zeros((model.size, 0))
+    sticking = [mode.shape for mode in linear_modes(Problem.of(model, scene).settled())]
+    values, vectors = np.linalg.eig(np.linalg.solve(model.mass, model.rest_stiffness()))
+    found: list[Array] = [np.zeros((model.size, 0))]
+    turn = np.exp(2j * np.pi * np.arange(MODE_PHASES) / MODE_PHASES)
+    for shapes in (sticking, list(vectors[:, np.argsort(values.real)].T)):
+        for shape in shapes[table.mode - 1 : table.mode]:
+            moves = float(np.max(np.abs(model.probe @ shape), initial=0.0))
+            if moves > 0.0:
+                moved = np.real(np.outer(shape, turn)) * table.last / moves
+                found.append(np.asarray(moved, dtype=np.float64))
+    return np.concatenate(found, axis=1)
 
 
 def in_pieces(

@@ -108,6 +108,7 @@ def choose(
     coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)
     if wanted != "principal":
         return select(coordinates, modes.labels, wanted, scene.basis.threshold)
+    coordinates = np.concatenate([coordinates, moving @ snapshots.mode], axis=1)
     selected = select(coordinates, modes.labels, wanted, scene.basis.threshold)
     if not coordinates.any():
         return selected

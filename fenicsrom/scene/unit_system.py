@@ -67,7 +67,7 @@ class Units:
 
     Attributes:
         length: unit of length; also that of the coordinates in a mesh file, unless
-            `geometry.scale` says otherwise.
+            `geometry.scale` says otherwise; a .geo file is in m.
         mass: unit of mass.
         time: unit of time.
         si: whether the numbers are in SI units already, as in the scenes that this program stores.

@@ -44,16 +44,18 @@ def backbone(
     """
     from fenicsrom.assess.curves import backbone as modes
     from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.errors.sizing import with_size
     from fenicsrom.post.reports import report
 
     modes.check_backbone(scene_of(given))
     watch = Stopwatch()
     source = source_of(given, comm, watch, folder, stop, fresh)
-    if scene_of(given).basis.adapts and scene_of(given).period is not None:
-        with watch("size"):
-            source = source.fitted(folder, stop)
+    if (size := source.stored.scene.basis.size) is not None:
+        source = source.with_model(with_size(source.stored, None, size), folder)
     with watch("nonlinear mode"):
         found = modes.backbone(source.stored)
+    if found.labels != source.stored.labels:
+        source = source.with_model(source.stored.resized(found.labels), folder)
     found.mesh_check = of_model(source.stored)
     found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
     if folder is not None and found.points and source.first:

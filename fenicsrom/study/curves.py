@@ -91,9 +91,9 @@ def _curves(
 ) -> tuple[Response, Source]:
     """Compute response curves with the coordinates that they need; arguments as `response`."""
     from fenicsrom.assess.curves import response as curves
-    from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
+    from fenicsrom.assess.curves.curve_size import larger_model
     from fenicsrom.assess.curves.trust import richer_model
-    from fenicsrom.assess.errors.sizing import with_size
+    from fenicsrom.assess.errors.sizing import spare_coordinates, with_size
     from fenicsrom.files import atomic_write
 
     spare = spare_coordinates(source.stored)

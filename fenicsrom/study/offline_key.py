@@ -63,6 +63,8 @@ def model_table(scene: Scene) -> dict[str, Any]:
     if scene.geometrically_nonlinear and basis.derivatives in BY_MOTION:
         whole = scene_table(scene)
         table |= {name: whole.get(name) for name in ("loads", "contacts", "material", "response")}
+        if scene.backbone is not None and basis.derivatives == "principal":
+            table["backbone"] = (scene.backbone.mode, scene.backbone.last)
         table["time"] = plain(transient_time(scene))
         table["excitation"] = highest_frequency(scene)
     return table

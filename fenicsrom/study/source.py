@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.scene import Scene
 from fenicsrom.study.building import resize
 from fenicsrom.study.execution import build_model, offline
@@ -56,25 +55,6 @@ class Source:
             if folder is not None and self.first:
                 save_model(folder / MODEL, stored)
         return replace(self, stored=stored)
-
-    def fitted(self, folder: Path | None, stop: Callable[[], bool]) -> Source:
-        """The source with the coordinates that the forced motion of its scene needs.
-
-        Raises:
-            SceneError: the model has no such `basis.size`.
-            OSError: the model cannot be written.
-        """
-        from fenicsrom.assess.errors.sizing import fitted
-        from fenicsrom.online.run.simulate import simulate
-
-        stored = self.stored
-        try:
-            motion = simulate(stored.model, stored.scene, keep_coordinates=True, stop=stop)
-        except (AccuracyError, ConvergenceError) as error:
-            self.warnings.append(f"the first coordinates are kept: no forced motion: {error}")
-            return self
-        found = fitted(stored, motion, stop, self.warnings)
-        return self if found is None else self.with_model(found.stored, folder)
 
 
 def source_of(

@@ -10,15 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, heard, loaded_duffing, unexplained
+from support import beam_scene, first, heard, loaded_duffing, unexplained
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.curves import backbone as module
 from fenicsrom.assess.curves.backbone import backbone, check_backbone
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.curves.nonlinear_mode import ModeContinuation
+from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.model.polynomial import elastic_polynomial
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
-from fenicsrom.post.curves.backbone_report import rows
+from fenicsrom.post.curves.backbone_report import rows, sentences
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
@@ -192,3 +197,70 @@ def test_scene_without_table_or_without_motion_is_refused() -> None:
             check_backbone(wrong)
         assert caught.value.key == "backbone"
         assert kind is None or caught.value.kind == kind
+
+
+STRETCH = 1000.0
+
+
+def slender(*overrides: str) -> StoredModel:
+    """V = q1^2 / 2 + STRETCH (q2 + q1^2)^2 / 2, a beam that shortens as it bends: first q1."""
+    scene = scene_with("backbone.first=1e-3", "backbone.last=0.05", *overrides)
+    products = np.zeros((3, 6 + 15))
+    products[0, 1], products[1, 2] = 1.0, np.sqrt(STRETCH)  # strains of q1 and q2
+    products[1, 6] = 2.0 * np.sqrt(STRETCH)  # second strain of q1 q1
+    stiffness = np.diag([0.0, 0.0, 5.0, 6.0, 7.0])
+    elastic = elastic_polynomial(products.T @ products, 5)
+    whole = reduced_model(
+        np.eye(5),
+        DAMPING,
+        elastic._replace(stiffness=elastic.stiffness + stiffness),
+        np.eye(5, 1),
+        load_histories(scene),
+        *first(0, 5),
+        np.eye(2, 5)[[0, 0]] * [[1.0], [0.0]],
+        np.zeros(2),
+    )
+    return StoredModel(
+        nested_model(whole, [0]),
+        scene,
+        "rubin",
+        ("1V",),
+        9,
+        np.array([0.5 / np.pi]),
+        {},
+        candidates=whole,
+        further=("1D", "2V", "3V", "4V"),
+    )
+
+
+def test_mode_takes_the_coordinates_that_its_largest_amplitude_needs() -> None:
+    found = backbone(slender("backbone.load_factors=[]"))
+    assert "1D" in found.labels and len(found.labels) == 3 and not found.warnings
+    assert found.basis_error is not None and found.basis_error <= 1e-3
+    assert 2.0 * np.pi * found.points[-1].frequency == pytest.approx(1.0, abs=0.01)
+    assert any("differ by an estimated" in line for line in sentences(found))
+    stiff = backbone(slender("backbone.load_factors=[]", "basis.size=1"))
+    assert stiff.labels == ("1V",) and stiff.points[-1].frequency > 1.5 * found.points[-1].frequency
+    assert stiff.basis_error is None or stiff.basis_error > 0.1
+
+
+def test_mode_that_cannot_reach_the_accuracy_says_so() -> None:
+    found = backbone(slender("backbone.load_factors=[]"), spare=4)
+    assert found.labels == ("1V",)
+    assert any("basis.accuracy = 0.001 is not reached" in text for text in found.warnings)
+
+
+def test_mode_without_a_first_point_says_how_far_it_was_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No smaller start reaches the first amplitude, within two points."""
+    follow = ModeContinuation.at_parameter
+
+    def small(path: ModeContinuation, s: Array, value: float) -> Any:
+        return follow(path, s, value) if value < path.low - 1.0 else None
+
+    monkeypatch.setattr(ModeContinuation, "at_parameter", small)
+    found = backbone(oscillator("backbone.points=2"))
+    assert found.unfinished is not None and not found.points
+    assert "backbone.first = 0.1 m" in str(found.unfinished)
+    assert "the mode reaches 0.02" in str(found.unfinished)

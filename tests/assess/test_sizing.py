@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model, refusal
 
-from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
+from fenicsrom.assess.curves.curve_size import larger_model
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
 from fenicsrom.assess.errors import estimates, sizing
 from fenicsrom.assess.errors.estimates import distances, nested_motion
-from fenicsrom.assess.errors.sizing import Sized, candidate_energies, growing, sized
+from fenicsrom.assess.errors.sizing import (
+    Sized,
+    candidate_energies,
+    growing,
+    sized,
+    spare_coordinates,
+)
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.export import export
 from fenicsrom.exchange.superelement import read_matrices

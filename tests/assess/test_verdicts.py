@@ -216,6 +216,8 @@ def test_mesh_error_above_ten_percent_is_refused_with_the_cheapest_remedy() -> N
         assert "geometry.degree = 2" in verdicts.finer_mesh(linear, estimate)
     assert "4 times" in verdicts.finer_mesh(scene, 10.0)
     assert "2 times" in verdicts.finer_mesh(scene, 0.4)
+    solid = replace(scene, geometry=replace(scene.geometry, size=0.1))
+    assert verdicts.finer_mesh(solid, 0.4) == "make geometry.size 2 times smaller"
 
 
 def test_distance_of_periods_counts_where_amplitudes_agree(

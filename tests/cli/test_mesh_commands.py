@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -226,3 +227,5 @@ def test_units_of_a_starter_scene_are_given(tmp_path: Path, given: str, names: s
     assert units.names == names
     with refusal(ErrorKind.RANGE, "units"):
         units_of(found, "inch,t,s")
+    with refusal(ErrorKind.RANGE, "units", "part.geo", "in m"):
+        units_of(replace(found, path=Path("part.geo")), "mm,t,s")

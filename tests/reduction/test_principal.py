@@ -18,6 +18,7 @@ from fenicsrom.reduction.principal import (
     enough,
     principal_directions,
 )
+from fenicsrom.reduction.snapshots import MODE_PHASES, linear_model, mode_snapshots
 from fenicsrom.reduction.stages import Reduction, derivatives_along
 
 SECTION = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
@@ -107,3 +108,17 @@ def test_threshold_of_the_pairs_does_not_matter_along_directions() -> None:
     np.testing.assert_allclose(
         list(other.derivatives.sizes.values())[:1], list(found.derivatives.sizes.values())[:1]
     )
+
+
+def test_backbone_adds_the_mode_at_its_largest_amplitude() -> None:
+    """The loads are small; the amplitudes of the mode ask for derivatives."""
+    quiet = ("loads.0.force=1e-3", "contacts.0.friction=0.0")
+    _, without = reduction(*quiet)
+    beam, found = reduction(*quiet, "backbone.first=1e-4", "backbone.last=0.05")
+    assert not without.derivatives.labels and found.derivatives.labels
+    linear = linear_model(beam, found.modes)
+    coordinates = mode_snapshots(found._scene, linear.model)
+    assert coordinates.shape == (linear.model.size, 2 * MODE_PHASES)
+    for part in np.split(coordinates, 2, axis=1):  # sticking, open
+        moved = linear.model.probe @ part
+        assert np.abs(moved).max() == pytest.approx(0.05, rel=1e-9)

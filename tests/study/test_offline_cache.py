@@ -172,6 +172,15 @@ def whole() -> Scene:
     return replace(scene, attachments=other.attachments)  # not allowed with a rotation
 
 
+def test_backbone_decides_only_derivatives_along_the_motion(whole: Scene) -> None:
+    for derivatives, matter in (("principal", True), ("mmi-nls", False)):
+        scene = replace(whole, basis=replace(whole.basis, derivatives=derivatives))
+        assert scene.backbone is not None
+        for key, changes in (("last", matter), ("first", False)):
+            other = replace(scene, backbone=replace(scene.backbone, **{key: 2e-5}))
+            assert (keys_of(scene) != keys_of(other)) is changes
+
+
 @pytest.mark.parametrize("derivatives", ["none", "mmi-nls"])
 def test_every_key_of_the_schema_that_matters_changes_the_hashes(
     whole: Scene, derivatives: str, monkeypatch: pytest.MonkeyPatch

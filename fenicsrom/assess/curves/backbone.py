@@ -3,24 +3,39 @@
 The curve starts at the linear mode and is followed by its amplitude
 (`fenicsrom.online.curves.nonlinear_mode`). The report shows the peaks of the forced response
 (`fenicsrom.online.curves.forced_peak`) beside the curve.
+
+The motion of the largest amplitude judges the size of the model: the motion of all coordinates that
+a stored model holds has another frequency and another amplitude at the probe. Where the change is
+above `basis.accuracy`, coordinates join the model by their energies in this motion, as for a forced
+motion (`fenicsrom.assess.errors.sizing`), and the mode is followed again.
 """
 
 from __future__ import annotations
 
 import re
 import time as clock
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
+from fenicsrom.assess.errors.estimates import BASIS_SAFETY
+from fenicsrom.assess.errors.sizing import (
+    candidate_energies,
+    growing,
+    spare_coordinates,
+    unreached,
+)
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import displacement_sines
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration, log, working_time
@@ -29,7 +44,7 @@ from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
-SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
+SMALLER_STARTS = 12  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
 LARGEST_STEP = 0.02
 """Of the arc length. At strong friction, negative damping of the higher modes makes loops beside
@@ -46,6 +61,8 @@ ADVICE = {
     "closed": "the nonlinear mode comes back to its own start at {}; lower backbone.last",
 }
 """Why a mode is incomplete, and what to do, by the reason for which it ends."""
+JUDGED = 8
+"""Points, from the largest amplitude down, at which the motion of all coordinates is sought."""
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
 
 
@@ -94,18 +111,23 @@ class Backbone(CurveRecord):
     Attributes:
         mode: the linear mode.
         direction: direction of the probe's largest motion in the linear mode.
+        labels: of the coordinates of the model.
         points: the motions in the order in which they were found.
         reason: why the curve ends: "end of the range", "number of points", "no convergence" or
             "interrupted".
         step_errors: at the first, the middle and the last point.
+        basis_error: estimated relative error of frequency and amplitude due to the basis, at the
+            largest amplitude; None if it is not known.
         peaks: peaks of the forced response.
     """
 
     mode: LinearMode
     direction: int
+    labels: tuple[str, ...]
     points: list[ModePoint] = field(default_factory=list)
     reason: str = "interrupted"
     step_errors: list[StepError] = field(default_factory=list)
+    basis_error: float | None = None
     peaks: list[ForcedPeak] = field(default_factory=list)
 
     @property
@@ -156,11 +178,15 @@ def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError
     return SceneError(f"{scene.source}: {key} {reason}", kind=kind, key=key, source=scene.source)
 
 
-def backbone(stored: StoredModel) -> Backbone:
+def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
     """Compute the nonlinear mode of a reduced model under its scene.
+
+    The model takes the coordinates that the largest amplitude needs.
 
     Args:
         stored: the model; its scene has a table [backbone].
+        spare: number of coordinates that must stay out of the model, to judge it; by default
+            `fenicsrom.assess.errors.sizing.spare_coordinates`.
 
     Returns:
         The motions. After an interrupt they end where they were, and `interrupted` is set; if the
@@ -172,6 +198,7 @@ def backbone(stored: StoredModel) -> Backbone:
     """
     begin, scene = working_time(), stored.scene
     check_backbone(scene)
+    spare = spare_coordinates(stored) if spare is None else spare
     problem = Problem.of(stored.model, scene).settled()
     mode, direction, unit = _linear_mode(stored, problem)
     found = Backbone(
@@ -182,6 +209,7 @@ def backbone(stored: StoredModel) -> Backbone:
         scene.time.steps_per_period or FALLBACK_STEPS,
         mode,
         direction,
+        stored.labels,
     )
     if scene.time.steps_per_period is None:
         found.warnings.append(
@@ -195,6 +223,10 @@ def backbone(stored: StoredModel) -> Backbone:
         except ConvergenceError as error:
             found.warnings.append(str(error))
             found.unfinished = error
+        larger = _larger_model(found, stored, spare)
+        if larger is not None:
+            log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+            return backbone(larger, spare)
         if found.points:  # the peaks of a mode that was lost are computed too
             _step_errors(problem, found, unit)
             _peaks(problem, found)
@@ -275,7 +307,7 @@ def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
                 f"range, about {left} left"
             )
 
-    keep(_first_point(path))
+    keep(_first_point(path, found, unit))
     curve = path.run(
         found.points[0].motion,
         1.0,
@@ -293,13 +325,13 @@ def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
         raise ConvergenceError(f"backbone: {ADVICE[curve.reason].format(f'{end:g} m')}")
 
 
-def _first_point(path: ModeContinuation) -> CurvePoint:
+def _first_point(path: ModeContinuation, found: Backbone, unit: float) -> CurvePoint:
     """The motion at the smallest amplitude: from the linear mode, or from a smaller amplitude.
 
     Raises:
         ConvergenceError: the first point was not found.
     """
-    start, low = path.linear_start(), path.low
+    start, low, ends = path.linear_start(), path.low, "not even small motions were found"
     for tried in range(SMALLER_STARTS):
         begin = path.at_parameter(start, low - tried * np.log(SMALLER))
         if begin is None:
@@ -307,12 +339,106 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
         if tried == 0:
             return begin
         path.low, path.high, high = begin.parameter, low, path.high
-        curve = path.run(begin, 1.0, locate=False)
+        curve = path.run(
+            begin, 1.0, largest_step=LARGEST_STEP, points=found.table.points, locate=False
+        )
         path.low, path.high = low, high
         if abs(curve.points[-1].parameter - low) <= 1e-9:
             return curve.points[-1]
+        largest = unit * np.exp(max(point.parameter for point in curve.points))
+        ends = f"from smaller amplitudes the mode reaches {largest:.3g} m"
+        if begin.peak_force.size:
+            ends += (
+                f"; its contact sticks with {begin.peak_force.max():.3g} N at rest, and larger "
+                "motions slip or lift off"
+            )
         break
-    raise ConvergenceError("backbone: no nonlinear mode was found at the smallest amplitude")
+    raise ConvergenceError(
+        "backbone: no nonlinear mode was found at the smallest amplitude, backbone.first = "
+        f"{found.table.first:g} m at the probe: {ends}; lower backbone.first, or choose a probe "
+        "that the mode moves more"
+    )
+
+
+def _larger_model(found: Backbone, stored: StoredModel, spare: int) -> StoredModel | None:
+    """A model with the coordinates that the mode lacks; None if it lacks none, or none is left.
+
+    The error of the mode joins its record; where the accuracy is not reached, so does a warning.
+
+    Args:
+        found: the mode.
+        stored: its model.
+        spare: number of coordinates that must stay out, to judge the others.
+    """
+    if not found.points or stored.candidates is None:
+        return None
+    basis, best = stored.scene.basis, None
+    known = (*stored.labels, *stored.further)
+    largest = int(np.argmax([point.linear_amplitude for point in found.points]))
+    # a wrong model may lead to where the motion of all coordinates is far away
+    places = dict.fromkeys(int(k) for k in np.linspace(largest, 0, JUDGED).round())
+    points = [found.points[k] for k in places]
+    motions = ((point, _motion_of(stored, known, found, point)) for point in points)
+    point, whole = next((pair for pair in motions if pair[1] is not None), (points[0], None))
+    error = np.inf if whole is None else _distance(point, whole[0])
+    known_error = whole is not None and point is points[0]
+    found.basis_error = error if known_error else None
+    if not basis.adapts or basis.size is not None or (known_error and error <= basis.accuracy):
+        return None
+    if whole is not None and error > basis.accuracy:
+        labels = list(candidate_energies(stored, whole[1]))
+        for chosen in growing(labels[: len(labels) - spare]):
+            best = (*stored.labels, *chosen)
+            part = _motion_of(stored, best, found, point)
+            if part is not None and _distance(part[0], whole[0]) <= basis.accuracy:
+                break
+    if best is None:
+        found.warnings.append(unreached(stored, error if known_error else np.inf, basis.accuracy))
+    return None if best is None else stored.resized(best)
+
+
+def _distance(point: ModePoint, better: ModePoint) -> float:
+    """Estimated error of a point by that of all coordinates: of frequency and amplitude."""
+    moved = np.linalg.norm(point.amplitude - better.amplitude) / np.linalg.norm(better.amplitude)
+    return BASIS_SAFETY * max(abs(point.frequency / better.frequency - 1.0), float(moved))
+
+
+def _motion_of(
+    stored: StoredModel, labels: Sequence[str], found: Backbone, near: ModePoint
+) -> tuple[ModePoint, Motion] | None:
+    """The point of a model with more coordinates next to a point of a mode; None if there is none.
+
+    Args:
+        stored: the model of the mode.
+        labels: the coordinates; those of the model come first.
+        found: the mode.
+        near: the point, whose linear amplitude stays.
+    """
+    part = stored.resized(labels)
+    problem = Problem.of(part.model, part.scene).settled()
+    try:
+        mode, _, unit = _linear_mode(part, problem)
+    except ConvergenceError:
+        return None
+    if np.real(np.vdot(mode.shape[: stored.size], stored.model.mass @ found.mode.shape)) < 0.0:
+        mode = replace(mode, shape=-mode.shape)  # the sign of an eigenvector is arbitrary
+    table = backbone_table(part.scene)
+    path = ModeContinuation(problem, mode, table.first / unit, table.last / unit)
+    blocks, n = path.shooting.map.blocks, stored.size
+    moved, sliders = near.motion.z[: blocks * n], near.motion.z[blocks * n :]
+    moved = np.pad(moved.reshape(blocks, n), ((0, 0), (0, part.size - n))).ravel()
+    parameter = float(np.log(near.linear_amplitude / unit))
+    start = path.start(
+        np.concatenate([moved, sliders]), parameter, near.frequency, near.damping_ratio
+    )
+    point = path.at_parameter(start, parameter)
+    if point is None:
+        return None
+    try:
+        motion = recorded_motion(path.problem_at(point.s, parameter), point.z)
+    except ConvergenceError:
+        return None
+    return _mode_point(path, point, unit), motion
 
 
 def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float) -> ModePoint:

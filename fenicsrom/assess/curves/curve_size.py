@@ -14,13 +14,11 @@ from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.assess.curves.trust import Check, Richer, change, richer_motion
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
-from fenicsrom.assess.errors.sizing import RESERVE, candidate_energies, growing
-from fenicsrom.assess.errors.verdicts import in_percent
+from fenicsrom.assess.errors.sizing import candidate_energies, growing, unreached
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.periodic.periodic_record import motion_of
 from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.words import counted
 
 POINTS = 3
 """The worst points of a curve that choose its size."""
@@ -82,18 +80,8 @@ def larger_model(found: Response, stored: StoredModel, spare: int) -> StoredMode
     if best is not None:
         return stored.resized(best)
     error = max(_error(check) for _, check in worst)
-    found.warnings.append(
-        f"basis.accuracy = {stored.scene.basis.accuracy:g} is not reached with {stored.size} of "
-        f"the {counted(stored.size + len(stored.further), 'coordinate')} that the model holds: "
-        f"the error due to the basis is estimated as {in_percent(error)}; run the scene with a "
-        "larger basis.modes to reach it"
-    )
+    found.warnings.append(unreached(stored, error, stored.scene.basis.accuracy))
     return None
-
-
-def spare_coordinates(stored: StoredModel) -> int:
-    """The number of coordinates that stay out of a model, to judge it."""
-    return int(np.ceil(RESERVE * len(stored.further)))
 
 
 def _motion(

@@ -137,7 +137,7 @@ def sized(
         return _of_size(stored, motion, run, stored.scene.basis.size)
     scene, energies = stored.scene, dict[str, float]()
     limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
-    spare = RESERVE * len(stored.further)
+    spare = spare_coordinates(stored)
     while True:
         other = nested_motion(stored.candidates, scene, motion)
         errors = basis_errors(motion, other)
@@ -146,10 +146,10 @@ def sized(
         larger = None
         if other is not None:
             found = candidate_energies(stored, other)
-            most = int(len(stored.further) - spare)
+            most = len(stored.further) - spare
             larger = _enlarged(stored, motion, other, list(found)[: max(most, 0)], limit)
         if larger is None:
-            warning = _unreached(stored, errors, limit)
+            warning = unreached(stored, errors.largest, limit)
             return Sized(stored, motion, other, errors, energies, warning)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         stored, motion = larger, run(larger)
@@ -219,12 +219,23 @@ def fitted(
     return found
 
 
-def _unreached(stored: StoredModel, errors: MotionErrors, limit: float) -> str:
-    """The warning that a model cannot reach its accuracy."""
+def spare_coordinates(stored: StoredModel) -> int:
+    """The number of coordinates that stay out of a model, to judge it."""
+    return int(np.ceil(RESERVE * len(stored.further)))
+
+
+def unreached(stored: StoredModel, error: float, limit: float) -> str:
+    """The warning that a model cannot reach its accuracy.
+
+    Args:
+        stored: the model.
+        error: its estimated error, infinite if it is not known.
+        limit: largest accepted error.
+    """
     known = counted(stored.size + len(stored.further), "coordinate")
     found = (
-        f"the error due to the basis is estimated as {in_percent(errors.largest)}"
-        if np.isfinite(errors.largest)
+        f"the error due to the basis is estimated as {in_percent(error)}"
+        if np.isfinite(error)
         else "the error due to the basis is not known"
     )
     return (

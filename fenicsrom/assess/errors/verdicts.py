@@ -214,6 +214,8 @@ def finer_mesh(scene: Scene, estimate: float) -> str:
         return "set geometry.degree = 2, which costs less than smaller elements"
     wanted = (estimate / (0.5 * MESH_ERROR)) ** (1.0 / (2 * degree - 1))
     factor = min(max(wanted, 1.5), 4.0) if np.isfinite(wanted) else 2.0
+    if scene.geometry.size is not None:
+        return f"make geometry.size {factor:.2g} times smaller"
     return (
         f"make the elements {factor:.2g} times smaller along the directions in which the body "
         "bends (geometry.parameters, or the mesh file)"

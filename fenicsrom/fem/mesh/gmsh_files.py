@@ -29,7 +29,7 @@ from fenicsrom.scene import Geometry
 FARTHEST = 1e15
 """Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
 
-MOST_CELLS = 1e5
+MOST_CELLS = 2000
 """Largest number of cells along the body."""
 
 SUFFIXES = {".geo": "geo", ".msh": "mesh", ".unv": "mesh", ".step": "step", ".stp": "step"}

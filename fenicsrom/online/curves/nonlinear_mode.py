@@ -183,6 +183,12 @@ class ModeContinuation(Continuation):
         sigma = self.shooting.scaled(z)
         return np.concatenate([sigma / (self._rows[1] @ sigma), [0.0, mode.damping_ratio]])
 
+    def start(self, z: Array, parameter: float, frequency: float, damping_ratio: float) -> Array:
+        """The unknowns s (N + 2,) of variables z (N,) at a frequency, Hz; inverse of `unscaled`."""
+        sigma = (self.shooting.scaled(z) - self._rest) / np.exp(parameter)
+        tau = np.log(self.mode.omega / (2.0 * np.pi * frequency))
+        return np.concatenate([sigma, [tau, damping_ratio]])
+
     def unscaled(self, s: Array, parameter: float) -> Array:
         """Variables z (N,) of unknowns s (N + 2,)."""
         return self.shooting.unscaled(self._rest + np.exp(parameter) * s[:-2])

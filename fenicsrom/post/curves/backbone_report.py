@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
+from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
@@ -62,6 +63,8 @@ def summary(found: Backbone) -> dict[str, Any]:
         "linear_damping_ratio": found.mode.damping_ratio,
         "probe_direction": "xyz"[found.direction],
         "coordinates": found.size,
+        "labels": list(found.labels),
+        "basis_error": found.basis_error,
         "steps_per_period": found.steps,
         "points": len(found.points),
         "end": found.reason,
@@ -111,6 +114,12 @@ def sentences(found: Backbone) -> list[str]:
     if top.damping_ratio > NO_DAMPING:
         lines.append(
             f"Largest damping ratio {100.0 * top.damping_ratio:.4g} %, at {_words(found, top)}."
+        )
+    if found.basis_error is not None:
+        lines.append(
+            "With all coordinates that the model holds, frequency and amplitude of the largest "
+            f"motion differ by an estimated {in_percent(found.basis_error)} from those of its "
+            f"{counted(found.size, 'coordinate')}."
         )
     if found.step_errors:
         frequency = max(abs(error.frequency) for error in found.step_errors)

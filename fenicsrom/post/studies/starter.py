@@ -61,7 +61,7 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
         given: length, mass and time, such as "mm,t,s"; None to guess.
 
     Raises:
-        SceneError: there is no such unit.
+        SceneError: there is no such unit, or the file has another one.
     """
     if given is not None:
         names = [name.strip() for name in given.split(",")]
@@ -70,6 +70,12 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
             listed = ", then ".join(" or ".join(entry) for entry in allowed)
             reason = f"--units {given}: must be {listed}, such as mm,t,s"
             raise SceneError(reason, kind=ErrorKind.RANGE, key="units")
+        if found.path.suffix.lower() == ".geo" and names[0] != "m":
+            reason = (
+                f"--units {given}: the coordinates of a .geo file are in m: write {found.path} in m, "
+                "or give the .msh file that gmsh makes of it"
+            )
+            raise SceneError(reason, kind=ErrorKind.RANGE, key="units", source=str(found.path))
         return Units(length=names[0], mass=names[1], time=names[2]), "as --units says"
     if found.path.suffix.lower() in (".step", ".stp", ".geo") or found.geometry.scale != 1.0:
         return Units(), ""
