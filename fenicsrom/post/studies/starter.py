@@ -72,8 +72,8 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
             raise SceneError(reason, kind=ErrorKind.RANGE, key="units")
         if found.path.suffix.lower() == ".geo" and names[0] != "m":
             reason = (
-                f"--units {given}: the coordinates of a .geo file are in m: write {found.path} in m, "
-                "or give the .msh file that gmsh makes of it"
+                f"--units {given}: the coordinates of a .geo file are in m: write {found.path} "
+                "in m, or give the .msh file that gmsh makes of it"
             )
             raise SceneError(reason, kind=ErrorKind.RANGE, key="units", source=str(found.path))
         return Units(length=names[0], mass=names[1], time=names[2]), "as --units says"
