@@ -219,7 +219,16 @@ def _pictures(found: Sequence[Outcome]) -> list[Picture]:
     ]
     runs = [one for one in found if (one.folder / "history.npz").is_file()]
     if runs:
-        pictures.append(Picture("Motion", "motion.png", lambda: motions_figure(runs)))
+        pictures.append(
+            Picture(
+                "Motion",
+                "motion.png",
+                lambda: motions_figure(runs),
+                "The recorded motion of each run, at the contact point or probe and in the "
+                "direction that moves most. Where Newton's method finds the motion that repeats, "
+                "the record jumps to it.",
+            )
+        )
     return pictures
 
 
