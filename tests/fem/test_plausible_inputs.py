@@ -86,6 +86,28 @@ def test_normal_into_the_body_is_warned_on_the_boundary(
     assert all("contacts[0].normal" in text for text in found)
 
 
+@pytest.mark.parametrize(
+    ("at", "normal", "is_warned"),
+    [
+        ([0.5, 0.1], [0.0, 1.0], False),
+        ([0.5, 0.1], [0.0, -1.0], True),
+        ([0.5, 0.1], [1.0, 0.0], False),
+        ([1.0, 0.1], [0.0, -1.0], True),  # at a corner
+        ([1.0, 0.1], [0.7, -0.7], False),
+        ([0.5, 0.0], [0.0, 1.0], False),  # within the body
+    ],
+)
+def test_normal_into_the_body_is_warned_at_a_node(
+    at: list[float], normal: list[float], is_warned: bool
+) -> None:
+    found = sentences(
+        f"contacts.0={{nearest={at}, normal={normal}, friction=0.1, preload=1.0, "
+        "normal_stiffness=1e4, tangential_stiffness=1e4}"
+    )
+    assert bool(found) == is_warned
+    assert all("contacts[0].normal" in text for text in found)
+
+
 def test_stops_on_both_sides_of_a_place_are_plausible() -> None:
     key = "group='tip', at='centre', friction=0.1, normal_stiffness=1e4, tangential_stiffness=1e4"
     right, left = (f"{{{key}, gap=1e-4, normal=[{x}, 0.0]}}" for x in (1.0, -1.0))

@@ -45,6 +45,15 @@ PER_VOLUME = {"g/cm³": 1e3, "kg/mm³": 1e9, "t/mm³": 1e12}
 OPPOSITE = -0.5
 """A contact normal points into the body if its cosine with the outward normal is smaller."""
 
+NEAR = 1e-6
+"""Distance within which a node belongs to a facet, relative to the facet."""
+
+LEAVES = 0.1
+"""A direction leaves the body through a facet if its cosine with the outer normal is above this."""
+
+MOST = 4
+"""Points of a contact that are judged one by one."""
+
 FLAT = 0.5
 """The mean of the normals of a region is a direction if its size is larger."""
 
@@ -129,7 +138,7 @@ def _is_solid(young: float, density: float, usual: bool = False) -> bool:
 def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[str]:
     """One sentence on the first contact whose surface is on the side of the body. Collective.
 
-    Only contacts on facets of the boundary are judged, and no stops on both sides of one place.
+    Stops on both sides of one place are not judged.
 
     Args:
         scene: the scene.
@@ -142,11 +151,16 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
     for k, (contact, normal) in enumerate(zip(scene.contacts, normals, strict=True)):
         others = zip(scene.contacts, normals, strict=True)
         between = any(o.place == contact.place and n @ normal < 0.0 for o, n in others)
-        if between or not mesh.has_facets(contact.place):
+        if between:
             continue
-        outward = _outward(mesh, contact.place)
-        size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
-        if float(outward @ normal) < OPPOSITE * size:
+        if mesh.has_facets(contact.place):
+            outward = _outward(mesh, contact.place)
+            size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
+            into = float(outward @ normal) < OPPOSITE * size
+        else:
+            places = points.position[points.contact == k][:MOST]
+            into = all([_enters(mesh, place, normal) for place in places])  # collective
+        if into:
             name = "normal" if contact.surface is None else "surface"
             words = ", ".join(f"{x + 0.0:.3g}" for x in normal)
             return [
@@ -157,6 +171,41 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
     return []
 
 
+def _enters(mesh: Mesh, at: Array, direction: Array) -> bool:
+    """Whether a direction (d,) enters the body at a node (d,) of its boundary. Collective.
+
+    It does if it enters through a facet at the node and leaves through none. A node inside of the
+    body, or at the middle of a curved edge, has no such facet.
+    """
+    domain, d = mesh.domain, mesh.domain.topology.dim
+    domain.topology.create_connectivity(d - 1, d)
+    corners, normals = _facets(mesh, dolfinx.mesh.exterior_facet_indices(domain.topology))
+    cosines = np.zeros(0)
+    if corners.size:
+        places = (corners[:, :, None] + corners[:, None]).reshape(len(corners), -1, 3) / 2.0
+        size = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+        away = np.linalg.norm(places[..., :d] - at, axis=2).min(axis=1)
+        near = normals[away <= NEAR * size, :d]
+        cosines = near @ direction / np.linalg.norm(near, axis=1) / np.linalg.norm(direction)
+    every = np.concatenate(domain.comm.allgather(cosines))
+    return bool(every.size and every.min() < OPPOSITE and every.max() < LEAVES)
+
+
+def _facets(mesh: Mesh, facets: Array) -> tuple[Array, Array]:
+    """Corners (k, c, 3) of boundary facets, and their outer normals (k, 3) of twice their area."""
+    domain, d = mesh.domain, mesh.domain.topology.dim
+    if not facets.size:  # dolfinx fails without facets
+        return np.zeros((0, d, 3)), np.zeros((0, 3))
+    cells, x = domain.topology.connectivity(d - 1, d), domain.geometry.x
+    corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, facets)]
+    _, nodes = cells_of(domain.geometry)
+    middle = x[nodes[cells.array[cells.offsets[facets]]]].mean(axis=1)
+    across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
+    normals = np.cross(corners[:, 1] - corners[:, 0], across)
+    normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]
+    return corners, normals
+
+
 def _outward(mesh: Mesh, region: Region) -> Array:
     """The direction (d,) out of the body at a region; 0 where it has none. Collective."""
     domain, d = mesh.domain, mesh.domain.topology.dim
@@ -164,16 +213,8 @@ def _outward(mesh: Mesh, region: Region) -> Array:
     domain.topology.create_connectivity(d - 1, d)
     cells = domain.topology.connectivity(d - 1, d)
     outer = facets[np.diff(cells.offsets)[facets] == 1]
-    found = np.zeros(4)
-    if outer.size:  # dolfinx fails without facets
-        x = domain.geometry.x
-        corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, outer)]
-        _, nodes = cells_of(domain.geometry)
-        middle = x[nodes[cells.array[cells.offsets[outer]]]].mean(axis=1)
-        across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
-        normals = np.cross(corners[:, 1] - corners[:, 0], across)
-        normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]
-        found = np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
+    _, normals = _facets(mesh, outer)
+    found = np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
     *mean, area = domain.comm.allreduce(found)
     inside = domain.comm.allreduce(int(facets.size - outer.size))
     if inside or np.linalg.norm(mean) <= FLAT * area:
