@@ -27,6 +27,23 @@ def speed_history(rows: ArrayLike) -> Array:
     return np.column_stack([time, speed, np.concatenate([np.zeros(time.size)[:1], turned])])
 
 
+def times_of_angles(history: Array, angle: float, end: float) -> Array:
+    """The times (k,) in s between 0 and `end` at which θ is a multiple of an angle in rad.
+
+    Multiples at a corner of the speed are left out.
+    """
+    found = []
+    for row, (begin, speed, turned) in enumerate(history):
+        until = min(end, history[row + 1, 0]) if row + 1 < len(history) else end
+        if until <= begin:
+            break
+        first, last = np.array([turned, angle_at(history, until)]) / angle
+        x = angle * np.arange(np.floor(first) + 1.0, np.ceil(last)) - turned
+        growth = growth_after(history, row)
+        found.append(begin + 2.0 * x / (speed + np.sqrt(speed**2 + 2.0 * growth * x)))
+    return np.concatenate(found)
+
+
 @part
 def row_before(history: Array, time: float) -> int:
     """The last row of a history that is not after a time in s; the first one at least."""
