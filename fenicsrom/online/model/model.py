@@ -326,7 +326,7 @@ def reduced_model(
             np.ascontiguousarray(pressure.linear, dtype=np.float64),
             np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
         ),
-        turning,
+        Turning(*(np.ascontiguousarray(a, float) if np.ndim(a) else float(a) for a in turning)),
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T),
             points=np.zeros((2, n)),

@@ -33,6 +33,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.turning import NO_HISTORY, speed_at
 from fenicsrom.online.kernels.compiled import kernel
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 
 
 class Turning(NamedTuple):
@@ -65,6 +66,13 @@ def no_turning() -> Turning:
     """The data of a body at a constant speed."""
     nothing, none = np.zeros((0, 0)), np.zeros(0)
     return Turning(NO_HISTORY, none, nothing, nothing, none, 0.0, nothing, np.zeros((0, 3)))
+
+
+def rest_row(turning: Turning, elastic: ElasticPolynomial, square: float, q: Array) -> Array:
+    """A row (3,) of `Turning.rest`: Omega^2 and its equilibrium q (n,)."""
+    force, tangent = np.empty(q.size), np.empty((q.size, q.size))
+    half = 0.5 * added_inertia(turning, q)
+    return np.array([square, elastic_force(elastic, q, force, tangent) - square * half, -half])
 
 
 @kernel
