@@ -57,7 +57,7 @@ def sweep(options: argparse.Namespace) -> int:
         KeyboardInterrupt: the sweep was interrupted.
     """
     from fenicsrom.assess.processes import available_cores, start_server
-    from fenicsrom.scene.variations import make_axes
+    from fenicsrom.scene.reading.variations import make_axes
 
     axes = make_axes(options.over, options.together)
     workers = available_cores()
