@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.progress import log
-from fenicsrom.scene.checks import LEAST_MODES
+from fenicsrom.scene.checks.checks import LEAST_MODES
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
@@ -34,10 +34,11 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     from fenicsrom.assess.errors.mesh_check import of_solid
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
+    from fenicsrom.online.run.simulate import load_histories
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.store.provenance import provenance
     from fenicsrom.reduction.joined import range_model
-    from fenicsrom.scene.excitation import highest_frequency
+    from fenicsrom.scene.keys.excitation import highest_frequency
 
     speeds = scene.speeds_rpm
     assert speeds is not None
@@ -64,7 +65,8 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
     whole = range_model(solid, scene.basis, np.pi / 30.0 * np.array(speeds))
-    whole = replace(whole, mesh_errors=np.array(judged.frequencies))
+    model = whole.model._replace(load_histories=load_histories(scene))
+    whole = replace(whole, model=model, mesh_errors=np.array(judged.frequencies))
     found = StoredModel(
         whole.model,
         scene,

@@ -29,7 +29,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.turning import NO_HISTORY, angle_at
 from fenicsrom.online.kernels.compiled import compiled, kernel
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Static, Table
-from fenicsrom.scene.loads import OrderFrequency
+from fenicsrom.scene.keys.loads import OrderFrequency
 
 # the columns of a sine
 AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH, TURNS = range(9)

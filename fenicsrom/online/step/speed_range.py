@@ -292,9 +292,9 @@ class RangeModel:
         damping = np.zeros((n, n)) + self.velocity_matrix(0.0)
         whole = self._on(z, q0, shifted(model.elastic, q0), damping)
         turning = self._turning(history, q0, z)
-        states = [z.T @ model.mass @ one.equilibrium[:, 0] for one in shown]
         rest = [
-            rest_row(turning, whole.elastic, *pair) for pair in zip(squares, states, strict=True)
+            rest_row(turning, whole.elastic, square, z.T @ model.mass @ one.equilibrium[:, 0])
+            for square, one in zip(squares, shown, strict=True)
         ]
         whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
         found = self.tangent(omega, self.equilibrium(omega))

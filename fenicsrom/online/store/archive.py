@@ -48,8 +48,8 @@ prefix `turning_`.
 A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
 prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
 (n, n), `range_euler` (n,), `range_inertia` (1,), `range_moments` (loads, 1 + n), `range_speeds`
-(s,), `range_equilibria` (s, n), `range_errors` (4, k) and `range_mesh_errors`. The other arrays are those of its model at the speed of the scene; at another
-speed they follow from the range model.
+(s,), `range_equilibria` (s, n), `range_errors` (4, k) and `range_mesh_errors`. The other arrays are
+those of its model at the speed of the scene; at another speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
@@ -88,8 +88,8 @@ from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_a
 from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.online.stress.stress_peaks import reduced_modes
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
-from fenicsrom.scene.overrides import override_texts
-from fenicsrom.scene.units import override_in_si
+from fenicsrom.scene.reading.overrides import override_texts
+from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 8"
@@ -275,7 +275,7 @@ class StoredModel:
         return found
 
     def at_speed(self) -> StoredModel:
-        """The model at the speed of its scene, or for its history, from that for the range of speeds.
+        """The model at the speed or for the history of its scene, from that for the range.
 
         It has the coordinates of this model, if there are any of their labels at this speed.
 
