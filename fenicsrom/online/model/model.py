@@ -326,7 +326,14 @@ def reduced_model(
             np.ascontiguousarray(pressure.linear, dtype=np.float64),
             np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
         ),
-        Turning(*(np.ascontiguousarray(a, float) if np.ndim(a) else float(a) for a in turning)),
+        turning._replace(
+            inertia=float(turning.inertia),
+            **{
+                name: np.ascontiguousarray(array, dtype=np.float64)
+                for name, array in turning._asdict().items()
+                if name != "inertia"
+            },
+        ),
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T),
             points=np.zeros((2, n)),

@@ -171,7 +171,8 @@ def set_up_run(
     step = settings.step
     if period is not None and not tolerance:
         step = period / settings.steps_per_period
-    grid, times, history = step, np.zeros(0), model.load_histories.history
+    grid, history = step, model.load_histories.history
+    times: Array = np.zeros(0)
     if settings.steps_per_revolution:
         angle = 2.0 * np.pi / settings.steps_per_revolution
         times = times_of_angles(history, angle, horizon)

@@ -293,7 +293,9 @@ class RangeModel:
         whole = self._on(z, q0, shifted(model.elastic, q0), damping)
         turning = self._turning(history, q0, z)
         rest = [
-            rest_row(turning, whole.elastic, square, z.T @ model.mass @ one.equilibrium[:, 0])
+            rest_row(
+                turning, whole.elastic, float(square), z.T @ model.mass @ one.equilibrium[:, 0]
+            )
             for square, one in zip(squares, shown, strict=True)
         ]
         whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
@@ -431,7 +433,7 @@ def _proper(snapshots: Array, inner: Array, accuracy: float) -> tuple[Array, Arr
     """
     squares, weights = np.linalg.eigh(snapshots.T @ inner @ snapshots)
     sizes = np.sqrt(np.maximum(squares[::-1], 0.0))
-    kept = sizes > accuracy * sizes[0]
+    kept = sizes > accuracy * np.max(sizes, initial=0.0)
     return snapshots @ weights[:, ::-1][:, kept] / sizes[kept], sizes[kept]
 
 

@@ -96,8 +96,10 @@ FORMAT = "fenicsrom reduced model 8"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
 TURNING = "turning_"  # start of the names of the arrays of a speed that varies
-RANGE_ARRAYS = ("centrifugal", "softening", "coriolis", "euler", "inertia", "moments")
-RANGE_ARRAYS += ("speeds", "equilibria", "mesh_errors")
+RANGE_ARRAYS = (
+    *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
+    *("speeds", "equilibria", "mesh_errors"),
+)
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices

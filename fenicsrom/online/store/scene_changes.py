@@ -119,8 +119,8 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
     )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
-    settings = ("scheme", "spectral_radius", "steps_per_period", "steps_per_revolution")
-    settings += ("tolerance", "step")
+    steps = ("steps_per_period", "steps_per_revolution", "tolerance", "step")
+    settings = ("scheme", "spectral_radius", *steps)
     if (name := first_difference(made.time, wanted.time, settings)) is not None:
         return f"time.{name}"
     return "time" if (made.period is None) != (wanted.period is None) else None
