@@ -42,7 +42,8 @@ def times_of_angles(history: Array, angle: float, end: float) -> Array:
     Multiples at a corner of the speed are left out.
     """
     found = []
-    for row, (begin, speed, turned) in enumerate(history.tolist()):
+    for row in range(len(history)):
+        begin, speed, turned = map(float, history[row])
         until = min(end, history[row + 1, 0]) if row + 1 < len(history) else end
         if until <= begin:
             break
