@@ -188,7 +188,7 @@ def test_bar_on_hub_that_speeds_up_balances_energy_and_momentum() -> None:
     assert momentum[-1] == pytest.approx(18.30874893, rel=1e-5)
     np.testing.assert_allclose(found.velocity[-1], exact[1], atol=1e-3)
     assert found.elastic[0] == pytest.approx(0.0, abs=1e-12)
-    assert slope(1.0 / counts, np.abs(np.array(works) - 217.44048039)) > 1.9
+    assert slope(1.0 / counts[2:], np.abs(np.array(works[2:]) - 217.44048039)) > 1.9
     assert works[-1] == pytest.approx(217.44048039, rel=1e-5)
 
 

@@ -143,7 +143,7 @@ class MarchRun:
         """The times in s on which the steps of a span land, the last at its end."""
         begin, end = (span - 1) * self.horizon, span * self.horizon
         histories, adaptive = self.problem.model.load_histories, self.control.tolerance > 0.0
-        return landings(histories, self.problem.contacts, begin, end, adaptive=adaptive)
+        return landings(histories, self.problem.contacts, begin, end, adaptive)
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
         """The checkpoint of the run after a span."""
@@ -193,7 +193,7 @@ def set_up_run(
         state = initial_state(problem, plan, *start)
         state.scalars[STEP] = step
         if tolerance:
-            first = landings(model.load_histories, contacts, 0.0, horizon, adaptive=True)[0]
+            first = landings(model.load_histories, contacts, 0.0, horizon)[0]
             state.scalars[STEP] = 1e-4 * min(grid, first)
         size = state.scalars[SIZE]
         if tolerance:

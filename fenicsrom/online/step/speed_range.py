@@ -292,9 +292,10 @@ class RangeModel:
         damping = np.zeros((n, n)) + self.velocity_matrix(0.0)
         whole = self._on(z, q0, shifted(model.elastic, q0), damping)
         turning = self._turning(history, q0, z)
-        states = (z.T @ model.mass @ np.column_stack([one.equilibrium for one in shown])).T
-        known = zip(map(float, squares), states, strict=True)
-        rest = [rest_row(turning, whole.elastic, square, q) for square, q in known]
+        rest = []
+        for square, one in zip(map(float, squares), shown, strict=True):
+            q = z.T @ model.mass @ one.equilibrium[:, 0]
+            rest.append(rest_row(turning, whole.elastic, square, q))
         whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
         found = self.tangent(omega, self.equilibrium(omega))
         lowest = scipy.linalg.eigh(found, model.mass, eigvals_only=True)[: self.modes]

@@ -35,7 +35,11 @@ def longest_step(load_histories: LoadHistories, contacts: Contacts, tolerance: f
 
 
 def landings(
-    load_histories: LoadHistories, contacts: Contacts, begin: float, end: float, *, adaptive: bool
+    load_histories: LoadHistories,
+    contacts: Contacts,
+    begin: float,
+    end: float,
+    adaptive: bool = True,
 ) -> Array:
     """Times in s, after `begin` and up to `end`, on which steps land; `end` is the last.
 
