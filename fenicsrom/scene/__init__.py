@@ -31,6 +31,7 @@ from fenicsrom.scene.places import Place, Plane, Region, Support
 from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
 from fenicsrom.scene.response import Families, Parameter, Response, parameter_of
 from fenicsrom.scene.schema import (
+    Abradable,
     Basis,
     BeamSection,
     Campbell,
@@ -59,6 +60,7 @@ from fenicsrom.scene.writing import toml_text
 __all__ = [
     "FEW_CONTACTS",
     "INTERFACE_MODES",
+    "Abradable",
     "Acceleration",
     "Action",
     "Attachment",

@@ -283,7 +283,8 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
 
     Returns:
         `verdict` ("stable", "unstable: fold", "unstable: period doubling", "unstable: torus",
-        "not reached" for a stable motion to which the march does not tend, or "not found"),
+        "wears" for a motion that wears an abradable layer and thus does not repeat, "not reached"
+        for a stable motion to which the march does not tend, or "not found"),
         `from_s` (when the periodic motion replaced the marched one, or None), `load_periods` (in
         one period of the motion), `marched_periods`, `newton_iterations`, `relative_residual`,
         `largest_multiplier` (absolute value), `floquet_multipliers` (the largest, as pairs of real
@@ -306,7 +307,7 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
 
 def search_verdict(search: PeriodicSearch) -> str:
     """The verdict of `search_summary`."""
-    if search.verdict == "not found" or search.accepted:
+    if search.verdict in ("not found", "wears") or search.accepted:
         return search.verdict
     return "not reached" if search.verdict == "stable" else f"unstable: {search.verdict}"
 

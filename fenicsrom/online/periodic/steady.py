@@ -191,6 +191,8 @@ class _Search:
             multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
             free_sliders=motion.free_sliders,
         )
+        if self._wears(shooting, motion):
+            search = search._replace(verdict="wears")
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
     def _tends(self, path: MarchedPath, motion: PeriodicMotion, marched: int) -> bool:
@@ -199,6 +201,14 @@ class _Search:
         if m > 1 and not self._lasts_several_periods(path.shooting.scaled(motion.z)):
             return False
         return path.tends_to(motion, max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // m)
+
+    def _wears(self, shooting: Shooting, motion: PeriodicMotion) -> bool:
+        """Whether a motion, found with layers that stay as they are, would wear them."""
+        problem = self.problem.with_own_wear()
+        worn = problem.contacts.coating.worn.copy()
+        if worn.size:
+            shooting.map(problem, motion.z, derive=False)
+        return problem.has_worn_since(worn)
 
     def _lasts_several_periods(self, s: Array) -> bool:
         """Whether a motion of several periods does not repeat after one already."""

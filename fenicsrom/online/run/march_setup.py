@@ -107,6 +107,7 @@ class MarchRun:
         seconds: run time so far, compilation excluded.
         search: what Newton's method found; None before its first attempt.
         reference: rows of the period before the start, of a run that starts in a periodic motion.
+        wearing: whether a layer was worn in the last span.
     """
 
     problem: Problem
@@ -122,6 +123,7 @@ class MarchRun:
     seconds: float = 0.0
     search: PeriodicSearch | None = None
     reference: Record | None = None
+    wearing: bool = False
 
     @property
     def found(self) -> bool:
@@ -152,7 +154,14 @@ class MarchRun:
             if self.multiple > 1:
                 last = periods_of(self.history, self.problem.period, self.multiple)
         return Checkpoint(
-            self.state, last, float(self.control.size), span, self.buckled, self.search
+            self.state,
+            last,
+            float(self.control.size),
+            span,
+            self.buckled,
+            self.search,
+            self.problem.contacts.coating.worn if self.problem.contacts.coating.worn.size else None,
+            self.wearing,
         )
 
 
@@ -215,4 +224,5 @@ def set_up_run(
         buckled,
         [first],
         search=search,
+        wearing=resume is not None and resume.wearing,
     )

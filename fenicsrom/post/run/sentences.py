@@ -231,6 +231,10 @@ def periodic_sentence(motion: Motion) -> str | None:
         return f"{sentence}."
     if search.verdict == "stable":
         return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    if search.verdict == "wears":
+        return (
+            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
+        )
     return f"{sentence}; the march went on."
 
 
