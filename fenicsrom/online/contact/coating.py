@@ -30,7 +30,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.friction import mean_normal_force, positive
 from fenicsrom.online.contact.state import Interval
-from fenicsrom.online.contact.surfaces import Contacts, penetration
+from fenicsrom.online.contact.surfaces import Contacts, penetration, surface_turn
 from fenicsrom.online.kernels.compiled import kernel, part
 
 SHIFT = 1.234567e-6
@@ -47,7 +47,7 @@ def is_coated(contacts: Contacts, p: int) -> bool:
 @part
 def ring_place(contacts: Contacts, p: int, time: float) -> float:
     """Where point p is on its ring at a time, in cells: the nodes are at the integers."""
-    angle = contacts.coating.angle[p] - contacts.spin[p] * time
+    angle = contacts.coating.angle[p] - surface_turn(contacts, p, 0.0, time)
     return angle * contacts.coating.cells[p] / (2.0 * np.pi)
 
 

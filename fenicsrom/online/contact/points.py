@@ -11,7 +11,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
-from fenicsrom.scene.excitation import surface_spin
+from fenicsrom.scene.keys.excitation import surface_spin
 
 NO_DIRECTION = 1e-3
 """The middle of points that is nearer to an axis, relative to their distance, has no direction."""

@@ -74,12 +74,13 @@ def rings_of(scene: Any, points: Any, contacts: Contacts) -> list[Ring]:
     """
     members: dict[Any, list[int]] = {}
     along = np.zeros(points.contact.size)
+    turns = (contacts.spin != 0.0) | (contacts.turns != 0.0)
     for p, k in enumerate(points.contact):
         contact = scene.contacts[k]
         if contact.abradable is None:
             continue
         place: Any = p
-        if contacts.spin[p] != 0.0:
+        if turns[p]:
             along[p] = _position(contact.surface, points.position[p])
             step = SAME_PLACE * contacts.radius[p]
             place = contact.surface, contact.abradable, round(along[p] / step)
@@ -90,7 +91,7 @@ def rings_of(scene: Any, points: Any, contacts: Contacts) -> list[Ring]:
         p, k = group[0], int(points.contact[group[0]])
         layer, cells, radius, width = scene.contacts[k].abradable, 1, 0.0, 0.0
         area = float(pressing_areas(scene, points)[p])
-        if contacts.spin[p] != 0.0:
+        if turns[p]:
             cells, radius = layer.cells, float(contacts.radius[p])
             width = max(_width(scene, points, along, q) for q in group)
             area = radius * 2.0 * np.pi / cells * width
