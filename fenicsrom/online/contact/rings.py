@@ -47,16 +47,16 @@ class Ring(NamedTuple):
     layer: Any
 
     def depth(self, worn: Array) -> Array:
-        """The worn depth (cells,) in m at the nodes, of the depths (nodes,) of all rings."""
+        """The worn depth (cells,) in m at its nodes, of the depths (nodes,) of all rings."""
         return worn[self.first : self.first + self.cells]
 
-    def volume(self, worn: Array) -> float:
-        """The volume in m^3 that was worn."""
-        return float(self.area * np.sum(self.depth(worn)))
+    def volume(self, depth: Array) -> float:
+        """The volume in m^3 that was worn, of the worn depth (cells,)."""
+        return float(self.area * np.sum(depth))
 
-    def plastic_work(self, worn: Array) -> float:
+    def plastic_work(self, depth: Array) -> float:
         """The work in J that wore the ring, h int(sigma_Y + K eps) d eps, without viscosity."""
-        depth, layer = self.depth(worn), self.layer
+        layer = self.layer
         work = layer.yield_stress * depth + 0.5 * layer.hardening * depth**2 / layer.thickness
         return float(self.area * np.sum(work))
 

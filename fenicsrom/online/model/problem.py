@@ -66,10 +66,12 @@ class Problem(NamedTuple):
         coating = coating._replace(worn=(coating.worn if worn is None else worn).copy())
         return self._replace(contacts=self.contacts._replace(coating=coating))
 
-    def without_yield(self) -> Problem:
-        """The problem with layers that are elastic at their worn depths: they wear no further."""
+    def with_yield(self, factor: float) -> Problem:
+        """The problem with layers of so many times the yield stress; infinitely many: elastic."""
         coating = self.contacts.coating
-        coating = coating._replace(yield_force=np.full_like(coating.yield_force, np.inf))
+        coated = coating.cells > 0
+        strength = np.where(coated, coating.yield_force, 1.0) * factor
+        coating = coating._replace(yield_force=np.where(coated, strength, 0.0))
         return self._replace(contacts=self.contacts._replace(coating=coating))
 
     def has_worn_since(self, worn: Array) -> bool:

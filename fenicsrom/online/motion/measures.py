@@ -289,7 +289,8 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         one period of the motion), `marched_periods`, `newton_iterations`, `relative_residual`,
         `largest_multiplier` (absolute value), `floquet_multipliers` (the largest, as pairs of real
         and imaginary part), `free_sliders` (components that are not unique; the multipliers are
-        those without these).
+        those without these), `at_yield` (only if true: the motion presses an abradable layer just
+        to its yield stress, so the multipliers hold for motions that press it less).
     """
     multipliers = search.multipliers
     return {
@@ -302,6 +303,7 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         "largest_multiplier": float(abs(multipliers[0])) if multipliers.size else None,
         "floquet_multipliers": [[float(x.real), float(x.imag)] for x in multipliers],
         "free_sliders": search.free_sliders,
+        **({"at_yield": True} if search.at_yield else {}),
     }
 
 

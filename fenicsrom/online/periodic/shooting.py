@@ -121,7 +121,7 @@ class Shooting:
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
-        problem = problem.without_yield()
+        problem = problem.with_yield(np.inf)
         model, settings, period = problem.model, problem.time, problem.period
         steps = settings.steps_per_period or FALLBACK_STEPS
         grid = np.arange(m * steps + 1) / steps if fractions is None else fractions

@@ -146,6 +146,8 @@ class PeriodicSearch(NamedTuple):
         residual: relative residual of the last attempt.
         multipliers: (k,) Floquet multipliers, the largest first; empty without a motion.
         free_sliders: number of slider components that are not unique.
+        at_yield: whether the motion presses an abradable layer just to its yield stress; the
+            verdict then holds for motions that press it less.
     """
 
     verdict: str
@@ -157,6 +159,7 @@ class PeriodicSearch(NamedTuple):
     residual: float
     multipliers: NDArray[np.complex128]
     free_sliders: int
+    at_yield: bool = False
 
     @property
     def accepted(self) -> bool:
