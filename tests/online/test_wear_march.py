@@ -16,6 +16,10 @@ from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import energy_errors
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.march_setup import set_up_run
+from fenicsrom.online.step.loop import march
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.step import accept, attempt
 from fenicsrom.scene import Abradable, Time
 
 Array = NDArray[np.float64]
@@ -92,7 +96,7 @@ def test_wear_at_5500_rpm_ends_in_a_motion_that_repeats() -> None:
     assert motion.search.marched == 40
     assert half_ranges(motion)[-1] == pytest.approx(25.01e-6, rel=5e-3)
     assert abs(motion.search.multipliers[0]) < 1.0
-    marched = integrate(rubbing(5500.0, periods=60))
+    marched = integrate(rubbing(5500.0, periods=300))
     np.testing.assert_array_equal(worn_of(motion), worn_of(marched))
     assert half_ranges(marched)[-1] == pytest.approx(half_ranges(motion)[-1], rel=1e-3)
     before = integrate(rubbing(5500.0, periods=28))
@@ -109,6 +113,45 @@ def test_wear_of_a_resumed_run_is_that_of_the_whole_run() -> None:
     np.testing.assert_array_equal(worn_of(rest), worn_of(whole))
     assert np.max(worn_of(rest)) > 1.2 * np.max(worn_of(first))
     np.testing.assert_array_equal(rest.force[-720:], whole.force[-720:])
+
+
+def test_motion_of_newtons_method_that_would_wear_the_layer_is_no_periodic_motion() -> None:
+    """On the new layer, the elastic motion exceeds the yield stress."""
+    problem = rubbing(5500.0, periods=1, steady_tolerance=1e-6).settled()
+    motion = integrate(problem, start=(np.zeros(2), np.zeros(2)))
+    assert motion.search is not None
+    assert motion.search.residual < 1e-10
+    assert motion.search.verdict == "wears"
+    assert not motion.search.accepted and motion.newton_from is None
+    assert motion.end is not None and motion.end.wearing
+
+
+def test_motion_that_presses_just_to_the_yield_stress_is_flagged() -> None:
+    """The casing closes in on a blade that hardly vibrates: the deepest state is the last one."""
+    problem = rubbing(5500.0, lobe=1e-6, steady_tolerance=1e-6)
+    for closes, at_yield in ((0.25e-3, True), (0.2005e-3, False)):
+        contacts = problem.contacts._replace(approach=np.array([[0.0, closes]]))
+        model = problem.model._replace(damping=5e3)
+        motion = integrate(problem._replace(model=model, contacts=contacts))
+        assert motion.search is not None and motion.search.accepted
+        assert (np.max(worn_of(motion)) > 0.0, motion.search.at_yield) == (at_yield, at_yield)
+
+
+def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
+    """A step that is tried and not accepted does not wear, and is the same when tried again."""
+    problem = rubbing(5500.0, periods=9).with_own_wear()
+    plan = scheme("discrete-gradient", problem.model, 0.8)
+    run = set_up_run(problem, plan, march, None, integrate(problem).end, False)
+    run.problem.contacts.coating.worn[:] = worn_of(integrate(problem))
+    h, worn = 20.0 * run.control.grid, run.problem.contacts.coating.worn.copy()
+    load, tried = problem.model.load(0.0), []
+    for _ in range(2):
+        attempt(problem.model, run.problem.contacts, plan, run.state, h, load)
+        tried.append(run.state.trial.dq.copy())
+        np.testing.assert_array_equal(run.problem.contacts.coating.worn, worn)
+    np.testing.assert_array_equal(*tried)
+    accept(problem.model, run.problem.contacts, plan, run.state, h, load)
+    assert np.max(run.problem.contacts.coating.worn - worn) > 1e-8
 
 
 def test_run_leaves_the_layer_of_its_problem_as_it_is() -> None:

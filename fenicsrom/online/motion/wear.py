@@ -61,7 +61,7 @@ def wear_of(motion: Motion, scene: Any, points: ContactPoints) -> list[Wear]:
         return []
     contacts, time, found = contacts_of(scene, points), float(motion.time[-1]), []
     for ring in rings_of(scene, points, contacts):
-        angle = 2.0 * np.pi / ring.cells * np.arange(ring.cells)
+        angle: Array = 2.0 * np.pi / ring.cells * np.arange(ring.cells, dtype=np.float64)
         turned = abs(surface_turn(contacts, ring.points[0], 0.0, time)) if ring.radius else 0.0
         found.append(Wear(ring, angle, ring.depth(motion.end.worn), turned))
     return found

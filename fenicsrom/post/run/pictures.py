@@ -118,13 +118,13 @@ def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[P
 
 
 def working(scene: Scene) -> str:
-    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
     turning = [
         surface_spin(contact.surface, scene.rotation)
         for contact in scene.contacts
         if contact.surface is not None
     ]
-    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
     return LOADS_AND_SURFACES if moving else LOADS
 
 
