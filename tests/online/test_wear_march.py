@@ -133,7 +133,7 @@ def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
     end = integrate(problem).end
     assert end is not None
     run = set_up_run(problem.with_own_wear(end.worn), plan, march, None, end, False)
-    h, worn = 300.0 * run.control.grid, run.problem.contacts.coating.worn.copy()
+    h, worn = 180.0 * run.control.grid, run.problem.contacts.coating.worn.copy()
     load, tried = problem.model.load(0.0), []
     for _ in range(2):
         attempt(problem.model, run.problem.contacts, plan, run.state, h, load)
