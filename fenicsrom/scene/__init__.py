@@ -34,6 +34,7 @@ from fenicsrom.scene.keys.materials import Elasticity, GroupMaterial, Material
 from fenicsrom.scene.keys.places import Place, Plane, Region, Support
 from fenicsrom.scene.keys.response import Families, Parameter, Response, parameter_of
 from fenicsrom.scene.keys.schema import (
+    Abradable,
     Basis,
     BeamSection,
     Campbell,
@@ -64,6 +65,7 @@ from fenicsrom.scene.reading.reading import make_scene, parse_scene, read_scene,
 __all__ = [
     "FEW_CONTACTS",
     "INTERFACE_MODES",
+    "Abradable",
     "Acceleration",
     "Action",
     "Attachment",

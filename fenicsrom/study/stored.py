@@ -237,6 +237,7 @@ def _draw(found: Rerun, folder: Path) -> list[Drawn]:
     from fenicsrom.post.run.pictures import (
         motion_pictures,
         size_pictures,
+        wear_pictures,
         working,
         write_stress_picture,
     )
@@ -249,6 +250,7 @@ def _draw(found: Rerun, folder: Path) -> list[Drawn]:
         work=working(stored.scene),
         points=stored.model.points,
     )
+    pictures += wear_pictures(found.motion, stored.scene, stored.model.points)
     pictures += size_pictures(found.sized)
     written = draw_pictures(pictures, folder, found.warnings)
     if found.stresses is not None:

@@ -17,6 +17,7 @@ CAPTIONS = {
     "energy_per_period": "Energies of each period. Bars of the same height mean a steady motion.",
     "contact": "States and forces of contact over the last period. The area inside a loop of the "
     "tangential force over the displacement is the energy that friction dissipates.",
+    "wear": "The depth that the body wore of the abradable layer, over the angle of the casing.",
     "stress": "The von Mises stress at the instant and on the side of its largest value.",
     "modes": "The shapes of the basis along the axis of the body, relative to their largest value.",
     "shapes": "The shapes of the basis: normal modes (V) with nodal lines, static modes (S), and "
@@ -48,6 +49,7 @@ NUMBERS = {
     "harmonics": "response.csv",
     "peaks": "response_peaks.csv",
     "stress": "stresses.csv",
+    "wear": "wear.csv",
     "sizes": "summary.json",
     "mac": "summary.json",
 }

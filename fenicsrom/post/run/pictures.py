@@ -12,6 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
+from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
@@ -47,6 +48,7 @@ from fenicsrom.post.run.motion_figures import (
     plot_transient,
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
+from fenicsrom.post.run.wear import plot_wear
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
 
@@ -109,14 +111,20 @@ def motion_pictures(
     return pictures
 
 
+def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
+    """The picture of the worn depth, of a casing with an abradable layer."""
+    rings = [one for one in wear_of(motion, scene, points) if one.ring.radius]
+    return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))] if rings else []
+
+
 def working(scene: Scene) -> str:
-    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
     turning = [
         surface_spin(contact.surface, scene.rotation)
         for contact in scene.contacts
         if contact.surface is not None
     ]
-    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
     return LOADS_AND_SURFACES if moving else LOADS
 
 
@@ -170,6 +178,8 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     motions = []
     if study.motions:
         motions = motion_pictures(study.motions, natural, names, work, study.solid.points)
+    if "reduced" in study.motions:
+        motions += wear_pictures(study.motions["reduced"], study.scene, study.solid.points)
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
     listed += size_pictures(study.sized)
     return draw_pictures(listed, folder, study.warnings)

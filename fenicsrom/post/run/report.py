@@ -36,6 +36,7 @@ from fenicsrom.post.run.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.run.summary import errors_of
+from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene, scene_heading
 from fenicsrom.words import counted
@@ -84,6 +85,8 @@ def write_rerun_report(found: Rerun, pictures: Sequence[Drawn], folder: Path) ->
     results: list[Any] = [response_rows({"reduced": motion}, {"reduced": found.stored.size}, names)]
     notes = [*_notes({"reduced": motion}, scene, points), *_periodic(motion)]
     if sentence := support_sentence(scene, points, {"reduced": motion}):
+        results.append(sentence)
+    if sentence := wear_sentence(motion, scene, points):
         results.append(sentence)
     if found.errors:
         results.append(estimate_rows(found.errors, motion, names))
@@ -151,6 +154,9 @@ def _results(study: Study) -> tuple[list[Any], list[str]]:
         sentence := support_sentence(study.scene, study.solid.points, study.motions)
     ):
         found.append(sentence)
+    for motion in study.motions.values():
+        if sentence := wear_sentence(motion, study.scene, study.solid.points):
+            found.append(sentence)
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if study.mesh_check is not None and (said := study.mesh_check.sentence()):

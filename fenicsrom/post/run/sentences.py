@@ -28,6 +28,7 @@ from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
+from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.scene.reading.step_size import refined, step_key
 from fenicsrom.words import counted, two_digits
 
@@ -159,6 +160,7 @@ def rerun_sentences(found: Rerun) -> list[str]:
     told.append(
         support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
     )
+    told.append(wear_sentence(motion, found.stored.scene, found.stored.model.points))
     told += [] if found.stored.whole is None else [of_range(found.stored.whole).sentence()]
     told += out_of_reach(motion, found.stored.model.points)
     told += [] if found.sized is None else [size_sentence(found.sized)]
@@ -227,10 +229,19 @@ def periodic_sentence(motion: Motion) -> str | None:
         f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
         f"found {tried}"
     )
+    if search.accepted and search.at_yield:
+        return (
+            f"{sentence}. It presses an abradable layer just to its yield stress: the multipliers "
+            "hold for motions that press it less."
+        )
     if search.accepted:
         return f"{sentence}."
     if search.verdict == "stable":
         return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    if search.verdict == "wears":
+        return (
+            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
+        )
     return f"{sentence}; the march went on."
 
 
@@ -312,6 +323,7 @@ def study_sentences(study: Study) -> list[str]:
     found: list[str | None] = []
     if reduced is not None:
         found += [resumed_sentence(reduced), periodic_sentence(reduced)]
+        found.append(wear_sentence(reduced, study.scene, study.solid.points))
     found.append(support_sentence(study.scene, study.solid.points, study.motions))
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))

@@ -33,6 +33,7 @@ from fenicsrom.post.base.writers import write_arrays, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
 from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
+from fenicsrom.post.run.wear import wear_summary, write_wear
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 
@@ -75,6 +76,7 @@ def summary(study: Study) -> dict[str, Any]:
     found |= motions_summary(study.motions, study.solid.points)
     found |= support_summary(study.scene, study.solid.points, study.motions)
     found["estimated_error_percent"] = estimates_summary(study.errors)
+    found |= wear_summary(study.motions, study.scene, study.solid.points)
     if study.stresses is not None:
         found |= stress_summary(study.stresses)
     if study.unfinished:
@@ -118,6 +120,7 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
         "left_out": found.left_out,
         **motions_summary({"reduced": motion}, stored.model.points),
         **support_summary(stored.scene, stored.model.points, {"reduced": motion}),
+        **wear_summary({"reduced": motion}, stored.scene, stored.model.points),
         "estimated_error_percent": estimates_summary(found.errors),
         **({} if found.stresses is None else stress_summary(found.stresses)),
     }
@@ -289,6 +292,7 @@ def write_numbers(study: Study, folder: Path, whole: bool = False) -> list[Path]
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
         files += write_checkpoint(folder, study.model, study.scene, motion, whole)
+        files += write_wear(folder, study.motions, study.scene, study.solid.points)
     if study.stresses is not None:
         files += write_stresses(study.stresses, folder)
     return files
@@ -310,5 +314,6 @@ def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list
         write_summary(folder / SUMMARY, rerun_summary(found)),
         write_history(folder / HISTORY, {"reduced": motion}, stored.scene, stored.model.points),
         *write_checkpoint(folder, stored.model, stored.scene, motion, whole),
+        *write_wear(folder, {"reduced": motion}, stored.scene, stored.model.points),
         *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

@@ -23,6 +23,7 @@ from fenicsrom.scene.checks.curve_checks import (
     response_problems,
     statics_problems,
 )
+from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.meshing import Meshing
 from fenicsrom.scene.keys.places import Place, Region
@@ -41,6 +42,7 @@ FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
 INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
+WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -59,6 +61,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        yield from _abradable_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -159,6 +162,31 @@ def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
         yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
+    if contact.abradable is None:
+        return
+    if contact.preload:
+        allowed = f"not allowed with {key}.abradable: use an approach to press the layer"
+        yield Problem(f"{key}.preload", contact.preload, allowed)
+    if scene.time.scheme != "discrete-gradient":
+        allowed = f'must be "discrete-gradient" with {key}.abradable'
+        yield Problem("time.scheme", scene.time.scheme, allowed)
+    for name in ("response", "backbone"):
+        if getattr(scene, name) is not None:
+            allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
+            yield Problem(name, "a table", allowed)
+    surface, period = contact.surface, scene.period
+    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
+    turns = 0.0 if period is None else abs(spin) * period / (2.0 * math.pi)
+    if abs(turns - round(turns)) > WHOLE_TURNS * turns:
+        allowed = (
+            f"with {key}.abradable the surface must turn in whole numbers in the period of the "
+            f"loads, {period:.6g} s, in which it turns {turns:.6g} times; lengthen the period, for "
+            "example by engine_order = 1 with harmonics"
+        )
+        yield Problem(f"{key}.abradable", "a table", allowed, ErrorKind.RANGE)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:

@@ -111,6 +111,33 @@ class Surface:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Abradable:
+    """A layer on the surface that the body wears, such as the coating of a casing.
+
+    Attributes:
+        thickness: thickness of the layer.
+        modulus: Young's modulus of the layer.
+        yield_stress: stress at which the new layer is crushed.
+        hardening: growth of this stress with the plastic strain.
+        viscosity: growth of the stress with the rate of the plastic strain.
+        area: area of the body that presses the layer; with at = "nodes" that of all nodes together,
+            which share it in proportion to the area, length or number that they stand for.
+        width: width along the axis of the trace on a surface that turns; by default the distance
+            along the axis between the outermost contact points, in 2D the thickness of the body.
+        cells: number of angles around a surface that turns at which the worn depth is known.
+    """
+
+    thickness: Annotated[float, number(above=0.0, unit="m")]
+    modulus: Annotated[float, number(above=0.0, unit="Pa")]
+    yield_stress: Annotated[float, number(above=0.0, unit="Pa")]
+    hardening: Annotated[float, number(least=0.0, unit="Pa")] = 0.0
+    viscosity: Annotated[float, number(least=0.0, unit="N s/m²")] = 0.0
+    area: Annotated[float, number(above=0.0, unit="m²")]
+    width: Annotated[float | None, number(above=0.0, unit="m")] = None
+    cells: Annotated[int, integer(3, 1_000_000)] = 720
+
+
+@dataclass(frozen=True, kw_only=True)
 class Contact:
     """A point, or every node of a region, against a rigid plane or `surface`.
 
@@ -121,6 +148,7 @@ class Contact:
         place: where the contact is.
         normal: unit vector into the plane; not with a surface.
         surface: a round surface instead of the plane.
+        abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position; with at = "nodes" it is given per area,
             length or node, and so are both stiffnesses.
         gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
@@ -134,6 +162,7 @@ class Contact:
     place: Annotated[Place, Place]
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
+    abradable: Annotated[Abradable | None, table_of(Abradable)] = None
     preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
     gap: Annotated[float, number(least=0.0, unit="m")] = 0.0
     approach: Annotated[
@@ -502,6 +531,11 @@ class Scene:
     def velocity_forces(self) -> bool:
         """Whether forces besides the mass-proportional damping depend on the velocity."""
         return self.viscous or (self.rotation is not None and self.rotation.coriolis)
+
+    @property
+    def wears(self) -> bool:
+        """Whether a surface has an abradable layer."""
+        return any(contact.abradable is not None for contact in self.contacts)
 
     @property
     def static_only(self) -> bool:
