@@ -33,6 +33,8 @@ CAPTIONS = {
     "contact_map": "The state of contact over the period, along the curve.",
     "harmonics": "Amplitudes of the harmonics along the curve.",
     "backbone": "Frequency and damping of the mode over its amplitude.",
+    "run_up": "Each revolution over its mean speed: the largest distance from the equilibrium of "
+    "the same speed, the largest normal force, and the mean torque of the shaft.",
     "campbell": "Natural frequencies over the speed. Where an engine order crosses a frequency, "
     "the mode can resonate.",
     "sweep": "One point for each run of the sweep.",
@@ -44,7 +46,7 @@ NUMBERS = {
     **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
     **{
         name: f"{name}.csv"
-        for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
+        for name in ("run_up", "backbone", "campbell", "sweep", "comparison", "equilibria")
     },
     "harmonics": "response.csv",
     "peaks": "response_peaks.csv",

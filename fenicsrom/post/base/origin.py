@@ -55,6 +55,7 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
     *("response_peaks.csv", "peaks.png"),
+    *("run_up.csv", "run_up.png"),
     *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
     *("runs", "models"),
 )

@@ -16,6 +16,7 @@ from fenicsrom.post.base.html_page import Folded, Page, verdict_of, write_report
 from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
+from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.sentences import (
     MULTIPLIER_NOTE,
     equilibrium_sentence,
@@ -88,6 +89,7 @@ def write_rerun_report(found: Rerun, pictures: Sequence[Drawn], folder: Path) ->
         results.append(sentence)
     if sentence := wear_sentence(motion, scene, points):
         results.append(sentence)
+    results += run_up_sentences(found.run_up)
     if found.errors:
         results.append(estimate_rows(found.errors, motion, names))
     if found.unfinished:

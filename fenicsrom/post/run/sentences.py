@@ -26,6 +26,7 @@ from fenicsrom.post.base.directions import (
 )
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
+from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
 from fenicsrom.post.run.wear import wear_sentence
@@ -162,6 +163,7 @@ def rerun_sentences(found: Rerun) -> list[str]:
     )
     told.append(wear_sentence(motion, found.stored.scene, found.stored.model.points))
     told += [] if found.stored.whole is None else [of_range(found.stored.whole).sentence()]
+    told += run_up_sentences(found.run_up)
     told += out_of_reach(motion, found.stored.model.points)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if found.stresses is None else stress_sentences(found.stresses)

@@ -29,9 +29,10 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.writers import write_arrays, write_summary
+from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
+from fenicsrom.post.run.run_up import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.run.wear import wear_summary, write_wear
 from fenicsrom.records import Rerun, Study
@@ -116,6 +117,7 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
         | size_summary(found.sized),
         **range_summary(stored),
+        **run_up_summary(found.run_up),
         "seconds": {"reduced motion": motion.seconds},
         "left_out": found.left_out,
         **motions_summary({"reduced": motion}, stored.model.points),
@@ -316,4 +318,5 @@ def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list
         *write_checkpoint(folder, stored.model, stored.scene, motion, whole),
         *write_wear(folder, {"reduced": motion}, stored.scene, stored.model.points),
         *(() if found.stresses is None else write_stresses(found.stresses, folder)),
+        *(() if found.run_up is None else [write_rows(folder / RUN_UP, run_up_rows(found.run_up))]),
     ]

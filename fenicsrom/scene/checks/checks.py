@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING
+from dataclasses import MISSING, fields
 from itertools import pairwise
 from operator import mul
 
@@ -36,6 +36,7 @@ from fenicsrom.scene.keys.times import (
     NoStep,
     Periodic,
     StepsPerPeriod,
+    StepsPerRevolution,
 )
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
@@ -289,8 +290,35 @@ def _rotation_problems(scene: Scene) -> Problems:
         yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+    if rotation.history:
+        yield from _history_problems(scene, rotation)
     if rotation.speeds_rpm is not None:
         yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
+    """Yield what a run at a varying speed needs."""
+    key, times = "rotation.history", [time for time, _ in rotation.history]
+    if times[0] != 0.0:
+        yield Problem(f"{key}[0]", times[0], "the first time must be 0", ErrorKind.RANGE)
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield Problem(key, times, "times must increase", ErrorKind.RANGE)
+    speeds = [speed for _, speed in rotation.history]
+    if rotation.speeds_rpm is None:
+        allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
+        yield Problem("rotation.speeds_rpm", MISSING, allowed)
+    else:
+        first, *_, last = rotation.speeds_rpm
+        for k, speed in enumerate(speeds):
+            if not first <= speed <= last:
+                allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
+                yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
+    if not rotation.coriolis:
+        yield Problem("rotation.coriolis", False, "must be true with rotation.history")
+    if isinstance(scene.time.stepping, StepsPerRevolution) and min(speeds) <= 0.0:
+        steps = scene.time.steps_per_revolution
+        allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
+        yield Problem("time.steps_per_revolution", steps, allowed)
 
 
 def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
@@ -374,6 +402,9 @@ def _duration_problems(scene: Scene) -> Problems:
     time = scene.time
     transient = [index for index, load in enumerate(scene.loads) if load.transient]
     why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
+    varies = scene.rotation is not None and bool(scene.rotation.history)
+    if varies:
+        why = "the speed of rotation varies"
     if isinstance(time.span, Periodic):
         given = ("steady_tolerance", "steady")
         default = Periodic()
@@ -391,6 +422,9 @@ def _duration_problems(scene: Scene) -> Problems:
         case StepsPerPeriod(steps_per_period=steps):
             allowed = f"use step or tolerance, because {why}"
             yield Problem("time.steps_per_period", steps, allowed)
+        case StepsPerRevolution(steps_per_revolution=steps) if not varies:
+            allowed = "only allowed with rotation.history"
+            yield Problem("time.steps_per_revolution", steps, allowed)
         case FixedStep(step=step):
             if step > duration:
                 allowed = f"must be at most the duration of {duration:g}"
@@ -403,9 +437,10 @@ def _period_problems(scene: Scene) -> Problems:
     why = "because the loads repeat"
     if isinstance(time.span, Duration):
         yield Problem("time.duration", time.span.duration, f"use periods, {why}")
-    if isinstance(time.stepping, FixedStep):
+    if isinstance(time.stepping, FixedStep | StepsPerRevolution):
+        key = fields(time.stepping)[0].name
         allowed = f"use steps_per_period or tolerance, {why}"
-        yield Problem("time.step", time.stepping.step, allowed)
+        yield Problem(f"time.{key}", getattr(time, key), allowed)
     frequencies = [load.frequency for load in scene.loads]
     lowest = min(frequency for frequency in frequencies if frequency is not None)
     for index, frequency in enumerate(frequencies):

@@ -222,17 +222,20 @@ SPEEDS = Rule(
 
 @dataclass(frozen=True, kw_only=True)
 class Rotation:
-    """A steady rotation about a fixed axis.
+    """A rotation about a fixed axis.
 
     The scene, its loads and its surfaces are described in the frame that turns with the body.
 
     Attributes:
-        speed_rpm: speed of rotation, positive about the axis.
+        speed_rpm: speed of rotation, positive about the axis; that of all commands but a run with
+            `history`.
         axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
         point: a point of the axis; the origin by default.
         coriolis: whether to include the Coriolis force.
         speeds_rpm: speeds at which the basis of one model for all speeds between the first and the
             last one is made, two or three as a rule; by default the model is that of `speed_rpm`.
+        history: speeds at some times of a run, linear between them and constant after the last one;
+            they must be in the range of `speeds_rpm`. By default the speed is `speed_rpm`.
     """
 
     speed_rpm: Annotated[float, number(unit="rev/min")]
@@ -240,6 +243,9 @@ class Rotation:
     point: Annotated[tuple[float, ...] | None, rules.point] = None
     coriolis: Annotated[bool, flag] = False
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    history: Annotated[
+        tuple[tuple[float, ...], ...], rows_of("time", "speed", unit="s, rev/min")
+    ] = ()
 
     @property
     def omega(self) -> float:
@@ -497,8 +503,11 @@ class Scene:
     def period(self) -> float | None:
         """Period of the excitation in s, that of the lowest frequency.
 
-        The period is None if no load is harmonic, or if a load does not repeat.
+        The period is None if no load is harmonic, if a load does not repeat, or if the speed of
+        rotation varies.
         """
+        if self.rotation is not None and self.rotation.history:
+            return None
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         if not frequencies or any(load.transient for load in self.loads):
             return None
@@ -541,10 +550,11 @@ class Scene:
     def static_only(self) -> bool:
         """Whether only the equilibrium is computed.
 
-        There is no contact, all loads are static and no duration is given.
+        There is no contact, all loads are static, the speed is constant and no duration is given.
         """
         return (
             not self.contacts
             and all(load.static for load in self.loads)
             and not isinstance(self.time.span, Duration)
+            and not (self.rotation is not None and self.rotation.history)
         )

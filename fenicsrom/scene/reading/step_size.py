@@ -11,7 +11,13 @@ from dataclasses import fields, replace
 from typing import Any
 
 from fenicsrom.scene.keys.schema import Scene
-from fenicsrom.scene.keys.times import FixedStep, Stepping, StepsPerPeriod, Tolerance
+from fenicsrom.scene.keys.times import (
+    FixedStep,
+    Stepping,
+    StepsPerPeriod,
+    StepsPerRevolution,
+    Tolerance,
+)
 from fenicsrom.scene.reading.overrides import override_table
 from fenicsrom.scene.reading.reading import parse_scene, scene_table
 
@@ -46,6 +52,8 @@ def refined(scene: Scene, factor: int = 2) -> Scene:
             stepping = Tolerance(tolerance=tolerance / factor**3)
         case StepsPerPeriod(steps_per_period=steps):
             stepping = StepsPerPeriod(steps_per_period=steps * factor)
+        case StepsPerRevolution(steps_per_revolution=steps):
+            stepping = StepsPerRevolution(steps_per_revolution=steps * factor)
         case FixedStep(step=step):
             stepping = FixedStep(step=step / factor)
         case other:
@@ -61,6 +69,8 @@ def coarser(scene: Scene) -> Scene:
             stepping = Tolerance(tolerance=8.0 * tolerance)
         case StepsPerPeriod(steps_per_period=steps):
             stepping = StepsPerPeriod(steps_per_period=max(steps // 2, 2))
+        case StepsPerRevolution(steps_per_revolution=steps):
+            stepping = StepsPerRevolution(steps_per_revolution=max(steps // 2, 2))
         case FixedStep(step=step):
             assert scene.time.duration is not None
             stepping = FixedStep(step=min(2.0 * step, scene.time.duration))
