@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, Where, choice, integer, is_sequence, number
+from fenicsrom.scene.base.rules import Rule, Where, array, choice, integer, is_sequence, number
 from fenicsrom.scene.base.tables import read_table, tables_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.reading.reading import parse_scene, read_toml
@@ -66,9 +66,7 @@ def _read_coordinates(value: Any, where: Where) -> tuple[int, ...]:
 
 
 _NUMBER = integer(0, LARGEST_NUMBER)
-_coordinates = Rule(
-    _read_coordinates, {"type": "array", "items": _NUMBER.schema}, "list of integers from 0"
-)
+_coordinates = Rule(_read_coordinates, array(_NUMBER.schema), "list of integers from 0")
 
 
 @dataclass(frozen=True, kw_only=True)
