@@ -17,13 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.exchange.matrix_set import (
-    LARGEST_SIZE,
-    Label,
-    MatrixSet,
-    matrix_set,
-    refuse,
-)
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import LARGEST_SIZE, Label, MatrixSet, matrix_set
 
 PARTS = {"stiffness": "STIF", "mass": "MASS", "damping": "DMPV"}
 """The word in the name of the file of each matrix."""

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.exchange.mat_reader import mat_matrices
-from fenicsrom.exchange.matrix_set import MatrixSet, matrix_set, refuse
+from fenicsrom.exchange.matrix_set import MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.matrices import UNITS, ModelArrays

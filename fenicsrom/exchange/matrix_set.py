@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 
 STIFFNESS, MASS, DAMPING, INTERFACE = "KAAX", "MAAX", "BAAX", "INTERF"
 """Names in Nastran files: the first three as Nastran's EXTSEOUT writes them, the last one is ours.
@@ -54,11 +54,6 @@ class MatrixSet:
     damping: Array | None = None
     interface: Array | None = None
     labels: tuple[Label, ...] | None = None
-
-
-def refuse(path: Path, reason: str, kind: ErrorKind = ErrorKind.FORMAT) -> SceneError:
-    """The error of a file of matrices."""
-    return SceneError(f"{path}: {reason}", kind=kind, source=str(path))
 
 
 def matrix_set(

@@ -15,14 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.exchange.matrix_set import (
-    INTERFACE,
-    LARGEST_SIZE,
-    Label,
-    MatrixSet,
-    matrix_set,
-    refuse,
-)
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import INTERFACE, LARGEST_SIZE, Label, MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
 
 SQUARE, SYMMETRIC, RECTANGULAR = 1, 6, 9

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
 from fenicsrom.words import counted
 

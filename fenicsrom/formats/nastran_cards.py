@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fenicsrom.formats.mesh_file import refuse
+from fenicsrom.errors import refuse
 from fenicsrom.formats.text import included, read_lines
 
 

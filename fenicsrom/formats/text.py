@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.formats.mesh_file import refuse
+from fenicsrom.errors import ErrorKind, refuse
 
 DEEPEST = 16
 """Files may include files to this depth; a file that includes itself would never end."""
@@ -47,11 +46,7 @@ def included(path: Path, name: str, what: str, depth: int) -> Path:
     """
     found = path.parent / name.strip().strip("'\"").replace("\\", "/")
     if not found.is_file():
-        raise SceneError(
-            f"{path}: {what} {name.strip()}: there is no file {found}",
-            kind=ErrorKind.FILE,
-            source=str(path),
-        )
+        raise refuse(path, f"{what} {name.strip()}: there is no file {found}", ErrorKind.FILE)
     if depth >= DEEPEST:
         raise refuse(path, f"{what} {name.strip()}: files include each other without end")
     return found

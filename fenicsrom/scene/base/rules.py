@@ -46,12 +46,9 @@ class Where:
         """Make the error that refuses a value here; the value `MISSING` has its own kind."""
         missing = value is MISSING
         what = "is missing" if missing else f"= {show(value)}"
-        return SceneError(
-            f"{self.source}: {self.key} {what}: {allowed}",
-            kind=ErrorKind.MISSING if missing else kind,
-            key=self.key,
-            source=self.source,
-        )
+        kind = ErrorKind.MISSING if missing else kind
+        sentence = f"{self.source}: {self.key} {what}: {allowed}"
+        return SceneError(sentence, kind=kind, key=self.key, source=self.source)
 
 
 def show(value: object, width: int = 60) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import Rule, Where, array, choice, integer, is_sequence, number
 from fenicsrom.scene.base.tables import read_table, tables_of
@@ -201,9 +201,5 @@ def _check_node(node: InterfaceNode, dimension: int, where: Where) -> None:
             allowed = f"must have {dimension} entries with superelement.dimension = {dimension}"
             raise where.at(key).refuse(list(value), allowed, ErrorKind.CONFLICT)
     if (node.coordinates is None) == (node.grid is None):
-        raise SceneError(
-            f"{where.source}: {where.key}: one of coordinates and grid must be given",
-            kind=ErrorKind.CONFLICT,
-            key=f"{where.key}.coordinates",
-            source=where.source,
-        )
+        reason = "one of coordinates and grid must be given"
+        raise refuse(where.source, reason, ErrorKind.CONFLICT, f"{where.key}.coordinates")
