@@ -120,7 +120,7 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
 
     Args:
         run: the run.
-        report: see `fenicsrom.assess.processes.Job`.
+        report: see `fenicsrom.assess.jobs.Job`.
 
     Returns:
         The row of the run.
