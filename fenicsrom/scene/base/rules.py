@@ -416,7 +416,8 @@ def list_of(rule: Rule, least: int = 1, most: int | None = None, distinct: bool 
 
     def read(value: Any, where: Where) -> tuple[Any, ...]:
         if not is_sequence(value) or not least <= len(value) <= (most or len(value)):
-            raise where.refuse(value, f"must be a list of {count}", ErrorKind.TYPE)
+            kind = ErrorKind.RANGE if most and is_sequence(value) else ErrorKind.TYPE
+            raise where.refuse(value, f"must be a list of {count}", kind)
         values = tuple(rule(entry, where.at(index)) for index, entry in enumerate(value))
         for index, entry in enumerate(values if distinct else ()):
             if entry in values[:index]:
