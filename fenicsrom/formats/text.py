@@ -26,9 +26,21 @@ def numbers_between(first: int, last: int, step: int = 1) -> range:
     return found
 
 
+def content_of(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+
+
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, without the ends of the lines."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = content_of(path).decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
