@@ -17,7 +17,17 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
+from fenicsrom.scene.base.rules import (
+    Rule,
+    Where,
+    array,
+    choice,
+    flag,
+    integer,
+    list_of,
+    number,
+    rows_of,
+)
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.keys.attachments import Attachment
 from fenicsrom.scene.keys.backbone import Backbone
@@ -209,12 +219,7 @@ def _read_speeds(value: Any, where: Where) -> tuple[float, ...]:
 
 SPEEDS = Rule(
     _read_speeds,
-    {
-        "oneOf": [
-            {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 2},
-            {"kind": Range},
-        ]
-    },
+    {"oneOf": [array({"type": "number", "minimum": 0}, 2), {"kind": Range}]},
     "ascending list of numbers, or { first, last, number }",
     "rev/min",
 )
