@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.online.motion.measures import STATE_NAMES
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Ratio of displacement and length of the body from which displacements are drawn to scale.
@@ -75,6 +76,22 @@ def new_figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=140, layout="constrained")
+
+
+def new_panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, **more: Any
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure of this size in inches, and its panels row by row.
+
+    Args:
+        width: of the figure.
+        height: of the figure.
+        rows: number of rows of panels.
+        columns: number of columns of panels.
+        more: other arguments of `Figure.subplots`.
+    """
+    figure = new_figure(width, height)
+    return figure, list(figure.subplots(rows, columns, squeeze=False, **more).flat)
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -16,6 +16,7 @@ from fenicsrom.post.studies.compare_figures import (
     amplitude_error,
     indicator_figure,
     pareto_figure,
+    rated,
     size_figure,
 )
 from fenicsrom.words import counted
@@ -210,8 +211,7 @@ def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
     amplitude = error_heads(comparison)["amplitude_tangential"]
-    rated = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
-    small = [o for o in rated if len(o.labels) <= SMALL]
+    small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
     if small:
         best = min(small, key=amplitude_error)
         found.append(
@@ -224,9 +224,10 @@ def sentences(comparison: Comparison) -> list[str]:
     ours, plain = comparison.rank_correlation("indicator"), comparison.rank_correlation("residual")
     if ours is not None and plain is not None:
         found.append(
-            f"Rank correlation (Spearman) with the error of the {amplitude} over {len(rated)} "
-            f"bases: {ours:.2f} for the residual in the energy norm (the indicator), {plain:.2f} "
-            "for the residual in the plain norm. The indicator needs no run of the full model."
+            f"Rank correlation (Spearman) with the error of the {amplitude} over "
+            f"{len(rated(comparison))} bases: {ours:.2f} for the residual in the "
+            f"energy norm (the indicator), {plain:.2f} for the residual in the plain norm. "
+            "The indicator needs no run of the full model."
         )
     unsteady = [
         o.combination.name
@@ -278,8 +279,7 @@ def timing_note(comparison: Comparison) -> list[str]:
 
 def pictures(comparison: Comparison) -> list[Picture]:
     """The pictures of a comparison with a full model."""
-    rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
-    if comparison.full is None or not rated:
+    if comparison.full is None or not rated(comparison):
         return []
     return [
         Picture(
