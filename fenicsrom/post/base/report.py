@@ -29,7 +29,8 @@ class Section:
 
     Attributes:
         heading: its heading on the page.
-        items: tables, and paragraphs as texts. A section without items is left out.
+        items: tables, and paragraphs as texts; empty ones are left out, and so is a section
+            without others.
         page: whether the page shows it.
         terminal: whether the terminal shows it.
         keys: number of the first columns, which tell the rows of a table apart.
@@ -44,6 +45,11 @@ class Section:
     keys: int = 1
     most: int | None = None
     top: bool = False
+
+    @property
+    def filled(self) -> list[Table | str]:
+        """The items that are not empty."""
+        return [item for item in self.items if item]
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,15 +145,15 @@ class Report:
 
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
-        head = [item for s in self.sections if s.top for item in s.items]
-        shown = [s for s in self.sections if s.page and s.items and not s.top]
+        head = [item for s in self.sections if s.top for item in s.filled]
+        shown = [s for s in self.sections if s.page and s.filled and not s.top]
         results = [s for s in shown if s.terminal] or shown[:1]
         first = [item for _, items in pictures[:1] for item in items if item]
         return [
             ("Results", [*head, *self.sentences, *first]),
-            *((s.heading, list(s.items)) for s in results if not _is_long(s)),
+            *((s.heading, s.filled) for s in results if not _is_long(s)),
             *((heading, list(filter(None, items))) for heading, items in pictures[1:]),
-            *((Folded(s.heading), list(s.items)) for s in shown if s not in results or _is_long(s)),
+            *((Folded(s.heading), s.filled) for s in shown if s not in results or _is_long(s)),
             *([(Folded("Notes"), list(self.notes))] if self.notes else []),
         ]
 
@@ -157,7 +163,7 @@ class Report:
             self._shown(item, section)
             for section in self.sections
             if section.terminal
-            for item in section.items
+            for item in section.filled
         ]
         return "\n\n".join([*parts, "\n".join(self.sentences)])
 

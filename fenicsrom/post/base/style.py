@@ -16,7 +16,6 @@ import numpy as np
 from fenicsrom.online.motion.measures import STATE_NAMES
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Ratio of displacement and length of the body from which displacements are drawn to scale.
@@ -80,7 +79,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def new_panels(
     width: float, height: float, rows: int = 1, columns: int = 1, **more: Any
-) -> tuple[Figure, list[Axes]]:
+) -> tuple[Figure, list[Any]]:
     """Make a figure of this size in inches, and its panels row by row.
 
     Args:

@@ -13,6 +13,7 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
 from fenicsrom.words import counted
 
@@ -146,30 +147,27 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 
 def peak_table(found: Backbone) -> list[list[Any]]:
-    """The peaks of the forced response, after a row of heads; empty without peaks."""
-    head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
-    listed = [
-        [
-            f"{peak.value:g}",
-            f"{peak.frequency:.7g}",
-            f"{1e3 * peak.amplitude:.5g}",
-            "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
-        ]
+    """The peaks of the forced response; empty without peaks."""
+    return table_of(
+        {
+            "load factor": f"{peak.value:g}",
+            "frequency, Hz": f"{peak.frequency:.7g}",
+            "largest amplitude of the probe, mm": f"{1e3 * peak.amplitude:.5g}",
+            "stability": "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
+        }
         for peak in found.peaks
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def report(found: Backbone) -> Report:
     """The report of a nonlinear mode: `backbone.csv`, `backbone.json` and `backbone.png`."""
-    peaks = peak_table(found)
     return Report(
         "backbone",
         f"nonlinear mode {found.table.mode}",
         found.scene,
         sentences(found),
         found.warnings,
-        [Section("Peaks of the forced response", [peaks] if peaks else [])],
+        [Section("Peaks of the forced response", [peak_table(found)])],
         rows(found),
         lambda: summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],

@@ -12,6 +12,7 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.equilibrium_figures import figure
 from fenicsrom.words import counted
 
@@ -75,19 +76,17 @@ def largest_stable(found: EquilibriumPath) -> Equilibrium:
 
 
 def special_table(found: EquilibriumPath) -> list[list[Any]]:
-    """The limit points and bifurcations, after a row of heads; empty if the path has none."""
+    """The limit points and bifurcations; empty if the path has none."""
     axis = found.direction
-    head = ["", "load factor", f"probe along {'xyz'[axis]}, mm", "largest displacement, mm"]
-    listed = [
-        [
-            point.kind,
-            f"{point.load_factor:.7g}",
-            f"{1e3 * point.probe[axis]:.6g}",
-            f"{1e3 * point.largest:.6g}",
-        ]
+    return table_of(
+        {
+            "": point.kind,
+            "load factor": f"{point.load_factor:.7g}",
+            f"probe along {'xyz'[axis]}, mm": f"{1e3 * point.probe[axis]:.6g}",
+            "largest displacement, mm": f"{1e3 * point.largest:.6g}",
+        }
         for point in found.special
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def sentences(found: EquilibriumPath) -> list[str]:
@@ -121,14 +120,13 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         found: the path.
         more: other pictures.
     """
-    special = special_table(found)
     return Report(
         "equilibria",
         "equilibria",
         found.scene,
         sentences(found),
         found.warnings,
-        [Section("Limit points and bifurcations", [special] if special else [])],
+        [Section("Limit points and bifurcations", [special_table(found)])],
         rows(found),
         lambda: summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],

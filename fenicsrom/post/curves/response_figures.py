@@ -84,6 +84,12 @@ def key_label(found: Response, key: str) -> str:
     return f"{key}, {unit}" if unit else key
 
 
+def family(found: Response, curve: ResponseCurve) -> dict[str, Any]:
+    """The second number of a curve as the first column of tables; none without families."""
+    families = found.table.families
+    return {} if families is None else {key_label(found, families.key): curve.value}
+
+
 def in_order(piece: Piece) -> list[CurvePoint]:
     """The points of a piece, with its bifurcations where the curve passes them."""
     points = list(piece.points)

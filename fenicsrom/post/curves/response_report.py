@@ -60,9 +60,8 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     """
     found.warnings[:] = joined_warnings(found)
     keys = 1 if found.table.families is None else 2
-    special, full, of_full = event_table(found), full_table(found), full_rows(found)
     peaks = peak_table(found)
-    more = {"response_full.csv": of_full, "response_peaks.csv": peak_rows(found)}
+    more = {"response_full.csv": full_rows(found), "response_peaks.csv": peak_rows(found)}
     states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
@@ -74,9 +73,9 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         found.warnings,
         [
             Section("Results", [result_table(found)], terminal=False, top=True),
-            Section("Special points", [special] if special else [], keys=keys),
-            Section(PEAKS, [peaks] if peaks else [], keys=keys, terminal=False),
-            Section("Full model", [full] if full else [], keys=keys),
+            Section("Special points", [event_table(found)], keys=keys),
+            Section(PEAKS, [peaks], keys=keys, terminal=False),
+            Section("Full model", [full_table(found)], keys=keys),
             Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
             Section("Effort", [run_table(found)], terminal=False),
         ],

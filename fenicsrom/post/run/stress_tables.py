@@ -12,6 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.online.stress.reactions import Reactions
 from fenicsrom.online.stress.stress_peaks import Peak, Stresses
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.base.writers import write_rows
 
 STRESSES = "stresses.csv"
@@ -132,45 +133,31 @@ def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
 
 def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of the largest stresses for the report, in MPa."""
-    rows: list[list[Any]] = [
-        [
-            "state",
-            "t s",
-            "von Mises MPa",
-            "at m",
-            "principal MPa",
-            "at a Gauss point MPa",
-        ]
-    ]
-    for peak in peaks:
-        rows.append(
-            [
-                peak.state,
-                None if peak.time is None else f"{peak.time:.6g}",
-                MPA * peak.von_mises,
-                place_text(peak.position),
-                ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
-                MPA * peak.point_von_mises,
-            ]
-        )
-    return rows
+    return table_of(
+        {
+            "state": peak.state,
+            "t s": None if peak.time is None else f"{peak.time:.6g}",
+            "von Mises MPa": MPA * peak.von_mises,
+            "at m": place_text(peak.position),
+            "principal MPa": ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
+            "at a Gauss point MPa": MPA * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
 
 
 def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
-    rows: list[list[Any]] = [["mode", "Hz", "von Mises MPa/mm", "at m", "at a Gauss point MPa/mm"]]
-    scale = MPA * PER_MM
-    for peak in peaks:
-        rows.append(
-            [
-                peak.state,
-                f"{peak.frequency:.5g}",
-                scale * peak.von_mises,
-                place_text(peak.position),
-                scale * peak.point_von_mises,
-            ]
-        )
-    return rows
+    return table_of(
+        {
+            "mode": peak.state,
+            "Hz": f"{peak.frequency:.5g}",
+            "von Mises MPa/mm": MPA * PER_MM * peak.von_mises,
+            "at m": place_text(peak.position),
+            "at a Gauss point MPa/mm": MPA * PER_MM * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
 
 
 def reaction_rows(stresses: Stresses) -> list[list[Any]]:

@@ -13,6 +13,7 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -62,19 +63,18 @@ def frequency_table(found: Campbell) -> list[list[Any]]:
 
 
 def critical_table(found: Campbell) -> list[list[Any]]:
-    """The critical speeds; the first row is the header."""
-    rows = [
-        [
-            item.order,
-            found.labels[item.mode - 1],
-            five_digits(item.speed_rpm),
-            five_digits(item.frequency_hz),
-            None if item.computed_hz is None else five_digits(item.computed_hz),
-            None if item.difference is None else f"{100 * item.difference:.1e}",
-        ]
+    """The critical speeds; empty if there are none."""
+    return table_of(
+        {
+            "engine order": item.order,
+            "mode": found.labels[item.mode - 1],
+            "rpm": five_digits(item.speed_rpm),
+            "Hz": five_digits(item.frequency_hz),
+            "mode computed there Hz": item.computed_hz and five_digits(item.computed_hz),
+            "difference %": None if item.difference is None else f"{100 * item.difference:.1e}",
+        }
         for item in found.critical
-    ]
-    return [["engine order", "mode", "rpm", "Hz", "mode computed there Hz", "difference %"], *rows]
+    )
 
 
 def margin_table(found: Campbell) -> list[list[Any]]:
@@ -198,7 +198,6 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
     modes = range(1, found.squares.shape[1] + 1)
     columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
-    margins = margin_table(found)
     return Report(
         "campbell",
         "Campbell diagram",
@@ -206,8 +205,8 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         sentences(found),
         found.warnings,
         [
-            Section("Critical speeds", [critical_table(found)] if found.critical else []),
-            Section("Margins at the speed of operation", [margins] if margins else []),
+            Section("Critical speeds", [critical_table(found)]),
+            Section("Margins at the speed of operation", [margin_table(found)]),
             Section("Frequencies", [frequency_table(found)]),
         ],
         [dict(zip(columns, map(float, row), strict=True)) for row in numbers],

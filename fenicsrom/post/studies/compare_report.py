@@ -11,6 +11,7 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.studies.compare_figures import (
     METHODS,
     amplitude_error,
@@ -39,6 +40,7 @@ SHORT_HEADS = {
     "energy per period %": "energy %",
     "indicator": "indicator",
 }
+VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh": "mesh"}
 REPORT_ONLY = ("±", "break-even", "wrong state %")
 TERMINAL_NOTE = (
     "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
@@ -129,74 +131,48 @@ def error_heads(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
-    """Compose the table of the report; the first row is the header.
-
-    Args:
-        comparison: the comparison.
-        digits: digits of speed-up, errors and indicator.
-    """
-    more = {
-        "force": "elastic_force",
-        "scheme": "scheme",
-        "steps": "steps",
-        "mesh": "mesh",
-    }
+def _lines(comparison: Comparison, digits: int) -> list[dict[str, Any]]:
+    """The rows of the table of the report, with so many digits of speed-up, errors, indicator."""
     varied = {
         head: name
-        for head, name in more.items()
+        for head, name in VARIED.items()
         if len({getattr(o.combination, name) for o in comparison.outcomes}) > 1
     }
-    full = comparison.full is not None
-    names = error_heads(comparison)
-    head = [
-        "method",
-        "modes",
-        "derivatives",
-        *varied,
-        "size",
-        "offline s",
-        "online ms",
-        "±",
-    ]
-    head += ["speed-up", "break-even", *(f"{name} %" for name in names.values())] if full else []
-    found: list[list[Any]] = [[*head, "indicator"]]
+    lines = []
     for outcome in comparison.outcomes:
-        c = outcome.combination
-        line: list[Any] = [METHODS[c.method], c.modes, c.chosen]
-        line += [getattr(c, name) or None for name in varied.values()]
-        line += [
-            len(outcome.labels) or None,
-            round(outcome.offline_seconds, 3) if outcome.offline else None,
-        ]
-        if outcome.online:
-            spread = 0.5 * (max(outcome.online) - min(outcome.online))
-            line += [
-                _rounded(1e3 * outcome.online_seconds),
-                f"{100.0 * spread / outcome.online_seconds:.0f} %",
-            ]
-        else:
-            line += [None, None]
-        if full:
-            speed = comparison.speed_up(outcome)
-            line += [_rounded(speed, digits), comparison.break_even(outcome)]
-            line += [_rounded(outcome.errors.get(name), digits) for name in ERRORS]
-        found.append([*line, _rounded(outcome.indicator, digits)])
-    return found
+        c, online = outcome.combination, outcome.online
+        line: dict[str, Any] = {"method": METHODS[c.method], "modes": c.modes}
+        line |= {"derivatives": c.chosen}
+        line |= {head: getattr(c, name) or None for head, name in varied.items()}
+        line |= {"size": len(outcome.labels) or None}
+        line |= {"offline s": round(outcome.offline_seconds, 3) if outcome.offline else None}
+        line |= {"online ms": None, "±": None}
+        if online:
+            spread = 0.5 * (max(online) - min(online)) / outcome.online_seconds
+            line["online ms"] = _rounded(1e3 * outcome.online_seconds)
+            line["±"] = f"{100.0 * spread:.0f} %"
+        if comparison.full is not None:
+            line["speed-up"] = _rounded(comparison.speed_up(outcome), digits)
+            line["break-even"] = comparison.break_even(outcome)
+            for name, head in error_heads(comparison).items():
+                line[f"{head} %"] = _rounded(outcome.errors.get(name), digits)
+        lines.append(line | {"indicator": _rounded(outcome.indicator, digits)})
+    return lines
 
 
 def terminal_table(comparison: Comparison) -> list[list[Any]]:
     """Compose the table of the terminal: the columns that decide, and errors with two digits."""
-    long, *lines = table(comparison, digits=2)
     names = error_heads(comparison)
     first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
     short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
-    wanted = [name for name in long if name not in (*REPORT_ONLY, first)]
-    head = [short.get(name, name) for name in wanted]
-    rows = [dict(zip(long, line, strict=True)) for line in lines]
-    for row in rows:
-        row["method"] = SHORT_METHODS[row["method"]]
-    return [head, *([row[name] for name in wanted] for row in rows)]
+    return table_of(
+        {
+            short.get(name, name): SHORT_METHODS[value] if name == "method" else value
+            for name, value in line.items()
+            if name not in (*REPORT_ONLY, first)
+        }
+        for line in _lines(comparison, digits=2)
+    )
 
 
 def _rounded(value: float | None, digits: int = 3) -> float | int | None:
@@ -314,7 +290,7 @@ def report(comparison: Comparison) -> Report:
         comparison.warnings,
         [
             Section("", [short, note], page=False, keys=short[0].index("size")),
-            Section("All combinations", [table(comparison)], terminal=False),
+            Section("All combinations", [table_of(_lines(comparison, digits=3))], terminal=False),
             Section("Timing", timing_note(comparison), terminal=False),
         ],
         rows(comparison),
