@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.tables import text_table
@@ -176,6 +177,19 @@ class Report:
             return text_table(item, section.keys)
         shown = text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
+
+
+def ending(found: Any) -> dict[str, Any]:
+    """The last entries of the JSON file of curves and diagrams: how the computation ended."""
+    interrupted = {"interrupted": found.interrupted} if hasattr(found, "interrupted") else {}
+    return {
+        "seconds": found.seconds,
+        **interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
 
 
 def _is_long(section: Section) -> bool:

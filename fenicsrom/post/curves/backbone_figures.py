@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,8 +22,7 @@ def figure(found: Backbone) -> Figure:
     amplitude = 1e3 * np.array([point.amplitude[found.direction] for point in found.points])
     frequency = [point.frequency for point in found.points]
     damping = np.array([point.damping_ratio for point in found.points])
-    drawn = new_figure(8.4, 6.6)
-    upper, lower = drawn.subplots(2, sharex=True)
+    drawn, (upper, lower) = new_panels(8.4, 6.6, 2, sharex=True)
     upper.plot(amplitude, frequency, color=COLOURS[0], label="nonlinear mode")
     if found.peaks:
         peaks = [(1e3 * peak.amplitude, peak.frequency) for peak in found.peaks]

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
-from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.report import Report, Section, ending
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
+from fenicsrom.post.curves.response_figures import contact_columns
 from fenicsrom.words import counted
 
 AMPLITUDES_NOTE = (
@@ -32,24 +30,15 @@ def rows(found: Backbone) -> list[dict[str, Any]]:
 def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
     """One point as a row. Of several contact points, each number is the largest."""
     motion = point.motion
-    bits = int(np.bitwise_or.reduce(motion.states, initial=0))
-    states = [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
-    contact = {
-        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
-        "friction_dissipation_per_period_J": motion.friction_dissipation,
-        "contact_states": " ".join(states),
-    }
-    axes = "xyz"[: found.dimension]
     return {
         "linear_amplitude_m": point.linear_amplitude,
         "modal_amplitude_sqrtkg_m": point.modal_amplitude,
         "frequency_Hz": point.frequency,
         "damping_ratio": point.damping_ratio,
         **{
-            f"amplitude_{axis}_m": float(value)
-            for axis, value in zip(axes, point.amplitude, strict=True)
+            f"amplitude_{axis}_m": float(a) for axis, a in zip("xyz", point.amplitude, strict=False)
         },
-        **(contact if found.contacts else {}),
+        **(contact_columns(motion) if found.contacts else {}),
         "residual": motion.residual,
     }
 
@@ -91,12 +80,7 @@ def summary(found: Backbone) -> dict[str, Any]:
             }
             for peak in found.peaks
         ],
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,8 +18,7 @@ MARKERS = {"limit point": ("o", COLOURS[1]), "bifurcation": ("D", COLOURS[2])}
 @styled
 def figure(found: EquilibriumPath) -> Figure:
     """Draw the path, solid where it is stable and dashed where it is not, with special points."""
-    drawn = new_figure(7.4, 5.0)
-    axes = drawn.subplots()
+    drawn, (axes,) = new_panels(7.4, 5.0)
     draw_path(axes, found)
     axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
     axes.set_ylabel("load factor")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.report import Report, Section, ending
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.equilibrium_figures import figure
 from fenicsrom.words import counted
@@ -60,12 +58,7 @@ def summary(found: EquilibriumPath) -> dict[str, Any]:
         "largest_stable_load_factor": largest_stable(found).load_factor,
         "largest_compressive_strain": 1.0 - strained.smallest_stretch,
         "largest_tensile_strain": strained.largest_stretch - 1.0,
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 

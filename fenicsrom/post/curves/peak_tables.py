@@ -8,7 +8,7 @@ from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.forced_peak import ForcedPeak
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.backbone_figures import WIDE
 from fenicsrom.post.curves.response_figures import colour_of, curve_name, family, key_label
@@ -122,8 +122,7 @@ def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | N
 @styled
 def peak_figure(found: Response) -> Figure:
     """Draw amplitude and frequency of the largest peaks, and thin those that were followed."""
-    drawn = new_figure(8.4, 6.0)
-    upper, lower = drawn.subplots(2, sharex=True)
+    drawn, (upper, lower) = new_panels(8.4, 6.0, 2, sharex=True)
     for curve in found.curves:
         colour = colour_of(found, curve)
         others = [sorted(one, key=lambda peak: peak.value) for one in curve.peaks]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 from fenicsrom.post.curves.response_figures import (
     INK,
     curve_name,
@@ -43,8 +43,9 @@ def multiplier_figure(found: Response) -> Figure:
     places = [point.parameter for curve in curves for point in curve.points]
     colours = Normalize(min(places), max(places))
     columns = min(len(curves), 2)  # of the legend
-    drawn = new_figure(3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns)
-    axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True, sharex=True)[0]
+    drawn, axes = new_panels(
+        3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns, 1, len(curves), sharey=True, sharex=True
+    )
     reach = 1.0
     for axis, curve in zip(axes, curves, strict=True):
         reach = max(reach, _draw_multipliers(axis, curve, colours))
@@ -97,8 +98,7 @@ def harmonics_figure(found: Response) -> Figure:
 
     curves = shown_curves(found)
     place, direction = largest_component(found)
-    drawn = new_figure(max(3.1 * len(curves), 6.4) + 0.8, 3.9)
-    axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True)[0]
+    drawn, axes = new_panels(max(3.1 * len(curves), 6.4) + 0.8, 3.9, 1, len(curves), sharey=True)
 
     def sizes(points: list[CurvePoint]) -> Array:
         """Amplitudes (H, points) of the harmonics, mm."""

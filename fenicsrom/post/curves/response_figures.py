@@ -17,7 +17,7 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 from fenicsrom.scene import parameter_of
 from fenicsrom.scene.units import unit_of
 
@@ -170,8 +170,9 @@ def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
         )
     )
     heights = [2.4, *(1.0 for _ in panels[1:])]
-    drawn = new_figure(8.4, 2.0 * sum(heights))
-    axes = drawn.subplots(len(panels), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    drawn, axes = new_panels(
+        8.4, 2.0 * sum(heights), len(panels), sharex=True, height_ratios=heights
+    )
     for axis, (label, values) in zip(axes, panels, strict=True):
         draw_curves(axis, found, found.curves, values)
         axis.set_ylabel(label)
@@ -241,8 +242,17 @@ def draw_curves(
                 _mark(axis, points, heights[0], shades[0])
 
 
-def state_names(point: CurvePoint) -> list[str]:
-    """The contact states that occur in the period at any point."""
+def contact_columns(motion: Any) -> dict[str, Any]:
+    """The numbers on contact of a point of a curve, or of the motion of a nonlinear mode."""
+    return {
+        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
+        "friction_dissipation_per_period_J": motion.friction_dissipation,
+        "contact_states": " ".join(state_names(motion)),
+    }
+
+
+def state_names(point: Any) -> list[str]:
+    """The contact states that occur in the period at any contact point."""
     bits = int(np.bitwise_or.reduce(point.states, initial=0))
     return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
 

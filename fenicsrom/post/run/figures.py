@@ -13,7 +13,7 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import STATES, line_styles, new_figure, styled
+from fenicsrom.post.base.style import STATES, line_styles, new_figure, new_panels, styled
 from fenicsrom.post.run.contact_axis import contact_axis
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     directions = max(motion.displacement.shape[2] for motion in motions.values())
     touching = any(map(has_contact, motions.values()))
     names = names or plain_names(directions, touching)
-    figure = new_figure(8.6, 0.7 + 2.2 * directions)
-    axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_panels(8.6, 0.7 + 2.2 * directions, directions, sharex=True)
     parts = {name: _phase(motion, 2) for name, motion in motions.items()}
     moved = {
         name: 1e3 * motion.displacement[parts[name][1], point] for name, motion in motions.items()
@@ -81,8 +80,7 @@ def plot_sizes(sizes: Sequence[NestedSize], size: int) -> Figure:
         sizes: the models; each point has its number of coordinates.
         size: number of coordinates of the run, whose point is filled.
     """
-    figure = new_figure(4.6, 3.2)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(4.6, 3.2)
     seconds, errors = ([getattr(each, name) for each in sizes] for name in ("seconds", "error"))
     axis.plot(seconds, np.multiply(100.0, errors), "-", color="#b0b6bc", lw=0.8)
     for each in sizes:
@@ -319,8 +317,7 @@ def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
         work: what does work.
     """
     touching = has_contact(motion)
-    figure = new_figure(8.6, 4.8)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    figure, (above, below) = new_panels(8.6, 4.8, 2, sharex=True, height_ratios=[3, 1])
     periodic = motion.load_period is not None
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     energy = motion.kinetic + motion.elastic + motion.contact_energy

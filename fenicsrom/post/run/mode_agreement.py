@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.errors.mode_agreement import ModeAgreement
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import new_panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,8 +74,7 @@ def agreement_figure(found: ModeAgreement) -> Figure:
     """Draw the MAC of the full modes and as many reduced modes as a matrix with its numbers."""
     mac = found.mac[:, : len(found.full_hz)]
     rows, columns = mac.shape
-    figure = new_figure(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
     image = axis.imshow(mac, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", origin="lower")
     axis.grid(False)
     for i, j in np.ndindex(rows, columns):

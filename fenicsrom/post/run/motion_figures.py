@@ -19,7 +19,7 @@ from fenicsrom.assess.errors.signals import (
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import STATES, new_figure, styled
+from fenicsrom.post.base.style import STATES, new_figure, new_panels, styled
 from fenicsrom.post.run.contact_axis import contact_axis
 from fenicsrom.post.run.figures import LOADS, note_noise
 
@@ -103,8 +103,7 @@ def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> F
     names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
     displacement, velocity = stroboscopic_states(motion, point)
     directions = displacement.shape[1]
-    figure = new_figure(3.9 * directions + 1.0, 3.9)
-    axes = figure.subplots(1, directions, squeeze=False)[0]
+    figure, axes = new_panels(3.9 * directions + 1.0, 3.9, 1, directions)
     for k, axis in enumerate(axes):
         dots = axis.scatter(
             1e3 * displacement[:, k],
@@ -136,8 +135,7 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     first, last = 2.0 * line.at[[0, -1]] - middles[[0, -1]]
     cells = np.concatenate([[first], middles, [last]])
     across = np.linspace(0.0, (instants[-1] - instants[0]) / (motion.period or 1.0), COLUMNS + 1)
-    figure = new_figure(9.0, 5.6)
-    force, state = figure.subplots(2, 1, sharex=True)
+    figure, (force, state) = new_panels(9.0, 5.6, 2, sharex=True)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
     drawn = force.pcolormesh(across, cells, shown, cmap="viridis_r", vmin=0.0, rasterized=True)
@@ -168,8 +166,7 @@ def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
         source: what does work.
     """
     found = energy_per_period(motion)
-    figure = new_figure(8.6, 3.6)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.6, 3.6)
     work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
@@ -209,8 +206,7 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Fig
     order = np.argsort(-np.abs(moved).max(axis=0), kind="stable")
     chosen = np.sort(order[:MOST_COORDINATES])
     shown = (time[part] - time[part][0]) / (motion.period or 1.0)
-    figure = new_figure(8.6, 0.9 + 1.25 * len(chosen))
-    axes = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_panels(8.6, 0.9 + 1.25 * len(chosen), len(chosen), sharex=True)
     for axis, k in zip(axes, chosen, strict=True):
         if sizes[k] < NEGLIGIBLE * sizes.max():
             note_noise(axis)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.assess.rotation.campbell import Campbell
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.report import Report, Section, ending
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
 
@@ -42,11 +40,7 @@ def summary(found: Campbell) -> dict[str, Any]:
         "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
         "margins": found.margins,
         "complex_change": found.change,
-        "seconds": found.seconds,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 
@@ -136,8 +130,7 @@ def sentences(found: Campbell) -> list[str]:
 @styled
 def figure(found: Campbell) -> Figure:
     """Frequencies of the modes and lines of the engine orders against speed."""
-    drawn = new_figure(9.0, 5.6)
-    axis = drawn.subplots()
+    drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
     top = 1.08 * float(frequencies.max(initial=1.0))
     right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0

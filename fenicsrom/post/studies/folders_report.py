@@ -17,7 +17,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.post.base.html_page import verdict_of, write_report
 from fenicsrom.post.base.origin import SCENE_FILE
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -247,8 +247,7 @@ def _label(column: str) -> str:
 @styled
 def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
     """Draw response curves and backbones with the same parameter over each other."""
-    figure = new_figure(8.4, 5.0)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.4, 5.0)
     named = [(one, *curve) for one in found for curve in _curves(one)]
     for k, (one, name, rows) in enumerate(named):
         label, colour = f"{one.name}, {name}", COLOURS[k % len(COLOURS)]
@@ -273,8 +272,7 @@ def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
 @styled
 def motions_figure(found: Sequence[Outcome]) -> Figure:
     """Draw the reduced motions of runs over the time, at the point that moves most."""
-    figure = new_figure(8.4, 4.0)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.4, 4.0)
     for one, colour in zip(found, COLOURS * len(found), strict=False):
         with np.load(one.folder / "history.npz") as history:
             time, moved = history["reduced_time"], history["reduced_displacement"]

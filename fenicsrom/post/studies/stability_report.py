@@ -13,7 +13,7 @@ from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verd
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
 
@@ -104,8 +104,7 @@ def figure(matrix: Matrix) -> Any:
         name = finding.case.axis + ("" if model == "reduced" else f", {model} model")
         lines.setdefault(name, []).append(finding)
     widest = max(map(len, lines.values()), default=1)
-    made = new_figure(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
-    axis = made.subplots()
+    made, (axis,) = new_panels(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
     for y, findings in enumerate(lines.values()):
         for x, finding in enumerate(findings):
             axis.add_patch(_tile(x, y, COLOURS[finding.verdict]))

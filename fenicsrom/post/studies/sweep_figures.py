@@ -9,7 +9,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, Sweep
-from fenicsrom.post.base.style import line_styles, new_figure, styled
+from fenicsrom.post.base.style import line_styles, new_panels, styled
 from fenicsrom.post.studies.sweep_columns import COLUMNS, key_labels
 
 if TYPE_CHECKING:
@@ -29,8 +29,7 @@ def figure(found: Sweep) -> Figure:
     """
     usable = found.with_outcome(DONE, DOUBTFUL)
     drawn = [item for item in COLUMNS if item.label and any(item.key in row for row in usable)]
-    made = new_figure(7.4, 3.1 * max(len(drawn), 1))
-    panels = made.subplots(max(len(drawn), 1), 1, squeeze=False, sharex=True)[:, 0]
+    made, panels = new_panels(7.4, 3.1 * max(len(drawn), 1), max(len(drawn), 1), 1, sharex=True)
     shape = tuple(len(axis.values) for axis in found.axes)
     as_map = len(shape) == 2 and shape[1] > MOST_CURVES
     for panel, (key, factor, _, label) in zip(panels, drawn, strict=False):
