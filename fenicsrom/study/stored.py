@@ -76,7 +76,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
     from fenicsrom.post.run.sentences import unchecked_sentence
-    from fenicsrom.post.run.summary import write_rerun_numbers
+    from fenicsrom.post.run.summary import write_numbers
 
     try:
         stop_where_asked(stop)
@@ -90,7 +90,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     except KeyboardInterrupt:
         if "checks" not in watch.seconds:
             found.warnings.append(unchecked_sentence(found.errors))
-        write_rerun_numbers(found, folder, whole=True)
+        write_numbers(found, folder, whole=True)
         raise
 
 
@@ -210,20 +210,20 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
-    from fenicsrom.post.run.report import write_rerun_report
-    from fenicsrom.post.run.summary import write_checkpoint, write_rerun_numbers
+    from fenicsrom.post.run.report import write_run_report
+    from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
     stored = found.stored
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(found, folder)
+        files = write_numbers(found, folder)
     written: list[Drawn] = []
     try:
         stop_where_asked(stop)
         if stored.scene.output.pictures:
             with watch("pictures"):
                 written = _draw(found, folder)
-        report = write_rerun_report(found, written, folder)
+        report = write_run_report(found, written, folder)
     except KeyboardInterrupt:
         write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
         raise

@@ -120,7 +120,7 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
     resume = ["--resume", str(tmp_path / "checkpoint.npz")]
     with monkeypatch.context() as patched:  # then in the report
-        patched.setattr("fenicsrom.post.run.report.write_study_report", interrupt)
+        patched.setattr("fenicsrom.post.run.report.write_run_report", interrupt)
         assert main([*call, str(tmp_path), *resume]) == 130
     assert main([*call, str(tmp_path), *resume]) == 0
     kept = json.loads((tmp_path / "summary.json").read_text())
