@@ -19,7 +19,7 @@ from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back
 from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_rows import rows
-from fenicsrom.post.curves.response_tables import event_table, run_table, trust_table
+from fenicsrom.post.curves.response_tables import event_table, run_table
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -278,5 +278,5 @@ def test_stretches_share_a_bifurcation() -> None:
 
 
 def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
-    for table in (event_table(found), run_table(found), trust_table(found)):
+    for table in (event_table(found), run_table(found)):
         assert table[0][0] == "loads.0.force, N"
