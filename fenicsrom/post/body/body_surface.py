@@ -43,7 +43,7 @@ def gathered_grid(
     cells = numbering.local_to_global(grid.nodes.astype(np.int32))[grid.grid.cells]
     mine = space.tabulate_dof_coordinates()[:owned]
     values = {
-        label: in_space(unknowns_of(space, field).reshape(-1, d)[:owned])
+        label: in_space(unknowns_of(field).reshape(-1, d)[:owned])
         for label, field in fields.items()
     }
     found = comm.gather((cells, mine, values))

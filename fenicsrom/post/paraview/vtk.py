@@ -20,12 +20,11 @@ from fenicsrom.post.paraview.vtk_files import (
     Grid,
     in_space,
     reference_nodes,
+    write_instants,
     write_pieces,
-    write_series,
     write_vtp,
     write_vtu,
 )
-from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
@@ -93,7 +92,7 @@ def write_motion(
     name: str,
     space: FunctionSpace,
     times: Sequence[float] | np.ndarray,
-    frames: Callable[[int], np.ndarray | Function] | np.ndarray | Sequence[np.ndarray],
+    frames: Callable[[int], np.ndarray | Function],
     label: str = "displacement",
     attach: Callable[[int], Attached] = lambda number: NOTHING,
 ) -> Path:
@@ -107,9 +106,9 @@ def write_motion(
         name: name of the new folder and of the files in it.
         space: vector Lagrange space of degree 1 or 2.
         times: (n_frames,) instants, s.
-        frames: displacement of the local and ghost unknowns, m: an array (n_frames, n_unknowns), or
-            a function of the frame number. The function is called once for each frame in order, on
-            every rank at a different moment: it must not communicate.
+        frames: gives the displacement of the local and ghost unknowns by the frame number, m. The
+            function is called once for each frame in order, on every rank at a different moment:
+            it must not communicate.
         label: name of the point array, in single precision.
         attach: values besides the displacement, by the frame number; called as `frames`.
 
@@ -119,22 +118,15 @@ def write_motion(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    comm = space.mesh.comm
-    grid = grid_of(space)
-    frame: Callable[[int], Any] = frames if callable(frames) else frames.__getitem__
-    path = Path(folder) / name
-    with atomic_folder(path, comm) as temporary:
-        entries = []
-        for number, time in enumerate(tracked(times)):
-            attached = attach(number)
-            arrays = _arrays(grid, space, {label: frame(number)}, attached)
-            arrays[label] = arrays[label].astype(np.float32)
-            file = f"{name}_{number:05d}"
-            file = _write_parts(temporary, file, grid, arrays, attached, comm)
-            entries.append((float(time), file))
-        if comm.rank == 0:
-            write_series(temporary / f"{name}.pvd", entries)
-    return path / f"{name}.pvd"
+    comm, grid = space.mesh.comm, grid_of(space)
+
+    def write(place: Path, number: int) -> str:
+        attached = attach(number)
+        arrays = _arrays(grid, space, {label: frames(number)}, attached)
+        arrays[label] = arrays[label].astype(np.float32)
+        return _write_parts(place, f"{name}_{number:05d}", grid, arrays, attached, comm)
+
+    return write_instants(Path(folder) / name, times, write, comm)
 
 
 def write_points(
@@ -162,17 +154,13 @@ def write_points(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    path = Path(folder) / name
-    with atomic_folder(path) as temporary:
-        entries = [(float(time), f"{name}_{number:05d}.vtp") for number, time in enumerate(times)]
-        for number, (_, file) in enumerate(entries):
-            write_vtp(
-                temporary / file,
-                points,
-                {label: values[number] for label, values in arrays.items()},
-            )
-        write_series(temporary / f"{name}.pvd", entries)
-    return path / f"{name}.pvd"
+
+    def write(place: Path, number: int) -> str:
+        file = f"{name}_{number:05d}.vtp"
+        write_vtp(place / file, points, {label: found[number] for label, found in arrays.items()})
+        return file
+
+    return write_instants(Path(folder) / name, times, write)
 
 
 @dataclass(frozen=True)
@@ -216,17 +204,9 @@ def grid_of(space: FunctionSpace) -> NumberedGrid:
     return NumberedGrid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
 
 
-def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarray:
+def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
     """Give the array of local and ghost unknowns of a field."""
-    values = np.asarray(field.x.array if hasattr(field, "x") else field)
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    expected = (index_map.size_local + index_map.num_ghosts) * block
-    if values.shape != (expected,):
-        raise ValueError(
-            f"a field has shape {values.shape}, but the space has {expected} local and ghost "
-            "unknowns"
-        )
-    return values
+    return np.asarray(field.x.array if hasattr(field, "x") else field)
 
 
 def _arrays(
@@ -238,7 +218,7 @@ def _arrays(
     """Give the values at the points of the grid by name; vectors are padded with zeros in 2D."""
     block = space.dofmap.index_map_bs
     found = {
-        label: in_space(unknowns_of(space, field).reshape(-1, block)[grid.nodes])
+        label: in_space(unknowns_of(field).reshape(-1, block)[grid.nodes])
         for label, field in fields.items()
     }
     return found | {label: values[grid.nodes] for label, values in attached.nodes.items()}
@@ -253,12 +233,10 @@ def _write_parts(
     comm: Any,
 ) -> str:
     """Write the piece of this rank, and on the first rank the list of pieces; return its name."""
-    if comm.size == 1:
-        write_vtu(folder / f"{name}.vtu", grid.grid, arrays, attached.cells, attached.notes)
-        return f"{name}.vtu"
-    piece = folder / f"{name}_p{comm.rank}.vtu"
-    write_vtu(piece, grid.grid, arrays, attached.cells, attached.notes)
-    if comm.rank == 0:
+    several = comm.size > 1
+    piece = f"{name}_p{comm.rank}.vtu" if several else f"{name}.vtu"
+    write_vtu(folder / piece, grid.grid, arrays, attached.cells, attached.notes)
+    if several and comm.rank == 0:
         pieces = [f"{name}_p{rank}.vtu" for rank in range(comm.size)]
         write_pieces(folder / f"{name}.pvtu", pieces, arrays, attached.cells)
-    return f"{name}.pvtu"
+    return f"{name}.pvtu" if several else piece

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import html
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fenicsrom.files import atomic_folder
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -245,28 +248,15 @@ def _note(name: str, text: str) -> str:
 
 def write_series(path: Path, entries: Iterable[tuple[float, str]]) -> None:
     """Write the `.pvd` file that lists the instants (s) and their files."""
-    lines = [
-        f'<DataSet timestep="{time!r}" part="0" file={_quoted(file)}/>' for time, file in entries
-    ]
-    head, tail = (
-        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0"><Collection>',
-        "</Collection></VTKFile>\n",
-    )
-    path.write_text("\n".join([head, *lines, tail]), encoding="utf-8")
+    lines = (f'timestep="{time!r}" part="0" file={_quoted(file)}' for time, file in entries)
+    _write_list(path, "Collection", [f"<DataSet {line}/>" for line in lines])
 
 
 def write_blocks(path: Path, blocks: Iterable[tuple[str, str]]) -> None:
     """Write the `.vtm` file that lists names of blocks and their files."""
-    lines = [
-        f'<DataSet index="{k}" name={_quoted(name)} file={_quoted(file)}/>'
-        for k, (name, file) in enumerate(blocks)
-    ]
-    head, tail = (
-        '<?xml version="1.0"?>\n<VTKFile type="vtkMultiBlockDataSet" version="1.0">'
-        "<vtkMultiBlockDataSet>",
-        "</vtkMultiBlockDataSet></VTKFile>\n",
-    )
-    path.write_text("\n".join([head, *lines, tail]), encoding="utf-8")
+    lines = (f"name={_quoted(name)} file={_quoted(file)}" for name, file in blocks)
+    listed = [f'<DataSet index="{k}" {line}/>' for k, line in enumerate(lines)]
+    _write_list(path, "vtkMultiBlockDataSet", listed)
 
 
 def write_pieces(
@@ -277,8 +267,6 @@ def write_pieces(
 ) -> None:
     """Write the `.pvtu` file that lists the pieces of a grid, which have these arrays."""
     lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="PUnstructuredGrid" version="1.0"><PUnstructuredGrid GhostLevel="0">',
         "<PPointData>",
         *(f"<PDataArray {_type(values, label)}/>" for label, values in arrays.items()),
         "</PPointData><PCellData>",
@@ -287,6 +275,37 @@ def write_pieces(
         '<PDataArray type="Float64" Name="Points" NumberOfComponents="3"/>',
         "</PPoints>",
         *(f"<Piece Source={_quoted(piece)}/>" for piece in pieces),
-        "</PUnstructuredGrid></VTKFile>",
     ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _write_list(path, "PUnstructuredGrid", lines)
+
+
+def _write_list(path: Path, kind: str, lines: Iterable[str]) -> None:
+    """Write a file that lists other files."""
+    head = f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0"><{kind}>'
+    path.write_text("\n".join([head, *lines, f"</{kind}></VTKFile>\n"]), encoding="utf-8")
+
+
+def write_instants(
+    path: Path, times: Iterable[float], write: Callable[[Path, int], str], comm: Any = None
+) -> Path:
+    """Write a folder with a file for each instant, and the file that lists them.
+
+    An older folder of this name is replaced as a whole. Collective if there is a communicator.
+
+    Args:
+        path: the folder.
+        times: the instants, s.
+        write: writes the file of an instant, by its number, into a folder; gives the file's name.
+        comm: of the ranks that write into the folder; None for one rank.
+
+    Returns:
+        The `.pvd` file to open.
+
+    Raises:
+        OSError: a file cannot be written; no partial file remains.
+    """
+    with atomic_folder(path, comm) as temporary:
+        entries = [(float(time), write(temporary, k)) for k, time in enumerate(tracked(times))]
+        if comm is None or comm.rank == 0:
+            write_series(temporary / f"{path.name}.pvd", entries)
+    return path / f"{path.name}.pvd"
