@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +30,9 @@ STATES = {
         STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
     )
 }
+EDGE = "#555B61"
+"""The colour of axes, and of the edges of samples in legends."""
+
 _LINES: dict[str, dict[str, Any]] = {
     "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2},
     "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": (0, (5, 3)), "zorder": 4},
@@ -43,7 +46,7 @@ _STYLE = {
     "axes.titlelocation": "left",
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": "#555B61",
+    "axes.edgecolor": EDGE,
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.limits": (-3, 4),
@@ -91,6 +94,22 @@ def new_panels(
     """
     figure = new_figure(width, height)
     return figure, list(figure.subplots(rows, columns, squeeze=False, **more).flat)
+
+
+def state_handles(present: Collection[int] = tuple(STATES)) -> list[Any]:
+    """The entries of a legend for these contact states."""
+    from matplotlib.patches import Patch
+
+    look = {"edgecolor": EDGE, "linewidth": 0.5}
+    states = [STATES[state] for state in STATES if state in present]
+    return [Patch(facecolor=colour, label=name, **look) for name, colour in states]
+
+
+def state_colours() -> Any:
+    """The colour map of contact states, from -1.5 to 1.5."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([STATES[state][1] for state in sorted(STATES)])
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

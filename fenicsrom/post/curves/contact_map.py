@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.post.base.style import STATES, new_figure, styled
+from fenicsrom.post.base.style import new_figure, state_colours, state_handles, styled
 from fenicsrom.post.curves.response_figures import (
     curve_name,
     parameter_label,
@@ -113,12 +113,9 @@ def _marks(
 @styled
 def contact_map(found: Response) -> Figure:
     """Draw the contact states: the period upwards, a row of maps for each contact point."""
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
     curves, contacts = shown_curves(found), shown_points(found)
-    colours = [STATES[state][1] for state in sorted(STATES)]
-    paint = ListedColormap([*colours, "white"])
+    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+    look |= {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
     wide = max(4.6 if len(curves) == 1 else 3.2, 9.6 / max(len(curves), 2))
     drawn = new_figure(wide * len(curves) + 1.0, 2.3 * len(contacts) + 1.2)
     axes = drawn.subplots(len(contacts), len(curves), squeeze=False, sharey=True)
@@ -127,16 +124,8 @@ def contact_map(found: Response) -> Figure:
         for row, contact in enumerate(contacts):
             axis = axes[row, column]
             states, (low, high), marks = state_map(curve, int(contact), folded)
-            axis.imshow(
-                states,
-                origin="lower",
-                aspect="auto",
-                interpolation="nearest",
-                extent=(low, high, 0.0, 1.0),
-                cmap=paint,
-                vmin=-1.5,
-                vmax=2.5,
-            )
+            shown = np.ma.masked_equal(states, NO_MOTION)
+            axis.imshow(shown, extent=(low, high, 0.0, 1.0), **look)
             axis.grid(False)
             _label(axis, marks, last=row == len(contacts) - 1)
             if column == 0:
@@ -146,11 +135,7 @@ def contact_map(found: Response) -> Figure:
         label = parameter_label(found)
         axes[-1, column].set_xlabel(f"{label} (along the curve)" if folded else label)
     present = {int(state) for c in curves for p in c.points for state in np.unique(p.period_states)}
-    handles: list[Any] = [
-        Patch(facecolor=colour, edgecolor="#555B61", linewidth=0.5, label=name)
-        for state, (name, colour) in STATES.items()
-        if state in present
-    ]
+    handles = state_handles(present)
     drawn.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return drawn
 

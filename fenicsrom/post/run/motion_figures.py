@@ -19,7 +19,7 @@ from fenicsrom.assess.errors.signals import (
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import STATES, new_figure, new_panels, styled
+from fenicsrom.post.base.style import new_figure, new_panels, state_colours, state_handles, styled
 from fenicsrom.post.run.contact_axis import contact_axis
 from fenicsrom.post.run.figures import LOADS, note_noise
 
@@ -124,9 +124,6 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
 
     The axis of the contact points is that of `contact_axis`.
     """
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
     start = motion.time[-1] - motion.period if motion.period is not None else motion.time[0]
     instants = np.linspace(max(start, motion.time[0]), motion.time[-1], COLUMNS)
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
@@ -141,18 +138,15 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     drawn = force.pcolormesh(across, cells, shown, cmap="viridis_r", vmin=0.0, rasterized=True)
     bar: Any = figure.colorbar(drawn, ax=force, pad=0.03)
     bar.set_label(f"normal force, {line.unit}")
-    paint = ListedColormap([STATES[number][1] for number in sorted(STATES)])
-    state.pcolormesh(across, cells, motion.state[rows].T, cmap=paint, vmin=-1.5, vmax=1.5)
+    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+    state.pcolormesh(across, cells, motion.state[rows].T, **look)
     for axis in (force, state):
         axis.set_ylabel(line.label.replace(" along", "\nalong"))
         axis.locator_params(axis="y", integer=True)
         axis.grid(visible=False)
         line.write_numbers(axis, upright=True)
     state.set_xlabel("time / period" if motion.period is not None else "time, s")
-    present = {int(number) for number in np.unique(motion.state[rows])}
-    handles = [
-        Patch(color=c, label=name) for number, (name, c) in STATES.items() if number in present
-    ]
+    handles = state_handles(np.unique(motion.state[rows]).tolist())
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
