@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.words import brief
 
@@ -72,6 +74,16 @@ class Rerun:
     def points(self) -> ContactPoints:
         """The contact points."""
         return self.stored.model.points
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """Natural frequencies, Hz."""
+        return self.stored.frequencies_hz
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """The tables of the stresses and reactions."""
+        return self.stored.recovery
 
     @property
     def motions(self) -> dict[str, Motion]:
@@ -166,6 +178,11 @@ class Study:
         """The contact points."""
         found: ContactPoints = self.solid.points
         return found
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """Natural frequencies, Hz; none without modes."""
+        return np.zeros(0) if self.modes is None else self.modes.frequencies_hz
 
     @property
     def failed(self) -> tuple[str, Exception] | None:

@@ -210,6 +210,7 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
+    from fenicsrom.post.run.pictures import write_rerun_pictures
     from fenicsrom.post.run.report import write_run_report
     from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
@@ -222,38 +223,9 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         stop_where_asked(stop)
         if stored.scene.output.pictures:
             with watch("pictures"):
-                written = _draw(found, folder)
+                written = write_rerun_pictures(found, folder)
         report = write_run_report(found, written, folder)
     except KeyboardInterrupt:
         write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
         raise
     found.files += [report, *files, *(one.path for one in written)]
-
-
-def _draw(found: Rerun, folder: Path) -> list[Drawn]:
-    """Draw the motion and the stresses."""
-    from fenicsrom.post.base.directions import direction_names
-    from fenicsrom.post.base.picture import draw_pictures
-    from fenicsrom.post.run.pictures import (
-        motion_pictures,
-        size_pictures,
-        working,
-        write_stress_picture,
-    )
-
-    stored = found.stored
-    names = direction_names(stored.scene, stored.model.points)
-    pictures = motion_pictures(
-        {"reduced": found.motion},
-        names=names,
-        work=working(stored.scene),
-        points=stored.model.points,
-    )
-    pictures += size_pictures(found.sized)
-    written = draw_pictures(pictures, folder, found.warnings)
-    if found.stresses is not None:
-        assert found.stored.recovery is not None
-        written += write_stress_picture(
-            found.stored.recovery, found.stresses, folder, found.warnings
-        )
-    return written

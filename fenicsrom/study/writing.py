@@ -91,12 +91,8 @@ def stress_picture(run: Run) -> None:
     """Draw the largest von Mises stress."""
     from fenicsrom.post.run.pictures import write_stress_picture
 
-    study = run.study
-    if run.comm.rank == 0 and study.stresses is not None:
-        assert study.recovery is not None
-        study.pictures += write_stress_picture(
-            study.recovery, study.stresses, _output(run), study.warnings
-        )
+    if run.comm.rank == 0:
+        run.study.pictures += write_stress_picture(run.study, _output(run))
 
 
 def animation(run: Run) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact, point_summaries
 from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import (
@@ -156,7 +156,6 @@ def plot_contact(
 @styled
 def plot_points(
     motions: Mapping[str, Motion],
-    points: Mapping[str, Sequence[Mapping[str, Any]]],
     names: Sequence[str] = (),
     places: ContactPoints | None = None,
 ) -> Figure:
@@ -168,13 +167,12 @@ def plot_points(
 
     Args:
         motions: model name -> motion; motions without contact are left out.
-        points: model name -> the result of `point_summaries`.
         names: names of the directions.
         places: the contact points.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
-    styles = line_styles(motions)
-    first = next(iter(motions))
+    points = {name: point_summaries(motion) for name, motion in motions.items()}
+    styles, first = line_styles(motions), next(iter(motions))
     hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
     directions = motions[first].displacement.shape[2]
     loops = len(_LOOPS[directions])

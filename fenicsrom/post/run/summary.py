@@ -44,7 +44,8 @@ CHECKPOINT = "checkpoint.npz"
 def summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the contents of `summary.json`."""
     first = _of_model(found) if isinstance(found, Rerun) else _of_stages(found)
-    contents = {"scene": found.scene.source, **first}
+    begin = {"dofs": first.pop("dofs"), "frequencies_hz": found.frequencies_hz}
+    contents = {"scene": found.scene.source, **begin, **first}
     contents |= motions_summary(found.motions, found.points)
     contents |= support_summary(found.scene, found.points, found.motions)
     contents["estimated_error_percent"] = estimates_summary(found.errors)
@@ -63,7 +64,6 @@ def _of_stages(study: Study) -> dict[str, Any]:
     basis, modes = study.basis, study.modes
     found: dict[str, Any] = {
         "dofs": study.solid.free,
-        "frequencies_hz": modes.frequencies_hz if modes is not None else [],
         "basis": {
             "method": study.scene.basis.method,
             "size": basis.size if basis else None,
@@ -97,7 +97,6 @@ def _of_model(found: Rerun) -> dict[str, Any]:
     basis = {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
     return {
         "dofs": stored.dofs,
-        "frequencies_hz": stored.frequencies_hz,
         "basis": basis | size_summary(found.sized),
         **range_summary(stored),
         "seconds": {"reduced motion": found.motion.seconds},
