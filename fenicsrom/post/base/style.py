@@ -100,7 +100,7 @@ def state_handles(present: Collection[int] = tuple(STATES)) -> list[Any]:
     """The entries of a legend for these contact states."""
     from matplotlib.patches import Patch
 
-    look = {"edgecolor": EDGE, "linewidth": 0.5}
+    look: dict[str, Any] = {"edgecolor": EDGE, "linewidth": 0.5}
     states = [STATES[state] for state in STATES if state in present]
     return [Patch(facecolor=colour, label=name, **look) for name, colour in states]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,10 +10,14 @@ from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section, ending
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
 from fenicsrom.post.curves.response_figures import contact_columns
 from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
@@ -158,3 +162,53 @@ def report(found: Backbone) -> Report:
         [AMPLITUDES_NOTE],
         failure=found.unfinished,
     )
+
+
+WIDE = 20.0  # a range of amplitudes with this ratio of its ends needs a logarithmic axis
+NO_DAMPING = 1e-9  # a largest damping ratio below this is rounding
+
+
+@styled
+def figure(found: Backbone) -> Figure:
+    """Draw frequency and damping ratio of the mode, and the peaks of the forced response."""
+    amplitude = 1e3 * np.array([point.amplitude[found.direction] for point in found.points])
+    frequency = [point.frequency for point in found.points]
+    damping = np.array([point.damping_ratio for point in found.points])
+    drawn, (upper, lower) = new_panels(8.4, 6.6, 2, sharex=True)
+    upper.plot(amplitude, frequency, color=COLOURS[0], label="nonlinear mode")
+    if found.peaks:
+        peaks = [(1e3 * peak.amplitude, peak.frequency) for peak in found.peaks]
+        upper.plot(
+            *zip(*peaks, strict=True),
+            "o--",
+            color=COLOURS[1],
+            markerfacecolor="white",
+            markersize=5,
+            linewidth=1.0,
+            label="peak of the forced response (× load factor)",
+        )
+        for k, (peak, place) in enumerate(zip(found.peaks, peaks, strict=True)):
+            upper.annotate(
+                f"× {peak.value:g}",
+                place,
+                xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
+                arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},
+                textcoords="offset points",
+                fontsize=8,
+                color=COLOURS[1],
+            )
+        upper.legend(loc="best")
+    upper.set_ylabel("frequency, Hz")
+    shown = damping if np.max(np.abs(damping)) > NO_DAMPING else np.zeros_like(damping)
+    lower.plot(amplitude, 100.0 * shown, color=COLOURS[0])
+    if np.min(shown) >= 0.0:
+        top = 100.0 * float(np.max(shown))
+        lower.set_ylim(0.0, 1.1 * top if top > 0.0 else 1.0)
+    lower.set_ylabel("damping ratio, %")
+    axis = "xyz"[found.direction]
+    lower.set_xlabel(f"amplitude of the probe along {axis}, mm")
+    reached = [*amplitude, *(1e3 * peak.amplitude for peak in found.peaks)]
+    if max(reached) > WIDE * min(reached):
+        lower.set_xscale("log")
+    drawn.align_ylabels([upper, lower])
+    return drawn

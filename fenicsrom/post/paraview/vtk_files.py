@@ -286,7 +286,7 @@ def _write_list(path: Path, kind: str, lines: Iterable[str]) -> None:
 
 
 def write_instants(
-    path: Path, times: Iterable[float], write: Callable[[Path, int], str], comm: Any = None
+    path: Path, times: Sequence[float] | Values, write: Callable[[Path, int], str], comm: Any = None
 ) -> Path:
     """Write a folder with a file for each instant, and the file that lists them.
 

@@ -342,7 +342,11 @@ def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
     axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axis.set_xlabel("time / period" if periodic else "time, s")
-    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+    place: dict[str, Any] = {
+        "loc": "lower right",
+        "bbox_to_anchor": (1.0, 1.0),
+        "borderaxespad": 0.2,
+    }
     axis.legend(handles=state_handles(), ncols=3, **place)
     axis.set_title("contact state")
 
