@@ -124,7 +124,7 @@ def contact_map(found: Response) -> Figure:
         for row, contact in enumerate(contacts):
             axis = axes[row, column]
             states, (low, high), marks = state_map(curve, int(contact), folded)
-            shown = np.ma.masked_equal(states, NO_MOTION)
+            shown = np.where(states == NO_MOTION, np.nan, states)
             axis.imshow(shown, extent=(low, high, 0.0, 1.0), **look)
             axis.grid(False)
             _label(axis, marks, last=row == len(contacts) - 1)

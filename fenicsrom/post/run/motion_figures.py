@@ -146,7 +146,7 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
         axis.grid(visible=False)
         line.write_numbers(axis, upright=True)
     state.set_xlabel("time / period" if motion.period is not None else "time, s")
-    handles = state_handles(np.unique(motion.state[rows]).tolist())
+    handles = state_handles({int(number) for number in np.unique(motion.state[rows])})
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
