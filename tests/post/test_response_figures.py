@@ -15,8 +15,15 @@ from fenicsrom.assess.curves.response_results import FullPoint, Response, Respon
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
-from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back, state_map
-from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
+from fenicsrom.post.curves.response_details import (
+    FARTHEST,
+    NO_MOTION,
+    contact_map,
+    folds_back,
+    harmonics_figure,
+    multiplier_figure,
+    state_map,
+)
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_rows import rows
 from fenicsrom.post.curves.response_tables import event_table, run_table

@@ -12,9 +12,8 @@ from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.curves.contact_map import contact_map
 from fenicsrom.post.curves.peak_tables import peak_figure, peak_rows, peak_table
-from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
+from fenicsrom.post.curves.response_details import contact_map, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
 from fenicsrom.post.curves.response_motion import (
     clicked_motions,
