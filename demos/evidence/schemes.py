@@ -18,13 +18,14 @@ from scheme_errors import Series, series
 from scheme_report import terminal, write
 from stability_matrix import CONTACT, KN, PAPER, SCENE, WALL
 
-from fenicsrom.assess.studies.stability import WORKERS, build, in_processes, load, scene_of
+from fenicsrom.assess.jobs import run_jobs
+from fenicsrom.assess.studies.stability import WORKERS, build, load, scene_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
 STUDIED = {**PAPER, "impact on 1e5 N/m": (*WALL, f"{CONTACT}gap=0.1", f"{KN}=1e5")}
 
 
-def study(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path]) -> Series:
+def study(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path], report: Any) -> Series:
     """All runs of one case: its name, overrides, and the table, source and folder of the scene."""
     name, changes, table, source, folder = job
     try:
@@ -44,7 +45,7 @@ def main() -> int:
     chosen = {name: STUDIED[name] for name in options.case or STUDIED}
     jobs = [(name, changes, table, scene.source, SCENE.parent) for name, changes in chosen.items()]
     found: dict[str, Series] = {}
-    for made in in_processes(study, jobs, WORKERS):
+    for _, made in run_jobs(study, jobs, lambda *_: None, WORKERS):
         found[made.name] = made
         result = made.failure or f"{len(made.runs)} runs"
         print(f"{len(found)}/{len(jobs)} {made.name}: {result}", file=sys.stderr, flush=True)

@@ -2,5 +2,5 @@
 
 Imports run one way, between the modules and packages of this one too:
 
-    processes < errors < full < curves < rotation < studies
+    jobs < errors < full < curves < rotation < studies
 """

@@ -55,6 +55,12 @@ FRESH = Argument(
     action="store_true",
     help="compute modes and reduced model again, also where an earlier run left them in the cache",
 )
+SCHEDULER = Argument(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="compute on a running Dask cluster, such as tcp://node1:8786; its workers need fenicsrom "
+    "and the output folder",
+)
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"

@@ -40,11 +40,6 @@ def refuse(sentence: str, code: int) -> int:
     return code
 
 
-def is_ranked() -> bool:
-    """Whether mpirun started this process."""
-    return any(name in os.environ for name in RANKS)
-
-
 def is_idle() -> bool:
     """Whether mpirun started this process, and another rank runs the stored model alone."""
     ranks = (os.environ[name] for name in RANKS if name in os.environ)

@@ -7,12 +7,17 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.scene.overrides import names_of
-from fenicsrom.scene.reading import read_toml
+from fenicsrom.scene.reading.overrides import names_of
+from fenicsrom.scene.reading.reading import read_toml
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.jobs import Workers
+
+PATIENCE = 10  # s in which the scheduler of a cluster must answer
 
 
 @contextmanager
@@ -30,6 +35,37 @@ def importing() -> Iterator[None]:
         if gc.get_freeze_count() == 0:  # once in a process: results may be garbage later
             gc.freeze()
         gc.enable()
+
+
+@contextmanager
+def workers(options: argparse.Namespace) -> Iterator[Workers]:
+    """The workers of a command: the cluster of --scheduler, or the cores of this machine.
+
+    Raises:
+        SceneError: `distributed` is not installed, or there is no scheduler at the address.
+    """
+    from fenicsrom.assess.jobs import available_cores
+    from fenicsrom.post.base.optional import missing_module
+
+    address = options.scheduler
+    if address is None:
+        yield available_cores()
+        return
+    problem = missing_module("distributed")
+    if problem is None:
+        import distributed
+
+        cluster: Any = distributed
+        try:
+            client = cluster.Client(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            problem = f"no Dask scheduler answers ({error})"
+    if problem is not None:
+        raise SceneError(
+            f"--scheduler {address}: {problem}", kind=ErrorKind.FILE, key="--scheduler"
+        )
+    with client, client.get_executor(pure=False) as executor:
+        yield executor
 
 
 def require_scene(options: argparse.Namespace) -> None:

@@ -14,6 +14,7 @@ from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.response_results import Response
+    from fenicsrom.assess.jobs import Workers
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
@@ -28,7 +29,7 @@ def response(
     *,
     folder: Path | None = None,
     resume: Path | None = None,
-    workers: int = 1,
+    workers: Workers = 1,
     stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Response:
@@ -39,8 +40,8 @@ def response(
         comm: MPI communicator of the offline stages; by default all ranks.
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
-        workers: largest number of processes that compute curves at the same time, see
-            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
+        workers: largest number of processes that compute curves at the same time, or an executor,
+            see `fenicsrom.assess.curves.response.response`; several ranks share the curves.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
         fresh: compute all offline results, also those that the cache has.
@@ -86,7 +87,7 @@ def _curves(
     watch: Stopwatch,
     folder: Path | None,
     resume: Path | None,
-    workers: int,
+    workers: Workers,
     stop: Callable[[], bool],
 ) -> tuple[Response, Source]:
     """Compute response curves with the coordinates that they need; arguments as `response`."""
@@ -114,7 +115,8 @@ def _curves(
                 stored,
                 state=state,
                 resume=resume,
-                workers=workers if source.ranks == 1 else 1,
+                workers=workers,
+                comm=source.comm,
                 stop=stop,
                 richer=richer_model(stored),
             )

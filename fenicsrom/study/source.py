@@ -37,9 +37,9 @@ class Source:
         return self.study is None or self.study.solid.comm.rank == 0
 
     @property
-    def ranks(self) -> int:
-        """Number of ranks of the offline stages; 1 for a stored model."""
-        return 1 if self.study is None else self.study.solid.comm.size
+    def comm(self) -> Any:
+        """Communicator of the offline stages; None for a stored model."""
+        return None if self.study is None else self.study.solid.comm
 
     def with_model(self, stored: StoredModel, folder: Path | None) -> Source:
         """The source with other coordinates of its model, which is written to the folder.

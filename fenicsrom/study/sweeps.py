@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
-from fenicsrom.scene.variations import Axis, combinations, make_axes
+from fenicsrom.scene.reading.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.jobs import Workers
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
     from fenicsrom.online.store.archive import StoredModel
 
@@ -34,7 +35,7 @@ def sweep(
     over: Mapping[str, Sequence[Any]],
     *,
     folder: Path | None = None,
-    workers: int = 1,
+    workers: Workers = 1,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values of its keys.
 
@@ -42,7 +43,7 @@ def sweep(
         given: the scene, or the stored model of all runs.
         over: the values of each key, such as `{"loads.0.force": [50.0, 100.0]}`.
         folder: folder of the output files; None keeps no files.
-        workers: largest number of processes.
+        workers: largest number of processes, or an executor.
 
     Returns:
         The sweep: its `rows` hold the values and the results of each run.
@@ -82,7 +83,7 @@ def run_sweep(
     *,
     stored: Path | None = None,
     comm: Any = None,
-    workers: int = 1,
+    workers: Workers = 1,
     resume: bool = False,
     stop: Callable[[], bool] = never,
     fresh: bool = False,
@@ -96,7 +97,7 @@ def run_sweep(
         folder: folder of the output files, of the reduced models and of the results.
         stored: file of the reduced model of all runs; by default the models are built.
         comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
-        workers: largest number of processes; with several ranks there are no processes.
+        workers: largest number of processes, or an executor.
         resume: keep the results that an earlier sweep left in the folder.
         stop: asked often; the sweep ends where it returns True.
         fresh: compute all offline results, also those that the cache has.
@@ -108,6 +109,7 @@ def run_sweep(
         SceneError: no run has a scene that can be used.
         OSError: a file cannot be read or written.
     """
+    from fenicsrom.assess.jobs import run_jobs
     from fenicsrom.assess.studies.sweep_runs import Sweep, compute, failure, kept
 
     begin = clock.perf_counter()
@@ -123,22 +125,23 @@ def run_sweep(
             log.info(f"done already: {len(results)} of {counted(len(rows), 'run')}")
     pending = [run for run in runs if run.number not in results]
     wanted = {run.model for run in pending}
-    jobs = _Jobs(comm, workers, stop)
+
+    def jobs(function: Callable[..., Any], given: Sequence[Any], noun: str) -> Iterator[Any]:
+        return run_jobs(function, given, _Progress(noun, len(given)), workers, stop, comm)
+
     try:
         build = [(model, path, fresh) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
         if build and comm is not None and comm.size > 1:
             import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
-        failures = dict(
-            zip((path for _, path, _ in build), jobs(_build, build, "model"), strict=False)
-        )
+        failures = {build[k][1]: error for k, error in jobs(_build, build, "model")}
         for run in pending:
             if (error := failures.get(run.model)) is not None:
                 results[run.number] = rows[run.number] | failure(error)
         pending = [run for run in pending if failures.get(run.model) is None]
-        for run, result in zip(pending, jobs(compute, pending, "run"), strict=False):
-            lost = isinstance(result, ConvergenceError)
-            results[run.number] = rows[run.number] | failure(result) if lost else result
+        for k, result in jobs(compute, pending, "run"):
+            lost, number = isinstance(result, ConvergenceError), pending[k].number
+            results[number] = rows[number] | failure(result) if lost else result
     except KeyboardInterrupt:
         found.interrupted = True
         results |= {run.number: done for run in pending if (done := kept(run)) is not None}
@@ -190,6 +193,8 @@ def _assign_models(
     from fenicsrom.assess.studies.sweep_runs import SweepRun, digest_of, file_digest
     from fenicsrom.online.store.scene_changes import changed_key
 
+    folder = folder.resolve()  # workers may run in other folders
+    stored = None if stored is None else stored.resolve()
     models: dict[Path, Scene] = {}
     origins = {} if stored is None else {stored: file_digest(stored)}
     runs = []
@@ -225,31 +230,6 @@ def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) 
     return failed
 
 
-class _Jobs:
-    """Computes jobs on all ranks, in processes or in this process, with one progress."""
-
-    def __init__(self, comm: Any, workers: int, stop: Callable[[], bool]):
-        """Store the ranks or the number of processes; arguments as `sweep`."""
-        self._comm, self._workers, self._stop = comm, workers, stop
-
-    def __call__(
-        self, function: Callable[..., Any], jobs: Sequence[Any], noun: str
-    ) -> Iterator[Any]:
-        """Yield the result of each job in order.
-
-        Raises:
-            KeyboardInterrupt: the computation was interrupted.
-        """
-        from fenicsrom.assess.processes import run_jobs, run_jobs_on_ranks
-
-        tell = _Progress(noun, len(jobs))
-        if self._comm is not None and self._comm.size > 1:
-            results = self._comm.bcast(list(run_jobs_on_ranks(function, jobs, tell, self._comm)))
-            yield from results
-        else:
-            yield from run_jobs(function, jobs, tell, self._workers, self._stop)
-
-
 class _Progress:
     """Lines on how many jobs are done, with the time that is left."""
 
@@ -260,7 +240,7 @@ class _Progress:
         self._begin, self._said = working_time(), clock.perf_counter()
 
     def __call__(self, number: int, fraction: float, line: str) -> None:
-        """Count a job that is done; see `fenicsrom.assess.processes.Tell`."""
+        """Count a job that is done; see `fenicsrom.assess.jobs.Tell`."""
         self._done += 1
         now = clock.perf_counter()
         if now - self._said < PROGRESS_INTERVAL and self._done < self._count:

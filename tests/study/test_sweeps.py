@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,12 +18,13 @@ from support import STOCKY, beam_scene, linear_model, needs_mpirun, on_ranks, re
 from fenicsrom import study
 from fenicsrom.assess.studies import sweep_runs
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.cli import main, starting
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, changed_scene, load_model, save_model
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.post.studies import sweep_report
-from fenicsrom.scene.variations import make_axes
+from fenicsrom.scene.reading.variations import make_axes
 from fenicsrom.study import sweeps
 
 STIFFNESS, MASS = 500.0, 1.0
@@ -265,6 +267,41 @@ def test_ranks_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
     ranks = json.loads((tmp_path / "ranks" / "sweep.json").read_text())["runs"]
     for row, other in zip(one.rows, ranks, strict=True):
         assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
+
+
+@pytest.mark.slow
+def test_cluster_gives_rows_of_one_process(model: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    over = ["loads.0.force=[10, 20, 30]"]
+    one = swept(model, tmp_path / "one", over)
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with cluster:
+        words = ["sweep", "--from", str(model), "--over", over[0]]
+        words += ["--scheduler", cluster.scheduler_address, "--output", str(tmp_path / "two")]
+        assert main(words) == 0
+    two = json.loads((tmp_path / "two" / "sweep.json").read_text())["runs"]
+    for row, other in zip(one.rows, two, strict=True):
+        assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
+def test_scheduler_that_does_not_answer_is_refused(
+    model: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], address: str
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(starting, "PATIENCE", 0.3)
+    with refusal(ErrorKind.FILE, "--scheduler"), starting.workers(Namespace(scheduler=address)):
+        pass
+    assert capfd.readouterr() == ("", "")
+
+
+def test_scheduler_without_distributed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with (
+        refusal(ErrorKind.FILE, "--scheduler", names="distributed is not installed"),
+        starting.workers(Namespace(scheduler="tcp://127.0.0.1:9")),
+    ):
+        pass
 
 
 def test_runs_whose_model_fails_keep_its_sentence(tmp_path: Path) -> None:

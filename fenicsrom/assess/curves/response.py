@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from fenicsrom.assess.curves.response_results import (
     response_table,
 )
 from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
-from fenicsrom.assess.processes import run_jobs
+from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint
@@ -38,7 +39,7 @@ from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 
 CLASSES = {
     kind.__name__: kind
@@ -71,9 +72,10 @@ def response(
     *,
     state: Path | None = None,
     resume: Path | None = None,
-    workers: int = 1,
+    workers: Workers = 1,
     stop: Callable[[], bool] = lambda: False,
     richer: RicherModel | None = None,
+    comm: Any = None,
 ) -> Response:
     """Compute the response curves of a reduced model under its scene.
 
@@ -81,10 +83,12 @@ def response(
         stored: the model; its scene has a table [response].
         state: folder of the files that keep what is done of each curve; None keeps nothing.
         resume: such a folder of an earlier run, from which the curves continue.
-        workers: largest number of processes that compute curves at the same time. With several,
-            the calling script must be importable: put its code under `if __name__ == "__main__"`.
+        workers: largest number of processes that compute curves at the same time, or an executor.
+            With processes, the calling script must be importable: put its code under
+            `if __name__ == "__main__"`.
         stop: asked at each point; the run ends when it returns True.
         richer: a model with a richer basis to compare with at selected points.
+        comm: MPI communicator; several ranks share the curves, and all get all curves.
 
     Returns:
         The curves. After an interrupt they end where they were, and `interrupted` is set; if a
@@ -111,6 +115,7 @@ def response(
             "step, and the scene asks for an adaptive one."
         )
     values: Sequence[float | None] = table.families.values if table.families else (None,)
+    state = None if state is None else state.resolve()  # workers may run in other folders
     jobs = [
         _Job(
             stored,
@@ -124,23 +129,27 @@ def response(
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
     progress = CurveProgress([curve_title(scene, value) for value in values])
+    outcomes: dict[int, _Outcome] = {}
     try:
-        for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
+        for number, outcome in run_jobs(_compute, jobs, progress, workers, stop, comm):
             if isinstance(outcome, ConvergenceError):
                 outcome = _Outcome(ResponseCurve(values[number]), outcome)
-            found.curves.append(outcome.curve)
+            outcomes[number] = outcome
             progress.finished(number)
-            error = outcome.error or _incomplete(scene, outcome.curve)
-            if error is not None:
-                found.warnings.append(f"{curve_title(scene, values[number])}{error}")
-                found.unfinished = found.unfinished or error
             if outcome.interrupted:
                 found.interrupted = True
-                if workers <= 1:
+                if workers == 1:
                     break
     except KeyboardInterrupt:
         found.interrupted = True
-    found.curves = [curve for curve in found.curves if curve.points]
+    for number, outcome in sorted(outcomes.items()):
+        error = outcome.error or _incomplete(scene, outcome.curve)
+        if error is not None:
+            found.warnings.append(f"{curve_title(scene, values[number])}{error}")
+            found.unfinished = found.unfinished or error
+    found.curves = [
+        outcome.curve for _, outcome in sorted(outcomes.items()) if outcome.curve.points
+    ]
     _leave_out_unresolved(found)
     found.warnings += _light_modes(stored)
     _warn_of_errors(found)

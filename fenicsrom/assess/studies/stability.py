@@ -17,10 +17,9 @@ compared with the full model at the same time steps.
 
 from __future__ import annotations
 
-import multiprocessing
 import time as clock
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -33,6 +32,7 @@ from fenicsrom.assess.curves.unsteady import why_unsteady
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.true_errors import candidates_of, estimates_found, full_distances, missed
+from fenicsrom.assess.jobs import run_jobs
 from fenicsrom.assess.studies.axes import AXES, Case, cases_of
 from fenicsrom.assess.studies.random_cases import random_cases
 from fenicsrom.assess.studies.scales import scales_of
@@ -43,7 +43,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.step_size import refined
+from fenicsrom.scene.reading.step_size import refined
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
@@ -378,9 +378,11 @@ def run_all(
         workers: number of processes.
     """
     begin = clock.perf_counter()
-    jobs = [(k, case, table, source, folder) for k, case in enumerate(wanted)]
+    jobs = [(case, table, source, folder) for case in wanted]
     found: dict[int, Finding] = {}
-    for k, finding in in_processes(_job, jobs, workers):
+    for k, finding in run_jobs(_job, jobs, lambda *_: None, workers):
+        if isinstance(finding, ConvergenceError):
+            finding = Finding(wanted[k], Verdict.WRONG, str(finding))
         found[k] = finding
         case, why = finding.case, f": {finding.why}" if finding.why else ""
         place = f"{len(found)}/{len(wanted)}"
@@ -391,15 +393,6 @@ def run_all(
     return [found[k] for k in range(len(wanted))]
 
 
-def _job(job: tuple[int, Case, Mapping[str, Any], str, Path]) -> tuple[int, Finding]:
-    k, case, table, source, folder = job
-    return k, examine(case, table, source, folder)
-
-
-def in_processes(work: Callable[[Any], Any], jobs: Sequence[Any], workers: int) -> Iterator[Any]:
-    """The results of jobs, done in several processes, in the order in which they end."""
-    if workers == 1 or len(jobs) == 1:
-        yield from map(work, jobs)
-        return
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap_unordered(work, jobs, chunksize=1)
+def _job(job: tuple[Case, Mapping[str, Any], str, Path], report: Any) -> Finding:
+    """`examine` as a job; see `fenicsrom.assess.jobs.Job`."""
+    return examine(*job)

@@ -1,18 +1,11 @@
-"""Imports of the server process of `fenicsrom.assess.processes`; no other module imports this one.
+"""Imports of the server process of `fenicsrom.assess.jobs`; no other module imports this one.
 
-The processes that the server forks have these modules at once, and their collectors of garbage
-leave them out. The server ignores SIGTERM, which
-batch systems send to all processes: the processes end on their own, and the server ends with the
-process that started it.
+The server and the processes that it forks ignore SIGTERM, which batch systems send to all
+processes: the process that started them ends them.
 """
 
-import gc
 import signal
 
-gc.disable()
+import fenicsrom.assess.studies.sweep_runs  # noqa: F401
 
-import fenicsrom.assess.studies.sweep_runs  # noqa: E402, F401
-
-gc.freeze()
-gc.enable()
 signal.signal(signal.SIGTERM, signal.SIG_IGN)

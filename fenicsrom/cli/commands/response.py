@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, FRESH, FROM, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.arguments import FORCE, FRESH, FROM, OUTPUT, SCHEDULER, SET, Argument, Command
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.starting import source
+from fenicsrom.cli.starting import source, workers
 from fenicsrom.cli.termination import is_terminated
 
 RESPONDING_SCENE = Argument(
@@ -26,16 +26,14 @@ RESUME_CURVES = Argument(
 
 def response(options: argparse.Namespace) -> int:
     """Compute the response curves of a scene or of a stored model."""
-    from fenicsrom.assess.processes import available_cores
-
     comm, given, scene = source(options)
-    with opened(options, scene, comm) as folder:
+    with workers(options) as computing, opened(options, scene, comm) as folder:
         found = study.response(
             given,
             comm,
             folder=folder,
             resume=Path(options.resume) if options.resume else None,
-            workers=available_cores(),
+            workers=computing,
             stop=is_terminated,
             fresh=options.fresh,
         )
@@ -52,6 +50,7 @@ COMMAND = Command(
         RESUME_CURVES,
         SET,
         FRESH,
+        SCHEDULER,
         OUTPUT,
         FORCE,
     ),

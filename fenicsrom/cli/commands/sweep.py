@@ -13,14 +13,14 @@ from fenicsrom.cli.arguments import (
     FROM,
     OUTPUT,
     SCENE_OR_MODEL,
+    SCHEDULER,
     SET,
     Argument,
     Command,
 )
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.ranks import is_ranked
-from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene
+from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.scene import Scene, read_scene
 
@@ -56,13 +56,9 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.assess.processes import available_cores, start_server
-    from fenicsrom.scene.variations import make_axes
+    from fenicsrom.scene.reading.variations import make_axes
 
     axes = make_axes(options.over, options.together)
-    workers = available_cores()
-    if workers > 1 and not is_ranked():  # it imports the program while MPI starts
-        start_server()
     comm = ranks()
     with importing():
         from fenicsrom.assess.studies.sweep_runs import FAILED
@@ -81,7 +77,7 @@ def sweep(options: argparse.Namespace) -> int:
             return read_scene(options.scene, [*options.overrides, *overrides])
         return archive.changed_scene(model.scene, [*options.overrides, *overrides], model.file)
 
-    with opened(options, scene, comm) as folder:
+    with workers(options) as computing, opened(options, scene, comm) as folder:
         found = study.run_sweep(
             scene,
             variant,
@@ -89,7 +85,7 @@ def sweep(options: argparse.Namespace) -> int:
             folder,
             stored=Path(source) if source else None,
             comm=comm,
-            workers=workers,
+            workers=computing,
             resume=options.resume,
             stop=is_terminated,
             fresh=options.fresh,
@@ -110,6 +106,7 @@ COMMAND = Command(
         RESUME_SWEEP,
         SET,
         FRESH,
+        SCHEDULER,
         OUTPUT,
         FORCE,
     ),

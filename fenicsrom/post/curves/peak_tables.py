@@ -12,7 +12,7 @@ from fenicsrom.post.base.style import new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.backbone_report import WIDE
 from fenicsrom.post.curves.response_figures import colour_of, curve_name, family, key_label
-from fenicsrom.scene.units import column_name, in_words, unit_of
+from fenicsrom.scene.reading.units import column_name, in_words, unit_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import line_styles, new_panels, styled
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.scene.units import column_name, given_unit_of
+from fenicsrom.scene.reading.units import column_name, given_unit_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
