@@ -16,7 +16,7 @@ from dolfinx import mesh as dmesh  # noqa: E402
 from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E402
 from support import needs_mpirun, on_ranks  # noqa: E402
 
-from fenicsrom.post.paraview import vtk, vtk_files  # noqa: E402
+from fenicsrom.post.paraview import vtk  # noqa: E402
 
 MPI = pytest.importorskip("mpi4py.MPI")
 
@@ -143,7 +143,7 @@ def test_written_points_are_series_of_point_sets(tmp_path):
     with pytest.raises(OSError, match="points"):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
-                vtk_files,
+                vtk,
                 "write_series",
                 lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
             )
@@ -236,7 +236,7 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 @pytest.mark.parametrize("cell", CELLS)
 def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
-    from fenicsrom.post.paraview.vtk_files import refined_grid, write_vtu
+    from fenicsrom.post.paraview.vtk import refined_grid, write_vtu
 
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim

@@ -14,8 +14,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.post.base.style import STATES, magnification, new_panels, scale_text, styled
 from fenicsrom.post.body.body_figures import OUTLINE, SIZE
-from fenicsrom.post.body.body_surface import form_edges
-from fenicsrom.post.body.body_view import View, frame_of
+from fenicsrom.post.body.body_view import View, form_edges, frame_of
 from fenicsrom.post.body.rendering import (
     FINE,
     Part,

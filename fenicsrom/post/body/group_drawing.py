@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import COLOURS, new_panels, styled
-from fenicsrom.post.body.body_surface import is_flat
-from fenicsrom.post.body.body_view import END_ON, frame_of, is_seen, view_of
+from fenicsrom.post.body.body_view import END_ON, frame_of, is_flat, is_seen, view_of
 from fenicsrom.post.body.rendering import GREY, Part, painted, show, write_names
 from fenicsrom.post.body.turning_view import named_page
 

@@ -10,7 +10,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import surface_turn
-from fenicsrom.post.paraview.vtk_files import Grid, linear_grid, write_instants, write_vtu
+from fenicsrom.post.paraview.vtk import Grid, linear_grid, write_instants, write_vtu
 from fenicsrom.scene import Scene
 
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle

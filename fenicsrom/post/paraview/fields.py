@@ -22,8 +22,7 @@ from fenicsrom.post.paraview.paraview import (
     notes,
     stress_fields,
 )
-from fenicsrom.post.paraview.vtk import Attached, write_fields, write_motion, write_points
-from fenicsrom.post.paraview.vtk_files import in_space
+from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
     from fenicsrom.records import Study

@@ -16,9 +16,7 @@ from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
-from fenicsrom.post.body.body_surface import is_flat
-from fenicsrom.post.body.body_view import is_slender
-from fenicsrom.post.body.centreline import centreline
+from fenicsrom.post.body.body_view import is_flat, is_slender
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.run.body_pictures import (
     Body,
@@ -56,6 +54,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.records import Rerun, Study
+
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 NO_FREQUENCIES = np.zeros(0)
@@ -258,3 +257,37 @@ def write_stress_picture(found: Study | Rerun, folder: Path) -> list[Drawn]:
         return []
     picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
     return draw_pictures([picture], folder, found.warnings)
+
+
+INSIDE = 1e-13
+"""Distance of the ends of the centreline from those of the body, relative to its length."""
+
+
+def centreline(points: Array, values: Array, stations: int = 101) -> tuple[Array, Array]:
+    """Sample fields along the axis of a slender body, for `plot_modes`.
+
+    The axis is the coordinate direction in which the body is longest, through the middle of the
+    box around it. Fields are linear between neighbouring nodes, also across a hollow section: a
+    section that rotates has no axial displacement in its middle.
+
+    Args:
+        points: (n, d) nodes, m.
+        values: (f, n, d) fields at the nodes.
+        stations: number of points along the axis; those outside of the body are left out.
+
+    Returns:
+        Positions (k,) in m, from the smallest to the largest coordinate, and values (f, k, d), the
+        axial component first, then the others in order.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+
+    low, high = points.min(axis=0), points.max(axis=0)
+    axis = int(np.argmax(high - low))
+    order = [axis, *(k for k in range(points.shape[1]) if k != axis)]
+    line = np.tile((low + high) / 2.0, (stations, 1))
+    spare = INSIDE * (high - low)[axis]
+    positions = np.linspace(low[axis], high[axis], stations)
+    line[:, axis] = positions.clip(low[axis] + spare, high[axis] - spare)
+    found = LinearNDInterpolator(points, np.moveaxis(values, 0, 1))(line)
+    inside = ~np.isnan(found).any(axis=(1, 2))
+    return positions[inside], np.moveaxis(found[inside], 1, 0)[..., order]
