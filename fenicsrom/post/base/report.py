@@ -32,7 +32,6 @@ class Section:
         heading: its heading on the page.
         items: tables, and paragraphs as texts; empty ones are left out, and so is a section
             without others.
-        page: whether the page shows it.
         terminal: whether the terminal shows it.
         keys: number of the first columns, which tell the rows of a table apart.
         most: most rows of a table in the terminal; None for all.
@@ -41,7 +40,6 @@ class Section:
 
     heading: str
     items: Sequence[Table | str]
-    page: bool = True
     terminal: bool = True
     keys: int = 1
     most: int | None = None
@@ -147,7 +145,7 @@ class Report:
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
         head = [item for s in self.sections if s.top for item in s.filled]
-        shown = [s for s in self.sections if s.page and s.filled and not s.top]
+        shown = [s for s in self.sections if s.filled and not s.top]
         results = [s for s in shown if s.terminal] or shown[:1]
         first = [item for _, items in pictures[:1] for item in items if item]
         return [

@@ -31,21 +31,7 @@ ERRORS = {
     "friction_dissipation_per_period": "energy per period",
     "state": "wrong state",
 }
-SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
-SHORT_HEADS = {
-    "derivatives": "deriv.",
-    "speed-up": "times faster",
-    "time history %": "history %",
-    "peak normal force %": "force %",
-    "energy per period %": "energy %",
-    "indicator": "indicator",
-}
 VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh": "mesh"}
-REPORT_ONLY = ("±", "break-even", "wrong state %")
-TERMINAL_NOTE = (
-    "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
-    "normal force and the energy per period; report.html and comparison.csv have more."
-)
 
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -131,8 +117,8 @@ def error_heads(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def _lines(comparison: Comparison, digits: int) -> list[dict[str, Any]]:
-    """The rows of the table of the report, with so many digits of speed-up, errors, indicator."""
+def table(comparison: Comparison) -> list[list[Any]]:
+    """Compose the table of the combinations."""
     varied = {
         head: name
         for head, name in VARIED.items()
@@ -152,35 +138,20 @@ def _lines(comparison: Comparison, digits: int) -> list[dict[str, Any]]:
             line["online ms"] = _rounded(1e3 * outcome.online_seconds)
             line["±"] = f"{100.0 * spread:.0f} %"
         if comparison.full is not None:
-            line["speed-up"] = _rounded(comparison.speed_up(outcome), digits)
+            line["speed-up"] = _rounded(comparison.speed_up(outcome))
             line["break-even"] = comparison.break_even(outcome)
             for name, head in error_heads(comparison).items():
-                line[f"{head} %"] = _rounded(outcome.errors.get(name), digits)
-        lines.append(line | {"indicator": _rounded(outcome.indicator, digits)})
-    return lines
+                line[f"{head} %"] = _rounded(outcome.errors.get(name))
+        lines.append(line | {"indicator": _rounded(outcome.indicator)})
+    return table_of(lines)
 
 
-def terminal_table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal: the columns that decide, and errors with two digits."""
-    names = error_heads(comparison)
-    first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
-    short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
-    return table_of(
-        {
-            short.get(name, name): SHORT_METHODS[value] if name == "method" else value
-            for name, value in line.items()
-            if name not in (*REPORT_ONLY, first)
-        }
-        for line in _lines(comparison, digits=2)
-    )
-
-
-def _rounded(value: float | None, digits: int = 3) -> float | int | None:
-    """Round a number once; to three digits if it is at least 100."""
+def _rounded(value: float | None) -> float | int | None:
+    """Round a number to three digits."""
     if value is None:
         return None
-    whole = float(f"{value:.3g}")
-    return int(whole) if whole >= 100 else float(f"{value:.{digits}g}")
+    rounded = float(f"{value:.3g}")
+    return int(rounded) if rounded >= 100 else rounded
 
 
 def sentences(comparison: Comparison) -> list[str]:
@@ -280,8 +251,7 @@ def pictures(comparison: Comparison) -> list[Picture]:
 
 def report(comparison: Comparison) -> Report:
     """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
-    short = terminal_table(comparison)
-    note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
+    whole = table(comparison)
     return Report(
         "comparison",
         "error against run time",
@@ -289,8 +259,7 @@ def report(comparison: Comparison) -> Report:
         sentences(comparison) or ["There is no full model to compare with."],
         comparison.warnings,
         [
-            Section("", [short, note], page=False, keys=short[0].index("size")),
-            Section("All combinations", [table_of(_lines(comparison, digits=3))], terminal=False),
+            Section("All combinations", [whole], keys=whole[0].index("size")),
             Section("Timing", timing_note(comparison), terminal=False),
         ],
         rows(comparison),
