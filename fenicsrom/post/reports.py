@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any
 
 from fenicsrom.post.base.report import Report
-
-MODULES = {
-    "Backbone": "curves.backbone_report",
-    "Campbell": "studies.campbell_report",
-    "Comparison": "studies.compare_report",
-    "EquilibriumPath": "curves.equilibrium_report",
-    "Matrix": "studies.stability_report",
-    "Response": "curves.response_report",
-    "Sweep": "studies.sweep_report",
-}
-"""The kind of a record -> the module of its report, which is imported when it is needed."""
 
 
 def report(found: Any) -> Report:
@@ -28,11 +17,25 @@ def report(found: Any) -> Report:
     Raises:
         TypeError: the object is no such record.
     """
-    name = type(found).__name__
-    if name not in MODULES:
-        raise TypeError(
-            f"{name}: must be what response, backbone, statics, campbell, compare, sweep or "
-            "stability returns"
-        )
-    made: Report = import_module(f"fenicsrom.post.{MODULES[name]}").report(found)
-    return made
+    compose: Callable[[Any], Report]
+    match type(found).__name__:  # each report is imported when it is needed
+        case "Backbone":
+            from fenicsrom.post.curves.backbone_report import report as compose
+        case "Campbell":
+            from fenicsrom.post.studies.campbell_report import report as compose
+        case "Comparison":
+            from fenicsrom.post.studies.compare_report import report as compose
+        case "EquilibriumPath":
+            from fenicsrom.post.curves.equilibrium_report import report as compose
+        case "Matrix":
+            from fenicsrom.post.studies.stability_report import report as compose
+        case "Response":
+            from fenicsrom.post.curves.response_report import report as compose
+        case "Sweep":
+            from fenicsrom.post.studies.sweep_report import report as compose
+        case name:
+            raise TypeError(
+                f"{name}: must be what response, backbone, statics, campbell, compare, sweep or "
+                "stability returns"
+            )
+    return compose(found)

@@ -51,7 +51,9 @@ def result_table(found: Response) -> list[list[Any]]:
     return table_of(
         family(found, curve)
         | {
-            f"largest {direction_name(found)} amplitude, mm": _millimetres(found, top.amplitude),
+            f"largest {direction_name(found)} amplitude, mm": (
+                f"{_millimetres(found, top.amplitude)}{_so_far(curve)}"
+            ),
             f"at {parameter_label(found)}": f"{top.parameter:.6g}",
             "stability": top.verdict,
             "change by half the time step, %": _percent(curve.step_error),
@@ -71,7 +73,7 @@ def sentences(found: Response) -> list[str]:
         top, points = largest_point(found, curve), curve.points
         lines = [
             f"{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
-            f"amplitude {_millimetres(found, top.amplitude)} mm at "
+            f"amplitude{_so_far(curve)} {_millimetres(found, top.amplitude)} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         ]
         if unstable := [point for point in points if not point.stable]:
@@ -84,12 +86,21 @@ def sentences(found: Response) -> list[str]:
                 "position of its slider is not unique."
             )
         lines += optimum_sentences(found, curve)
-        ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
-        lines += [f"The curve is incomplete: {reason}." for reason in sorted(ends)]
+        lines += [f"The curve is incomplete: {reason}." for reason in _gaps(curve)]
         for line in lines:
             titles.setdefault(line, []).append(curve_title(found.scene, curve.value))
     said = [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
     return [*said, *filter(None, [found.mesh_check.sentence()])]
+
+
+def _gaps(curve: ResponseCurve) -> list[str]:
+    """The reasons why parts of a curve are not complete."""
+    return sorted({piece.reason for piece in curve.pieces} - set(COMPLETE))
+
+
+def _so_far(curve: ResponseCurve) -> str:
+    """What follows the largest amplitude of an incomplete curve; "" of a complete one."""
+    return " so far" if _gaps(curve) else ""
 
 
 def joined_titles(found: Response, begins: Sequence[str]) -> str:
