@@ -108,6 +108,7 @@ class MarchRun:
         search: what Newton's method found; None before its first attempt.
         reference: rows of the period before the start, of a run that starts in a periodic motion.
         wearing: whether a layer was worn in the last span.
+        near: start of the first attempt of Newton's method, as `integrate`.
     """
 
     problem: Problem
@@ -124,6 +125,7 @@ class MarchRun:
     search: PeriodicSearch | None = None
     reference: Record | None = None
     wearing: bool = False
+    near: tuple[Array, ...] | None = None
 
     @property
     def found(self) -> bool:
