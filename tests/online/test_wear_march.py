@@ -134,7 +134,9 @@ def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
     assert end is not None
     run = set_up_run(problem.with_own_wear(end.worn), plan, compiled_march, None, end, False)
     model, contacts, begin = problem.model, run.problem.contacts, 10.0 * problem.period
-    here = begin + 165.0 * run.control.grid  # seven degrees before the middle of a lobe
+    later = worn_of(integrate(rubbing(7500.0, periods=11)))
+    deepest = int(np.argmax(later - end.worn))  # there are two steps between nodes
+    here = begin + (2.0 * deepest - 6.0) * run.control.grid
     run.advance(model, contacts, plan, run.control, run.state, begin, here, run.record)
     h, worn = 10.0 * run.control.grid, contacts.coating.worn.copy()
     load, tried = model.load(0.0), []
