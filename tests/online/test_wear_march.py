@@ -17,7 +17,7 @@ from fenicsrom.online.motion.energy import energy_errors
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.march_setup import set_up_run
-from fenicsrom.online.step.loop import march
+from fenicsrom.online.step.loop import compiled_march
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.step import accept, attempt
 from fenicsrom.scene import Abradable, Time
@@ -132,16 +132,21 @@ def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
     plan = scheme("discrete-gradient", problem.model, 0.8)
     end = integrate(problem).end
     assert end is not None
-    run = set_up_run(problem.with_own_wear(end.worn), plan, march, None, end, False)
-    h, worn = 180.0 * run.control.grid, run.problem.contacts.coating.worn.copy()
-    load, tried = problem.model.load(0.0), []
+    run = set_up_run(problem.with_own_wear(end.worn), plan, compiled_march, None, end, False)
+    model, contacts, begin = problem.model, run.problem.contacts, 10.0 * problem.period
+    later = worn_of(integrate(rubbing(7500.0, periods=11)))
+    deepest = int(np.argmax(later - end.worn))  # there are two steps between nodes
+    here = begin + (2.0 * deepest - 6.0) * run.control.grid
+    run.advance(model, contacts, plan, run.control, run.state, begin, here, run.record)
+    h, worn = 10.0 * run.control.grid, contacts.coating.worn.copy()
+    load, tried = model.load(0.0), []
     for _ in range(2):
-        attempt(problem.model, run.problem.contacts, plan, run.state, h, load)
+        assert attempt(model, contacts, plan, run.state, h, load)[0]
         tried.append(run.state.trial.dq.copy())
-        np.testing.assert_array_equal(run.problem.contacts.coating.worn, worn)
+        np.testing.assert_array_equal(contacts.coating.worn, worn)
     np.testing.assert_array_equal(*tried)
-    accept(problem.model, run.problem.contacts, plan, run.state, h, load)
-    assert np.max(run.problem.contacts.coating.worn - worn) > 1e-8
+    accept(model, contacts, plan, run.state, h, load)
+    assert np.max(contacts.coating.worn - worn) > 1e-8
 
 
 def test_run_leaves_the_layer_of_its_problem_as_it_is() -> None:
