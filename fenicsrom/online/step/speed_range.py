@@ -200,12 +200,8 @@ class RangeModel:
         Raises:
             ConvergenceError: there is no equilibrium.
         """
-        q0 = self.equilibrium(omega)
-        elastic = shifted(self.elastic(omega), q0)
-        if not nonlinear:
-            elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
-        space = _Space(self, elastic)
-        squares, z, labels, count = space.basis(interface_modes)
+        q0, elastic = self._about(omega, nonlinear)
+        squares, z, labels, count = _Space(self, elastic).basis(interface_modes)
         reduced, n = projected(elastic, z), len(labels)
         reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
         whole = subspace_model(self.model, reduced, q0, z, self.velocity_matrix(omega))
@@ -216,6 +212,22 @@ class RangeModel:
             labels[count:],
             np.sqrt(np.maximum(squares[: self.modes], 0.0)) / (2.0 * np.pi),
         )
+
+    def vectors(
+        self, omega: float, interface_modes: bool, nonlinear: bool
+    ) -> tuple[Array, dict[str, Array]]:
+        """q_Ω (n,), and the columns (n,) of Z and of the larger model by label; as `at`."""
+        q0, elastic = self._about(omega, nonlinear)
+        _, z, labels, _ = _Space(self, elastic).basis(interface_modes)
+        return q0, dict(zip(labels, z.T, strict=True))
+
+    def _about(self, omega: float, nonlinear: bool) -> tuple[Array, ElasticPolynomial]:
+        """q_Ω (n,) and the elastic force about it; arguments and errors as `at`."""
+        q0 = self.equilibrium(omega)
+        elastic = shifted(self.elastic(omega), q0)
+        if not nonlinear:
+            elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
+        return q0, elastic
 
 
 class _Space:

@@ -34,6 +34,9 @@ CAPTIONS = {
     "backbone": "Frequency and damping of the mode over its amplitude.",
     "campbell": "Natural frequencies over the speed. Where an engine order crosses a frequency, "
     "the mode can resonate.",
+    "map": "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed curves: "
+    "natural frequencies, free and with the contact closed.",
+    "map_curves": "One number for each speed.",
     "sweep": "One point for each run of the sweep.",
     "motion.gif": "The last period. Displacements are magnified as stated.",
 }
@@ -43,7 +46,7 @@ NUMBERS = {
     **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
     **{
         name: f"{name}.csv"
-        for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
+        for name in ("backbone", "campbell", "map", "sweep", "comparison", "equilibria")
     },
     "harmonics": "response.csv",
     "peaks": "response_peaks.csv",
