@@ -36,7 +36,7 @@ from fenicsrom.post.base.writers import write_figure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import Scene, make_scene, read_scene
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.reading.step_size import with_time
 
 YOUNG, DENSITY, DAMPING_RATIO = 207e9, 7800.0, 0.02
 CELLS = {2: 12, 3: 6}

@@ -65,10 +65,16 @@ Physical Surface("ends") = {left[0], right[0]}; Physical Surface("crown") = {1};
 
 def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
     """Yield name, description and scene of each body; write the meshes to a folder."""
-    from fenicsrom import make_scene, read_scene
-
     for name, mesh in (("plate", PLATE), ("arch", ARCH)):
         (folder / f"{name}.geo").write_text(mesh)
+    yield from _blades()
+    yield from _plate_and_arch(folder)
+    yield from _beams(folder)
+
+
+def _blades() -> Iterator[tuple[str, str, Any]]:
+    from fenicsrom import read_scene
+
     straight = ["geometry.cells='simplex'", "geometry.curved=false"]
     blade = DEMOS / "blade_campbell.toml"
     at_rest, turning = "rotation.speed_rpm=0", "rotation.speed_rpm=6000"
@@ -77,6 +83,11 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
     yield "spinning", "the same at 6000 rpm", spinning
     hexahedra = read_scene(blade, ["geometry.curved=false", at_rest], unloaded=True)
     yield "hexahedra", "the same at rest, hexahedra", hexahedra
+
+
+def _plate_and_arch(folder: Path) -> Iterator[tuple[str, str, Any]]:
+    from fenicsrom import make_scene
+
     plate: dict[str, Any] = {
         "geometry": {"mesh": "plate.geo", "dimension": 3, "cells": "simplex"},
         "material": PLY,
@@ -89,7 +100,7 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
         "orthotropic plate, axes at 37 degrees, under a corner force",
         make_scene(folder=folder, **plate),
     )
-    arch = {
+    arch: dict[str, Any] = {
         "geometry": {"mesh": "arch.geo", "dimension": 3, "cells": "simplex"},
         "material": STEEL,
         "supports": [{"group": "ends"}],
@@ -100,7 +111,12 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
     plate["loads"] = [{"group": "top", "pressure": 4e4, "follower": True}]
     what = "the plate under a follower pressure"
     yield "pressed", what, make_scene(folder=folder, **plate)
-    beam = {
+
+
+def _beams(folder: Path) -> Iterator[tuple[str, str, Any]]:
+    from fenicsrom import make_scene, read_scene
+
+    beam: dict[str, Any] = {
         "geometry": {
             "mesh": "beam3d.geo",
             "dimension": 3,

@@ -38,7 +38,7 @@ from fenicsrom.online.motion.measures import (
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.reading.step_size import with_time
 
 SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")
 STEPS = (25, 50, 100, 200, 400, 800)  # a period

@@ -40,7 +40,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import refined
+from fenicsrom.scene.reading.step_size import refined
 from fenicsrom.study.source import source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 

@@ -14,7 +14,7 @@ from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import printable
 from fenicsrom.progress import log
 from fenicsrom.scene import Scene, scene_heading
-from fenicsrom.scene.units import units_sentence
+from fenicsrom.scene.reading.units import units_sentence
 
 
 def progress(line: str) -> None:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.scene.overrides import names_of
-from fenicsrom.scene.reading import read_toml
+from fenicsrom.scene.reading.overrides import names_of
+from fenicsrom.scene.reading.reading import read_toml
 
 if TYPE_CHECKING:
     from fenicsrom.assess.jobs import Workers

@@ -30,7 +30,7 @@ from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.stress.elasticity_tensor import axes
 from fenicsrom.scene import Region, Scene, scene_heading
-from fenicsrom.scene.times import FixedStep, StepsPerPeriod
+from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
 CORNERS = {
     basix.CellType.triangle: (2, (0, 1, 2), (0, 2, 1), (1, 2)),

@@ -30,9 +30,9 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.model.matrices import ModelArrays, model_arrays
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import scene_table, toml_text
-from fenicsrom.scene.excitation import surface_spin
-from fenicsrom.scene.superelement import EXCLUDED
-from fenicsrom.scene.tables import plain
+from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.keys.excitation import surface_spin
+from fenicsrom.scene.reading.superelement import EXCLUDED
 
 SUFFIXES: Mapping[str, str] = {
     "mat": ".mat",

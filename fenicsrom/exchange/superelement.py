@@ -32,7 +32,7 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import SUPERELEMENT, StoredModel
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.scene import Place, Region, Scene
-from fenicsrom.scene.superelement import InterfaceNode, SuperelementScene
+from fenicsrom.scene.reading.superelement import InterfaceNode, SuperelementScene
 
 READERS: Mapping[str, Callable[[Path], MatrixSet]] = {
     ".op4": read_op4,

@@ -28,7 +28,7 @@ from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
 from fenicsrom.scene import Damping, Load, Scene
-from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.scene.keys.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
 """Largest number of Newton iterations of an equilibrium."""

@@ -1,8 +1,8 @@
 """The number of normal modes of a basis, and their computation.
 
 With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highest frequency that the
-scene excites (`fenicsrom.scene.excitation`) and the next one, but at least `LEAST_MODES`. A mode
-above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
+scene excites (`fenicsrom.scene.keys.excitation`), and the next one, but at least `LEAST_MODES`. A
+mode above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
 response. The responses of the modes that are left out are therefore small and nearly static.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.scene.checks import LEAST_MODES
-from fenicsrom.scene.excitation import HIGHEST_MODE
+from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE
 
 ENOUGH = 1.5
 """The last mode of any basis should be above this multiple of the highest excited frequency."""

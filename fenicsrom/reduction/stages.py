@@ -34,7 +34,7 @@ from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection, modal_coordinates, select
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Basis, Scene
-from fenicsrom.scene.rules import BY_MOTION
+from fenicsrom.scene.base.rules import BY_MOTION
 
 FURTHER = 8
 """Combinations of derivatives beyond those of the basis: candidates of a larger one."""

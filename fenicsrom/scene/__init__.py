@@ -1,12 +1,17 @@
-"""What to compute: scenes read from TOML or made in Python, checked and completed."""
+"""What to compute: scenes read from TOML or made in Python, checked and completed.
 
-from fenicsrom.scene.attachments import Attachment
-from fenicsrom.scene.backbone import Backbone
-from fenicsrom.scene.checks import FEW_CONTACTS, INTERFACE_MODES
-from fenicsrom.scene.damping import Damping
-from fenicsrom.scene.headings import scene_heading, titled
+Imports run one way, between the packages and modules of this one too:
+
+    base < keys < checks < reading < json_schema < reference
+"""
+
+from fenicsrom.scene.base.toml import toml_text
+from fenicsrom.scene.checks.checks import FEW_CONTACTS, INTERFACE_MODES
 from fenicsrom.scene.json_schema import json_schema
-from fenicsrom.scene.loads import (
+from fenicsrom.scene.keys.attachments import Attachment
+from fenicsrom.scene.keys.backbone import Backbone
+from fenicsrom.scene.keys.damping import Damping
+from fenicsrom.scene.keys.loads import (
     Acceleration,
     Action,
     Harmonic,
@@ -25,12 +30,10 @@ from fenicsrom.scene.loads import (
     Table,
     Traction,
 )
-from fenicsrom.scene.materials import Elasticity, GroupMaterial, Material
-from fenicsrom.scene.overrides import Overrides, override_table, override_texts
-from fenicsrom.scene.places import Place, Plane, Region, Support
-from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
-from fenicsrom.scene.response import Families, Parameter, Response, parameter_of
-from fenicsrom.scene.schema import (
+from fenicsrom.scene.keys.materials import Elasticity, GroupMaterial, Material
+from fenicsrom.scene.keys.places import Place, Plane, Region, Support
+from fenicsrom.scene.keys.response import Families, Parameter, Response, parameter_of
+from fenicsrom.scene.keys.schema import (
     Basis,
     BeamSection,
     Campbell,
@@ -43,8 +46,8 @@ from fenicsrom.scene.schema import (
     Scene,
     Surface,
 )
-from fenicsrom.scene.statics import Statics
-from fenicsrom.scene.times import (
+from fenicsrom.scene.keys.statics import Statics
+from fenicsrom.scene.keys.times import (
     Duration,
     EquilibriumOnly,
     FixedStep,
@@ -54,7 +57,9 @@ from fenicsrom.scene.times import (
     Time,
     Tolerance,
 )
-from fenicsrom.scene.writing import toml_text
+from fenicsrom.scene.reading.headings import scene_heading, titled
+from fenicsrom.scene.reading.overrides import Overrides, override_table, override_texts
+from fenicsrom.scene.reading.reading import make_scene, parse_scene, read_scene, scene_table
 
 __all__ = [
     "FEW_CONTACTS",

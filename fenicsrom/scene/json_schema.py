@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import MISSING
 from typing import Any
 
-from fenicsrom.scene.checks import REGION_KEYS
-from fenicsrom.scene.loads import WHOLE_BODY
-from fenicsrom.scene.schema import Scene
-from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
+from fenicsrom.scene.base.tables import OneOf, entries, key_names, keys, plain
+from fenicsrom.scene.checks.checks import REGION_KEYS
+from fenicsrom.scene.keys.loads import WHOLE_BODY
+from fenicsrom.scene.keys.schema import Scene
 
 
 def json_schema() -> dict[str, Any]:

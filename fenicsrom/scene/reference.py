@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.files import atomic_write
+from fenicsrom.scene.base.rules import show
+from fenicsrom.scene.base.tables import keys, plain, table_kind
 from fenicsrom.scene.json_schema import needed
-from fenicsrom.scene.rules import show
-from fenicsrom.scene.schema import Scene
-from fenicsrom.scene.tables import keys, plain, table_kind
+from fenicsrom.scene.keys.schema import Scene
 
 PART = re.compile(r"<!-- scene keys: begin (.+?) -->\n.*?<!-- scene keys: end -->", re.DOTALL)
 TOP = "scene"  # stands for the top level of a scene file

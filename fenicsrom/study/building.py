@@ -63,7 +63,7 @@ def set_modes(run: Run, found: ComponentModes) -> None:
     from fenicsrom.reduction.modes import with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
-    from fenicsrom.scene.excitation import highest_frequency
+    from fenicsrom.scene.keys.excitation import highest_frequency
 
     study = run.study
     study.modes, study.scene = found, with_mode_count(study.scene, found)

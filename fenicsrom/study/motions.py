@@ -221,7 +221,7 @@ def slower_than_solid(study: Study) -> list[str]:
     """
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import step_sentence
-    from fenicsrom.scene.step_size import with_time
+    from fenicsrom.scene.reading.step_size import with_time
 
     scene, solid, motion = study.scene, study.solid, study.motions["reduced"]
     if solid.comm.bcast(motion.seconds) < LONG or "full" in study.motions or scene.period is None:

@@ -267,7 +267,7 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
 def _missing(scene: Scene, modes: Any) -> str | None:
     """The warning of loads of the run that are too fast for the modes."""
     from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.scene.excitation import highest_frequency
+    from fenicsrom.scene.keys.excitation import highest_frequency
 
     return missing_modes(highest_frequency(scene), modes.frequencies_hz)
 

@@ -12,9 +12,9 @@ from typing import Any
 from fenicsrom.online.store.result_cache import key_of, mesh_digest
 from fenicsrom.online.store.scene_changes import CONTACT_KEYS, SURFACE_KEYS
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
-from fenicsrom.scene.excitation import highest_frequency
-from fenicsrom.scene.rules import BY_MOTION
-from fenicsrom.scene.tables import plain
+from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.keys.excitation import highest_frequency
 
 ONLINE_TABLES = (
     "title",

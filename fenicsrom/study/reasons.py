@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from fenicsrom.scene import Scene
-from fenicsrom.scene.checks import LEAST_MODES
-from fenicsrom.scene.excitation import HIGHEST_MODE, highest_frequency
-from fenicsrom.scene.rules import BY_MOTION
+from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.study.stage import Item
 from fenicsrom.words import counted
 

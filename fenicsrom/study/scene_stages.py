@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import BY_MOTION
+from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.study import building, motions, stresses, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.progress import log
-from fenicsrom.scene.checks import LEAST_MODES
+from fenicsrom.scene.checks.checks import LEAST_MODES
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
@@ -37,7 +37,7 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.store.provenance import provenance
     from fenicsrom.reduction.joined import range_model
-    from fenicsrom.scene.excitation import highest_frequency
+    from fenicsrom.scene.keys.excitation import highest_frequency
 
     speeds = scene.speeds_rpm
     assert speeds is not None

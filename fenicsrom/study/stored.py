@@ -49,7 +49,7 @@ def rerun(
     from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.scene.excitation import highest_frequency
+    from fenicsrom.scene.keys.excitation import highest_frequency
 
     watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
-from fenicsrom.scene.variations import Axis, combinations, make_axes
+from fenicsrom.scene.reading.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
 from fenicsrom.words import counted

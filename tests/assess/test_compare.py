@@ -512,6 +512,7 @@ def test_comparison_without_full_model_has_no_pictures(tmp_path):
     assert json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["full"] is None
 
 
+@pytest.mark.slow
 def test_tiny_comparison_ranks_the_richer_basis_first(cache):
     pytest.importorskip("dolfinx")
     from mpi4py import MPI

@@ -17,7 +17,7 @@ from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.reading.step_size import with_time
 
 
 def two_modes(kind: str) -> tuple[ReducedModel, ReducedModel, Scene]:

@@ -587,6 +587,7 @@ def test_light_command_imports_no_heavy_module(command):
     assert len(done.stdout.splitlines()) > 1
 
 
+@pytest.mark.slow
 def test_linear_scene_without_contact_skips_everything_else(tmp_path):
     """A linear scene without contact: no static modes, derivatives, polynomial, pictures, ParaView
     files or heavy imports."""

@@ -22,7 +22,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.post.studies.starter import outer_normal
 from fenicsrom.scene import Geometry, parse_scene
-from fenicsrom.scene.meshing import Meshing, Refinement
+from fenicsrom.scene.keys.meshing import Meshing, Refinement
 
 
 def step_file(path: Path, build: Callable[[Any], None]) -> Path:

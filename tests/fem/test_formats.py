@@ -24,7 +24,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.scene import Geometry, Plane, Region, Scene, parse_scene
-from fenicsrom.scene.paths import shared_meshes
+from fenicsrom.scene.reading.paths import shared_meshes
 
 CELLS = {
     "triangle": 2,

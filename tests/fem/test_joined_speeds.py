@@ -98,6 +98,7 @@ def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
     np.testing.assert_allclose(2.0 * np.pi * found.frequencies_hz, np.sqrt(squares), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
     stored, _ = tiny
     solid = make_solid(replace(blade(*TINY), rotation=replace(blade().rotation, speeds_rpm=None)))
@@ -119,6 +120,7 @@ def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
         np.testing.assert_allclose(np.sqrt(whirling), np.sqrt(wanted), rtol=3e-5)
 
 
+@pytest.mark.slow
 def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
     """At 1500 and 4500 rpm, the middles between the speeds of the basis."""
     stored, _ = tiny
@@ -137,6 +139,7 @@ def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
     assert change == pytest.approx(coarse.whole.errors.frequency[0], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_middle_speed(tiny: Any) -> None:
     stored, path = tiny
     scene = blade(*TINY)
@@ -148,6 +151,7 @@ def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_middle_speed(tiny: An
     np.testing.assert_array_equal(load_model(path).whole.mesh_errors, found)
 
 
+@pytest.mark.slow
 def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None:
     stored, path = tiny
     read = load_model(path)
@@ -163,6 +167,7 @@ def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None
     np.testing.assert_array_equal(back.model.elastic.cubic, read.model.elastic.cubic)
 
 
+@pytest.mark.slow
 def test_loads_and_casing_follow_the_speed(tiny: Any) -> None:
     stored, _ = tiny
     found = at_speed(stored, 4500.0, "loads.0.pressure=1e3")
@@ -189,6 +194,7 @@ def test_motion_at_a_speed_matches_that_of_a_model_of_this_speed(tiny: Any) -> N
     assert peak_normal_force(found) == pytest.approx(peak_normal_force(wanted), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_sweep_over_the_speed_takes_one_model(tiny: Any, tmp_path: Path) -> None:
     stored, _ = tiny
     found = fenicsrom.sweep(
@@ -203,6 +209,7 @@ def test_sweep_over_the_speed_takes_one_model(tiny: Any, tmp_path: Path) -> None
     assert told == peaks
 
 
+@pytest.mark.slow
 def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> None:
     stored, path = tiny
     out = tmp_path / "run"
@@ -246,6 +253,7 @@ def test_what_a_range_of_speeds_cannot_do_is_refused(
         blade(override)
 
 
+@pytest.mark.slow
 def test_model_of_one_speed_has_no_diagram_and_no_other_speed(tiny: Any) -> None:
     stored, _ = tiny
     with refusal(ErrorKind.RANGE, "rotation.speed_rpm"):

@@ -25,7 +25,7 @@ from fenicsrom.fem.mesh import gmsh_model
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Geometry, Region
-from fenicsrom.scene.paths import shared_meshes
+from fenicsrom.scene.reading.paths import shared_meshes
 
 LENGTH, HEIGHT, WIDTH = 2.54, 0.03, 0.02
 CUT = {

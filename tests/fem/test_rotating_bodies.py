@@ -15,7 +15,7 @@ from support import beam_scene, make_solid
 import fenicsrom
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.reading.step_size import with_time
 
 LENGTH, HEIGHT, YOUNG = 2.54, 0.0254, 207e9
 RPM = 30.0 / np.pi

@@ -26,7 +26,7 @@ from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene import Damping, Scene, scene_table
-from fenicsrom.scene.superelement import parse_superelement_scene, read_superelement_scene
+from fenicsrom.scene.reading.superelement import parse_superelement_scene, read_superelement_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "superelement"
 RIGHT_SIDE = DEMO / "right_side.m"

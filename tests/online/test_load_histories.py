@@ -40,7 +40,7 @@ from fenicsrom.scene import (
     parse_scene,
     scene_table,
 )
-from fenicsrom.scene.excitation import shortest_period
+from fenicsrom.scene.keys.excitation import shortest_period
 
 Array = NDArray[np.float64]
 

@@ -40,7 +40,7 @@ from fenicsrom.post.run.sentences import periodic_sentence
 from fenicsrom.post.run.summary import write_history
 from fenicsrom.records import Rerun
 from fenicsrom.scene import Time
-from fenicsrom.scene.step_size import coarser, with_time
+from fenicsrom.scene.reading.step_size import coarser, with_time
 
 Array = NDArray[np.float64]
 

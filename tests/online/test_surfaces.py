@@ -24,7 +24,9 @@ from fenicsrom.online.contact.surfaces import (
     gap_discrete_gradient,
     no_contacts,
     penetration,
+    surface_turn,
 )
+from fenicsrom.online.contact.turning import speed_at, speed_history
 
 Array = NDArray[np.float64]
 
@@ -57,8 +59,27 @@ def test_waves_of_turning_surface_turn_with_it() -> None:
         penetration(still, 0, x, 1.3), rel=1e-12
     )
     carried = np.empty(2)
-    advect_with_surface(gyroscopic_matrix, 0, 1.3, x, carried)
+    advect_with_surface(gyroscopic_matrix, 0, 0.2, 1.5, x, carried)
     np.testing.assert_allclose(carried, there, rtol=1e-14)
+
+
+def test_surface_turn_with_varying_speed_is_integral_of_speed() -> None:
+    rows = np.array([[0.0, 2.0], [0.4, 5.0], [1.0, 1.0]])
+    still, history = casing(2, waves=True), speed_history(rows)
+    varying = still._replace(turns=np.array([-1.0]), history=history)
+    for begin, end in ((0.0, 0.3), (0.1, 0.7), (0.5, 2.5)):
+        times = np.linspace(begin, end, 20001)
+        speeds = np.interp(times, *rows.T)
+        swept = np.sum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times))
+        assert surface_turn(varying, 0, begin, end) == pytest.approx(-swept, rel=1e-7)
+        assert speed_at(history, end) == pytest.approx(speeds[-1], rel=1e-14)
+    # at any time the surface stands where one that turns by the mean speed stands
+    steady = still._replace(spin=np.array([surface_turn(varying, 0, 0.0, 0.7) / 0.7]))
+    x, one, other = np.array([4e-3, 0.1]), np.empty(2), np.empty(2)
+    assert penetration(varying, 0, x, 0.7) == pytest.approx(penetration(steady, 0, x, 0.7))
+    advect_with_surface(varying, 0, 0.0, 0.7, x, one)
+    advect_with_surface(steady, 0, 0.0, 0.7, x, other)
+    np.testing.assert_allclose(one, other, rtol=1e-14)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -25,7 +25,7 @@ from fenicsrom.reduction.snapshots import (
 )
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, make_scene, scene_table
-from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.scene.keys.excitation import highest_frequency
 
 SECTION = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 20, "load_at": 0.7}
 OPEN: dict[str, Any] = {"contacts": None, "probe": {"group": "tip"}}

@@ -36,9 +36,9 @@ from fenicsrom.scene import (
     titled,
     toml_text,
 )
-from fenicsrom.scene.excitation import shortest_period
-from fenicsrom.scene.paths import shared_meshes
-from fenicsrom.scene.tables import keys, table_kind
+from fenicsrom.scene.base.tables import keys, table_kind
+from fenicsrom.scene.keys.excitation import shortest_period
+from fenicsrom.scene.reading.paths import shared_meshes
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("*.toml"))
 PAPER = ("open_2d", "slip_liftoff_2d", "slip_liftoff_3d", "stick_slip_2d", "high_load_2d")

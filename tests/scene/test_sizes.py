@@ -6,7 +6,7 @@ import pytest
 from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.rules import LARGEST, SMALLEST
+from fenicsrom.scene.base.rules import LARGEST, SMALLEST
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from support import refusal
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import override_table, read_scene
-from fenicsrom.scene.toml import parse_toml
+from fenicsrom.scene.base.toml import parse_toml
 
 MANY = 100_000
 DEEP = {

@@ -11,9 +11,9 @@ from support import refusal
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.store import archive
 from fenicsrom.scene import Scene, parse_scene, read_scene, scene_heading, scene_table, toml_text
-from fenicsrom.scene.overrides import override_table
-from fenicsrom.scene.reading import read_toml
-from fenicsrom.scene.unit_system import Units
+from fenicsrom.scene.keys.unit_system import Units
+from fenicsrom.scene.reading.overrides import override_table
+from fenicsrom.scene.reading.reading import read_toml
 
 SI = """
 [geometry]

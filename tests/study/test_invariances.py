@@ -19,7 +19,8 @@ pytest.importorskip("dolfinx")
 
 import fenicsrom
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
-from fenicsrom.scene import parse_scene, unit_system
+from fenicsrom.scene import parse_scene
+from fenicsrom.scene.keys import unit_system
 
 pytestmark = pytest.mark.slow
 

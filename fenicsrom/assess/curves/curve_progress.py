@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.assess.curves.response_files import CurveFile
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.progress import duration, log
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:

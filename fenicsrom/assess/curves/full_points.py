@@ -23,7 +23,7 @@ from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 
 REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
 

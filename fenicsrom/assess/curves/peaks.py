@@ -26,8 +26,8 @@ from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log, tell
 from fenicsrom.scene import Scene
-from fenicsrom.scene.curve_checks import keys_over, values_over
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.checks.curve_checks import keys_over, values_over
+from fenicsrom.scene.reading.units import in_words
 
 VALUES = 24
 """Values over the whole range, in equal ratios."""

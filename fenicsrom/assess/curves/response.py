@@ -39,7 +39,7 @@ from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 
 CLASSES = {
     kind.__name__: kind

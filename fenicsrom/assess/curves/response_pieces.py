@@ -26,7 +26,7 @@ from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import listening, working_time
 from fenicsrom.scene import Scene
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
 

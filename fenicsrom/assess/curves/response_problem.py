@@ -35,9 +35,9 @@ from fenicsrom.scene import (
     parse_scene,
     scene_table,
 )
-from fenicsrom.scene.overrides import names_of
-from fenicsrom.scene.rules import show
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.base.rules import show
+from fenicsrom.scene.reading.overrides import names_of
+from fenicsrom.scene.reading.units import in_words
 
 START_PERIODS = 320  # largest number to march before a curve starts
 

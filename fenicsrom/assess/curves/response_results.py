@@ -15,7 +15,7 @@ from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.periodic.shooting import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import brief
 
 

@@ -38,7 +38,7 @@ from fenicsrom.online.periodic.shooting import (
 )
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"

@@ -25,8 +25,8 @@ from fenicsrom.online.periodic.shooting import PeriodicMotion, largest_multiplie
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Response, Scene
-from fenicsrom.scene.step_size import with_time
-from fenicsrom.scene.times import GENERALISED_ALPHA
+from fenicsrom.scene.keys.times import GENERALISED_ALPHA
+from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import counted
 
 PARAMETER = "material.mass_damping"

@@ -29,8 +29,8 @@ from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import coarser, refined
-from fenicsrom.scene.times import Periodic
+from fenicsrom.scene.keys.times import Periodic
+from fenicsrom.scene.reading.step_size import coarser, refined
 
 PHASES = 200  # instants at which two periods are compared
 # A check whose periodic motion is so near to the motion that it checks, relative to the variables,

@@ -14,7 +14,7 @@ from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
-from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.words import IMPLAUSIBLE
 
 FAR = 100.0

@@ -35,7 +35,7 @@ from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import refined, step_key
+from fenicsrom.scene.reading.step_size import refined, step_key
 
 # largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1

@@ -17,7 +17,7 @@ from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:

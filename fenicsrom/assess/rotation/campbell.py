@@ -158,21 +158,7 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         assert given.whole is not None
         count = min(count, given.whole.modes)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
-    unfinished: Exception | None = None
-    for k, speed in enumerate(speeds):
-        try:
-            if k:
-                solid.spin(np.pi / 30.0 * float(speed))
-            tracked.add(solid)
-        except (ConvergenceError, AccuracyError) as error:
-            if not k:
-                raise
-            unfinished = type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
-            break
-        squares = tracked.squares[-1][:count]
-        shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
-        left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
-        log.info(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
+    unfinished = tracked.follow_speeds(solid, speeds, count)
     if isinstance(solid, RangeBody):
         judged = of_range(solid.whole)
     else:
@@ -290,6 +276,37 @@ class _Tracked:
         if self.gauge is not None:
             self.deformations.append(self.gauge.measure(solid.equilibrium))
         self.changes.append(change)
+
+    def follow_speeds(
+        self, solid: Solid | RangeBody, speeds: Array, shown: int
+    ) -> Exception | None:
+        """Add the modes at all speeds; the body is at the first one.
+
+        Args:
+            solid: the body.
+            speeds: the speeds, rev/min.
+            shown: number of frequencies in the line on each speed.
+
+        Returns:
+            The error that stopped the computation after the first speed, if there was one.
+
+        Raises:
+            ConvergenceError, AccuracyError: the first speed failed.
+        """
+        begin = clock.perf_counter()
+        for k, speed in enumerate(speeds):
+            try:
+                if k:
+                    solid.spin(np.pi / 30.0 * float(speed))
+                self.add(solid)
+            except (ConvergenceError, AccuracyError) as error:
+                if not k:
+                    raise
+                return type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
+            line = ", ".join(f"{value:.4g}" for value in hertz(self.squares[-1][:shown]))
+            left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
+            log.info(f"{speed:g} rpm: {line} Hz; speed {k + 1} of {speeds.size}, {left}")
+        return None
 
     def names(self, solid: Solid, scene: Scene) -> list[str]:
         """The names of the modes by their shapes at the first speed. Collective."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from fenicsrom.assess.studies.scales import Scales
 from fenicsrom.scene import Scene, scene_table
-from fenicsrom.scene.checks import LEAST_MODES
+from fenicsrom.scene.checks.checks import LEAST_MODES
 
 Overrides = tuple[str, ...]
 Values = dict[str, Overrides]

@@ -41,8 +41,8 @@ from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
-from fenicsrom.scene.rules import BY_MOTION
-from fenicsrom.scene.step_size import with_time
+from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy as np
 from fenicsrom.assess.studies.axes import SCHEMES, Case
 from fenicsrom.assess.studies.scales import Scales
 from fenicsrom.scene import Scene, scene_table
-from fenicsrom.scene.loads import ACTIONS
+from fenicsrom.scene.keys.loads import ACTIONS
 
 AXIS = "random"
 KINDS = ("periodic", "transient", "sweep", "impact")  # a transient ends before it settles

@@ -43,7 +43,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.step_size import refined
+from fenicsrom.scene.reading.step_size import refined
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
 from fenicsrom.scene import Scene, scene_table, toml_text
-from fenicsrom.scene.variations import Axis
+from fenicsrom.scene.reading.variations import Axis
 from fenicsrom.words import brief
 
 DONE, DOUBTFUL, FAILED = "done", "doubtful", "failed"

@@ -27,7 +27,7 @@ def import_matrices(options: argparse.Namespace) -> int:
     """
     from fenicsrom.exchange.superelement import read_matrices, superelement_model
     from fenicsrom.online.store import archive
-    from fenicsrom.scene.superelement import read_superelement_scene
+    from fenicsrom.scene.reading.superelement import read_superelement_scene
     from fenicsrom.words import counted
 
     matrices, scene = Path(options.matrices), options.superelement_scene

@@ -68,7 +68,7 @@ def _first_mode(text: str, path: Path, tip: str | None, warnings: list[str]) -> 
     """The first mode of a starter scene without loads; None, and a warning, if it has none."""
     from fenicsrom.assess.studies.first_mode import first_mode
     from fenicsrom.scene import Place, parse_scene
-    from fenicsrom.scene.toml import parse_toml
+    from fenicsrom.scene.base.toml import parse_toml
 
     try:
         scene = parse_scene(parse_toml(text), str(path), path.parent, unloaded=True)

@@ -56,7 +56,7 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.scene.variations import make_axes
+    from fenicsrom.scene.reading.variations import make_axes
 
     axes = make_axes(options.over, options.together)
     comm = ranks()

@@ -24,7 +24,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.slanted import Held
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
-from fenicsrom.scene.places import AXES
+from fenicsrom.scene.keys.places import AXES
 
 SAME_DIRECTION = 1e-12
 """Directions at a node with a smaller angle, squared, are one direction that was rounded."""

@@ -24,7 +24,7 @@ from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.mesh_checks import check_dolfinx_mesh, check_tags, group_tags
 from fenicsrom.fem.mesh.mesh_data import Ints, Mesh
 from fenicsrom.scene import Geometry
-from fenicsrom.scene.rules import Where, choice, number
+from fenicsrom.scene.base.rules import Where, choice, number
 
 
 def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:

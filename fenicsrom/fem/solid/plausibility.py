@@ -17,7 +17,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.base.compat import cells_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
-from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units
+from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:

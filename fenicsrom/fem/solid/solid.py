@@ -60,8 +60,8 @@ from fenicsrom.scene import (
     Scene,
     Support,
 )
-from fenicsrom.scene.excitation import highest_frequency
-from fenicsrom.scene.places import AXES
+from fenicsrom.scene.keys.excitation import highest_frequency
+from fenicsrom.scene.keys.places import AXES
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""

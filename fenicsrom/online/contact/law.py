@@ -61,6 +61,7 @@ from fenicsrom.online.contact.surfaces import (
     advect_with_surface,
     gap_discrete_gradient,
     penetration,
+    surface_turn,
 )
 from fenicsrom.online.kernels.compiled import compiled, kernel, part
 
@@ -190,9 +191,8 @@ def _tangential_stretch(
     e0, e0_derivative = point.start_stretch, point.start_stretch_derivative
     e1, e1_derivative = point.end_stretch, point.end_stretch_derivative
     reach = 1.0 if interval.discrete_gradient else theta
-    advect_with_surface(
-        contacts, p, reach * (interval.end - interval.begin), start.slider[p], point.place
-    )
+    until = interval.begin + reach * (interval.end - interval.begin)
+    advect_with_surface(contacts, p, interval.begin, until, start.slider[p], point.place)
     for k in range(d):
         n[k] = point.gradient[k]
         e0[k] = x0[k] - start.slider[p, k]
@@ -309,7 +309,7 @@ def commit_contact_state(
         end.normal[p, k] = pressed * n[k]
         n[k] /= size
     # the slider moves to the end of the step, where the law is applied
-    advect_with_surface(contacts, p, interval.end - interval.begin, start.slider[p], slider)
+    advect_with_surface(contacts, p, interval.begin, interval.end, start.slider[p], slider)
     for k in range(d):
         slider[k] += scratch.slider_motion[p, k]
         stretch[k] = x1[k] - slider[k]
@@ -322,7 +322,8 @@ def commit_contact_state(
             slider[k] = x1[k] - force[k] / kt
     change = end.trial_normal_force[p] - start.trial_normal_force[p]
     normal = scratch.mean_normal_force[p]
-    if contacts.times.size > 0 or (contacts.order.size > 0 and contacts.spin[p] != 0.0):
+    turned = surface_turn(contacts, p, interval.begin, interval.end)
+    if contacts.times.size > 0 or (contacts.order.size > 0 and turned != 0.0):
         surface += normal * change / contacts.normal_stiffness[p]
         for k in range(d):
             surface -= (scratch.mean_force[p, k] - scratch.mean_friction[p, k]) * (
@@ -352,7 +353,7 @@ def _friction_energies(
     """
     kt, d = contacts.tangential_stiffness[p], len(scratch.space)
     x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place
-    advect_with_surface(contacts, p, interval.end - interval.begin, x0, advected)
+    advect_with_surface(contacts, p, interval.begin, interval.end, x0, advected)
     available, stored, surface = 0.0, 0.0, 0.0
     for k in range(d):  # the schemes that weight the ends compute work by the trapezoidal rule
         mean = (

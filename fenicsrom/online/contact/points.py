@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
-from fenicsrom.scene.excitation import surface_spin
+from fenicsrom.scene.keys.excitation import surface_spin
 
 NO_DIRECTION = 1e-3
 """The middle of points that is nearer to an axis, relative to their distance, has no direction."""

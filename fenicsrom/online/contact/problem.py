@@ -195,9 +195,8 @@ def _project_friction(
         point.end_stretch,
         point.slip_force,
     )
-    advect_with_surface(
-        contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch
-    )
+    until = interval.begin + theta * (interval.end - interval.begin)
+    advect_with_surface(contacts, p, interval.begin, until, start.slider[p], stretch)
     softness, size, across, across0 = 0.0, 0.0, 0.0, 0.0
     for k in range(d):
         softness += delassus[row + k, row + k]  # an upper bound for every direction

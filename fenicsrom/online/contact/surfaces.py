@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.contact.turning import NO_HISTORY, angle_at
 from fenicsrom.online.kernels.compiled import kernel, part
 
 PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance depends on
@@ -20,9 +21,10 @@ class Contacts(NamedTuple):
     With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
 
         delta = side (|z| - radius) + approach(t)
-                + sum_k height_k cos(order_k (phi - spin t) - phase_k)
+                + sum_k height_k cos(order_k (phi - alpha(t)) - phase_k)
 
-    where phi is the angle of z. For a plane |z| is z itself. Only cylinders have waves.
+    where phi is the angle of z, and alpha(t) = spin t + turns theta(t) is the angle by which the
+    surface has turned (`surface_turn`). For a plane |z| is z itself. Only cylinders have waves.
 
     Attributes:
         preload: (P,) N0, normal force at penetration zero, N.
@@ -35,7 +37,10 @@ class Contacts(NamedTuple):
             sphere, m.
         radius: (P,) of the surface; of a plane, its distance from `centre` along the normal, m.
         side: (P,) 1 if the body is on the side of `centre`, else -1.
-        spin: (P,) rate at which the surface turns about its axis, rad/s.
+        spin: (P,) constant rate at which the surface turns about its axis, rad/s.
+        turns: (P,) angle by which it turns for each radian of the body, where the speed varies.
+        history: (r, 3) times, speeds and angles theta of the body (`online.contact.turning`); none
+            at a constant speed.
         times: (k,) s.
         approach: (P, k) distance that the surface has moved towards the body at these times, linear
             between them, m.
@@ -54,6 +59,8 @@ class Contacts(NamedTuple):
     radius: Array
     side: Array
     spin: Array
+    turns: Array
+    history: Array
     times: Array
     approach: Array
     order: Array
@@ -112,6 +119,16 @@ def axes_of(surface: Any, d: int) -> Array:
 
 
 @part
+def surface_turn(contacts: Contacts, p: int, begin: float, end: float) -> float:
+    """Angle in rad by which the surface of point p turns about its axis between two times in s."""
+    angle = contacts.spin[p] * (end - begin)
+    if contacts.history.shape[0] > 0:
+        swept = angle_at(contacts.history, end) - angle_at(contacts.history, begin)
+        angle += contacts.turns[p] * swept
+    return angle
+
+
+@part
 def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
     """Depth of point p at x (d,) in its surface, negative outside of it, m."""
     closed = 0.0
@@ -144,7 +161,7 @@ def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
     radius = contacts.radius[p]
     beyond = (square - radius * radius + added) / (np.sqrt(max(square + added, 0.0)) + radius)
     if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
-        angle = np.arctan2(second, first) - contacts.spin[p] * time
+        angle = np.arctan2(second, first) - surface_turn(contacts, p, 0.0, time)
         for k in range(contacts.order.size):
             closed += contacts.height[p, k] * np.cos(
                 contacts.order[k] * angle - contacts.phase[p, k]
@@ -234,7 +251,7 @@ def _add_waves(
     """
     axes, d = contacts.axes[p], n.size
     square = first * first + second * second
-    angle = np.arctan2(second, first) - contacts.spin[p] * time
+    angle = np.arctan2(second, first) - surface_turn(contacts, p, 0.0, time)
     once, twice = 0.0, 0.0  # the derivatives of the waves by the angle
     for k in range(contacts.order.size):
         order, height, phase = contacts.order[k], contacts.height[p, k], contacts.phase[p, k]
@@ -253,19 +270,21 @@ def _add_waves(
 
 
 @part
-def advect_with_surface(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
-    """Write to out (d,) the position of a point (d,) of a turning surface after a time."""
+def advect_with_surface(
+    contacts: Contacts, p: int, begin: float, end: float, point: Array, out: Array
+) -> None:
+    """Write to out (d,) where a point (d,) of a turning surface at `begin` is at `end`, in s."""
     d = point.size
     for k in range(d):
         out[k] = point[k]
-    if contacts.spin[p] == 0.0 or contacts.kind[p] == PLANE:
+    angle = surface_turn(contacts, p, begin, end)
+    if angle == 0.0 or contacts.kind[p] == PLANE:
         return
     axes, centre = contacts.axes[p], contacts.centre[p]
     first, second = 0.0, 0.0
     for k in range(d):
         first += axes[0, k] * (point[k] - centre[k])
         second += axes[1, k] * (point[k] - centre[k])
-    angle = contacts.spin[p] * time
     c, s = np.cos(angle) - 1.0, np.sin(angle)
     for k in range(d):
         out[k] += axes[0, k] * (c * first - s * second) + axes[1, k] * (s * first + c * second)
@@ -315,6 +334,8 @@ def planes(
         radius=g0,
         side=np.ones(count),
         spin=np.zeros(count),
+        turns=np.zeros(count),
+        history=NO_HISTORY,
         times=np.zeros(0),
         approach=np.zeros((count, 0)),
         order=np.zeros(0),

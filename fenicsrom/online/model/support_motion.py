@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.model.loads import LoadHistories, factors, of_loads
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Sweep, Table
-from fenicsrom.scene.excitation import shortest_period
-from fenicsrom.scene.loads import SupportDisplacement
+from fenicsrom.scene.keys.excitation import shortest_period
+from fenicsrom.scene.keys.loads import SupportDisplacement
 
 QUADRATURE_POINTS = 5
 """Gauss points of an interval: they integrate a tenth of a period to 1e-13 of the amplitude."""

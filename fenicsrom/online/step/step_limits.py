@@ -57,7 +57,9 @@ def landings(load_histories: LoadHistories, contacts: Contacts, begin: float, en
 def _wave_period(contacts: Contacts) -> float:
     """The time in which the shortest wave of a surface passes a contact point, s."""
     orders = np.where(contacts.height != 0.0, contacts.order, 0.0).max(axis=1, initial=0.0)
-    rate = np.max(orders * np.abs(contacts.spin), initial=0.0)
+    fastest = np.max(np.abs(contacts.history[:, 1]), initial=0.0)
+    spins = np.abs(contacts.spin) + np.abs(contacts.turns) * fastest
+    rate = np.max(orders * spins, initial=0.0)
     return 2.0 * np.pi / rate if rate > 0.0 else np.inf
 
 

@@ -83,8 +83,8 @@ from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_a
 from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.online.stress.stress_peaks import reduced_modes
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
-from fenicsrom.scene.overrides import override_texts
-from fenicsrom.scene.units import override_in_si
+from fenicsrom.scene.reading.overrides import override_texts
+from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 7"

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.scene.materials import Elasticity
+from fenicsrom.scene.keys.materials import Elasticity
 
 IN_PLANE = [0, 1, 3]
 """Places of (xx, yy, xy) in space."""
@@ -52,7 +52,7 @@ def in_space(material: Elasticity) -> Array:
 def compliance(material: Elasticity) -> Array:
     """The compliance (6, 6) of a material in its own axes, 1/Pa.
 
-    This is (1) of `fenicsrom.scene.materials`.
+    This is (1) of `fenicsrom.scene.keys.materials`.
     """
     young, (nu12, nu13, nu23), shear = material.orthotropic_constants
     found = np.diag([*(1.0 / np.array(young)), *(0.5 / np.array(shear))])

@@ -29,7 +29,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
-from fenicsrom.scene.units import units_sentence
+from fenicsrom.scene.reading.units import units_sentence
 from fenicsrom.words import counted
 
 SCENE_FILE = "scene.toml"

@@ -9,6 +9,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_folder
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.surfaces import surface_turn
 from fenicsrom.post.paraview.vtk_files import Grid, linear_grid, write_series, write_vtu
 from fenicsrom.scene import Scene
 
@@ -96,9 +97,10 @@ def _surface(
     if across.shape[0] == 3:
         return _ball(centre, radius - side * closed)
     angle = np.linspace(0.0, 2.0 * np.pi, AROUND + 1)
+    turned = surface_turn(contacts, p, 0.0, time)
     waves = np.zeros_like(angle)
     for order, height, phase in surface.waves:
-        waves += height * np.cos(order * (angle - contacts.spin[p] * time) - phase)
+        waves += height * np.cos(order * (angle - turned) - phase)
     size = radius - side * (closed + waves)
     ring = size[:, None] * (np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1])
     if d == 2:

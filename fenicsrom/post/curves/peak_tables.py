@@ -11,7 +11,7 @@ from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.curves.backbone_figures import WIDE
 from fenicsrom.post.curves.response_figures import colour_of, curve_name, key_label
-from fenicsrom.scene.units import column_name, in_words, unit_of
+from fenicsrom.scene.reading.units import column_name, in_words, unit_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
-from fenicsrom.scene.units import unit_of
+from fenicsrom.scene.reading.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ from fenicsrom.post.curves.response_figures import (
     state_names,
 )
 from fenicsrom.post.paraview.fields import write_last_period
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 
 if TYPE_CHECKING:
     from fenicsrom.records import Study

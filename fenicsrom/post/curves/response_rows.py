@@ -23,7 +23,7 @@ from fenicsrom.post.curves.response_figures import (
     state_names,
 )
 from fenicsrom.post.curves.response_motion import largest_point
-from fenicsrom.scene.units import column_name
+from fenicsrom.scene.reading.units import column_name
 
 
 def rows(found: Response) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from fenicsrom.post.curves.response_figures import (
     parameter_label,
 )
 from fenicsrom.post.curves.response_motion import largest_point
-from fenicsrom.scene.units import in_words
+from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
 

@@ -48,7 +48,7 @@ from fenicsrom.post.run.motion_figures import (
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
 from fenicsrom.scene import Scene
-from fenicsrom.scene.excitation import surface_spin
+from fenicsrom.scene.keys.excitation import surface_spin
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,7 +28,7 @@ from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
-from fenicsrom.scene.step_size import refined, step_key
+from fenicsrom.scene.reading.step_size import refined, step_key
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.paraview.vtk_files import Grid, in_space
 from fenicsrom.scene import Contact, Load, Place, Scene, Support
-from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
-from fenicsrom.scene.tables import keys
+from fenicsrom.scene.base.tables import keys
+from fenicsrom.scene.keys.loads import ACTIONS, Harmonics, Pulse, Sweep
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid

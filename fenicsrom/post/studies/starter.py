@@ -16,7 +16,7 @@ from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
-from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units
+from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
 """Names of groups that are probably clamped."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fenicsrom.assess.studies.sweep_runs import Sweep
-from fenicsrom.scene.units import given_unit_of
+from fenicsrom.scene.reading.units import given_unit_of
 
 
 class Column(NamedTuple):

@@ -11,7 +11,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.studies.sweep_columns import COLUMNS, key_labels
 from fenicsrom.post.studies.sweep_figures import figure
-from fenicsrom.scene.units import column_name
+from fenicsrom.scene.reading.units import column_name
 from fenicsrom.words import counted
 
 MOST_LINES = 20  # of a table in the terminal, without its head

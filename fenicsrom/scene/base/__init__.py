@@ -1,0 +1,1 @@
+"""What all tables of a scene share: rules of values, tables of keys, and TOML text."""

@@ -1,0 +1,521 @@
+"""Rules for the values of single keys: type, range and unit.
+
+A rule takes a value of the file and the place of this value. It returns the value of the field, or
+raises `SceneError`. A rule also describes itself as a JSON schema and in words.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, replace
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from fenicsrom.errors import ErrorKind, SceneError
+
+MOST_ROWS = 1_000_000  # largest number of rows of the table of a load
+# Sizes of numbers in SI units: products of a few of them stay within the range of a float. Numbers
+# that must be above 0 must be at least `SMALLEST`.
+SMALLEST, LARGEST = 1e-30, 1e30
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place in a scene, for messages.
+
+    Attributes:
+        source: the file.
+        key: the dotted key.
+    """
+
+    source: str
+    key: str = ""
+
+    def at(self, name: object) -> Where:
+        """Give the place of an entry below this one: of a list (integer) or of a table (name)."""
+        if isinstance(name, int):
+            return replace(self, key=f"{self.key}[{name}]")
+        return replace(self, key=f"{self.key}.{name}" if self.key else str(name))
+
+    def refuse(self, value: object, allowed: str, kind: ErrorKind = ErrorKind.RANGE) -> SceneError:
+        """Make the error that refuses a value here; the value `MISSING` has its own kind."""
+        missing = value is MISSING
+        what = "is missing" if missing else f"= {show(value)}"
+        return SceneError(
+            f"{self.source}: {self.key} {what}: {allowed}",
+            kind=ErrorKind.MISSING if missing else kind,
+            key=self.key,
+            source=self.source,
+        )
+
+
+def show(value: object, width: int = 60) -> str:
+    """Give a value as the scene file spells it, shortened to `width` characters."""
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except (ValueError, TypeError, RecursionError):  # huge integers, cyclic tables
+        text = f"({type(value).__name__})"
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The rule of a key.
+
+    Attributes:
+        read: turns the value of the file into the value of the field, or raises `SceneError`.
+        schema: the same rule as a JSON schema, as far as JSON schema can state it.
+        allowed: the allowed values in words, for the reference of keys.
+        unit: unit of the value, or "".
+    """
+
+    read: Callable[[Any, Where], Any]
+    schema: Mapping[str, Any]
+    allowed: str
+    unit: str = ""
+
+    def __call__(self, value: Any, where: Where) -> Any:
+        """Read a value."""
+        return self.read(value, where)
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a value is a finite number that a float can hold, and not true or false."""
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
+    )
+
+
+def is_quantity(value: object) -> bool:
+    """Tell whether a value is a number of a size that a computation can use."""
+    return is_number(value) and abs(value) <= LARGEST  # type: ignore[arg-type]
+
+
+def is_sequence(value: object) -> TypeGuard[Sequence[Any]]:
+    """Tell whether a value is a list."""
+    return isinstance(value, list | tuple)
+
+
+def _unquoted(value: object) -> str:
+    """Say that a number must not be a text."""
+    return ", without quotes" if isinstance(value, str) else ""
+
+
+def number(
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    below: float = math.inf,
+    most: float = math.inf,
+    unit: str = "",
+) -> Rule:
+    """Make the rule of a finite number in a range; `above` and `below` exclude the bound."""
+    names = {
+        "above": ("above", "exclusiveMinimum", above),
+        "least": ("of at least", "minimum", least),
+        "below": ("below", "exclusiveMaximum", below),
+        "most": ("of at most", "maximum", most),
+    }
+    bounds = [bound for bound in names.values() if math.isfinite(bound[2])]
+    limits = " and ".join(f"{word} {value:g}" for word, _, value in bounds)
+    allowed = f"must be a finite number {limits}".rstrip()
+
+    def read(value: Any, where: Where) -> float:
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            raise where.refuse(value, f"{allowed}{_unquoted(value)}", ErrorKind.TYPE)
+        if not (is_number(value) and above < value < below and least <= value <= most):
+            raise where.refuse(value, allowed)
+        if not is_quantity(value):
+            raise where.refuse(value, f"{allowed}, of a size of at most {LARGEST:g}")
+        if above == 0.0 and value < SMALLEST:
+            raise where.refuse(value, f"{allowed}, of at least {SMALLEST:g}")
+        return float(value)
+
+    schema = {"type": "number"} | {name: value for _, name, value in bounds}
+    return Rule(read, schema, f"number {limits}".rstrip(), unit)
+
+
+def integer(least: int, most: int, unit: str = "") -> Rule:
+    """Make the rule of an integer in a range, bounds included."""
+    allowed = f"must be an integer from {least} to {most}"
+
+    def read(value: Any, where: Where) -> int:
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise where.refuse(value, f"{allowed}{_unquoted(value)}", ErrorKind.TYPE)
+        if not least <= value <= most:
+            raise where.refuse(value, allowed)
+        return int(value)
+
+    schema = {"type": "integer", "minimum": least, "maximum": most}
+    return Rule(read, schema, f"integer from {least} to {most}", unit)
+
+
+def choice(*options: str | int) -> Rule:
+    """Make the rule of a value that is one of the options."""
+    words = " or ".join(show(option) for option in options)
+
+    def read(value: Any, where: Where) -> Any:
+        for option in options:
+            if type(value) is type(option) and value == option:
+                return option
+        kinds = {type(option) for option in options}
+        kind = ErrorKind.RANGE if type(value) in kinds else ErrorKind.TYPE
+        raise where.refuse(value, f"must be {words}", kind)
+
+    return Rule(read, {"enum": list(options)}, words)
+
+
+def _read_flag(value: Any, where: Where) -> bool:
+    if not isinstance(value, bool):
+        raise where.refuse(value, "must be true or false", ErrorKind.TYPE)
+    return value
+
+
+flag = Rule(_read_flag, {"type": "boolean"}, "true or false")
+
+
+def _read_text(value: Any, where: Where) -> str:
+    if not isinstance(value, str):
+        raise where.refuse(value, "must be a text in quotes", ErrorKind.TYPE)
+    return value
+
+
+text = Rule(_read_text, {"type": "string"}, "text")
+
+
+def _read_name(value: Any, where: Where) -> str:
+    if not isinstance(value, str):
+        raise where.refuse(value, "must be a name in quotes", ErrorKind.TYPE)
+    if not value.strip():
+        raise where.refuse(value, "must be a name in quotes")
+    return value
+
+
+NAME_SCHEMA = {"type": "string", "pattern": r"\S"}
+name = Rule(_read_name, NAME_SCHEMA, "name")
+
+
+def _read_mesh_change(value: Any, where: Where) -> str:
+    if not re.match(MESH_CHANGE, _read_text(value, where)):
+        raise where.refuse(value, 'must be a change of [geometry], such as "geometry.degree=1"')
+    return str(value)
+
+
+MESH_CHANGE = r"^geometry\.[^=]+="
+mesh_change = Rule(
+    _read_mesh_change,
+    {"type": "string", "pattern": MESH_CHANGE},
+    'text such as "geometry.degree=1"',
+)
+
+path = Rule(lambda value, where: Path(_read_name(value, where)), NAME_SCHEMA, "path of a file")
+
+
+def _read_vector(value: Any, where: Where) -> tuple[float, ...]:
+    if not is_sequence(value) or len(value) not in (2, 3) or not all(map(is_number, value)):
+        allowed = "must be a list of finite numbers, one for each dimension"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    return tuple(float(component) for component in value)
+
+
+def _read_point(value: Any, where: Where) -> tuple[float, ...]:
+    point = _read_vector(value, where)
+    if not all(map(is_quantity, point)):
+        raise where.refuse(value, f"numbers must have a size of at most {LARGEST:g}")
+    return point
+
+
+POINT_SCHEMA = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
+point = Rule(_read_point, POINT_SCHEMA, "[x, y] or [x, y, z]", "m")
+
+
+def _read_box(value: Any, where: Where) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Give the lowest and the highest corner of a box, from any two opposite ones."""
+    if not is_sequence(value) or len(value) != 2:
+        allowed = "must be two opposite corners, [[x, y, z], [x, y, z]]"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    one, other = (_read_point(corner, where.at(index)) for index, corner in enumerate(value))
+    if len(one) != len(other):
+        raise where.refuse(value, "both corners must have the same number of coordinates")
+    return tuple(map(min, one, other)), tuple(map(max, one, other))
+
+
+box = Rule(
+    _read_box,
+    {"type": "array", "items": POINT_SCHEMA, "minItems": 2, "maxItems": 2},
+    "two opposite corners",
+    "m",
+)
+
+
+def _read_direction(value: Any, where: Where) -> tuple[float, ...]:
+    """Give a vector scaled to unit length; a unit vector stays the same bit for bit."""
+    vector = _read_vector(value, where)
+    largest = max(map(abs, vector))
+    if largest == 0.0:
+        raise where.refuse(value, "must have a length above zero")
+    if abs(math.hypot(*vector) - 1.0) <= 1e-14:
+        return vector
+    scaled = [component / largest for component in vector]
+    return tuple(component / math.hypot(*scaled) for component in scaled)
+
+
+direction = Rule(_read_direction, POINT_SCHEMA, "vector of any length above zero")
+
+
+PARAMETER = r"[A-Za-z_][A-Za-z_0-9]*"
+
+
+def _read_parameters(value: Any, where: Where) -> dict[str, float]:
+    """Give a table of numbers, whose names become variables of the .geo file."""
+    if not isinstance(value, Mapping):
+        raise where.refuse(value, "must be a table of numbers", ErrorKind.TYPE)
+    for key, entry in value.items():
+        if not re.fullmatch(PARAMETER, str(key)):
+            allowed = "the name of a parameter must consist of letters, digits and underscores"
+            raise where.at(key).refuse(entry, allowed)
+    return {str(key): number()(entry, where.at(key)) for key, entry in value.items()}
+
+
+parameters = Rule(
+    _read_parameters,
+    {
+        "type": "object",
+        "patternProperties": {f"^{PARAMETER}$": {"type": "number"}},
+        "additionalProperties": False,
+    },
+    "table of numbers",
+)
+
+
+def _read_harmonics(value: Any, where: Where) -> tuple[tuple[int, float, float], ...]:
+    if not is_sequence(value) or not value:
+        allowed = "must be a list of harmonics, each [order, amplitude, phase]"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    found: list[tuple[int, float, float]] = []
+    for index, entry in enumerate(value):
+        if not is_sequence(entry) or len(entry) != 3:
+            allowed = "must be [order, amplitude, phase]"
+            raise where.at(index).refuse(entry, allowed, ErrorKind.TYPE)
+        order = integer(1, 1000)(entry[0], where.at(index).at(0))
+        if order in (other for other, *_ in found):
+            raise where.at(index).at(0).refuse(order, "must occur only once in the list")
+        amplitude, phase = (number()(entry[k], where.at(index).at(k)) for k in (1, 2))
+        found.append((order, amplitude, phase))
+    return tuple(found)
+
+
+harmonics = Rule(
+    _read_harmonics,
+    {
+        "type": "array",
+        "minItems": 1,
+        "items": {
+            "type": "array",
+            "prefixItems": [{"type": "integer", "minimum": 1, "maximum": 1000}],
+            "items": {"type": "number"},
+            "minItems": 3,
+            "maxItems": 3,
+        },
+    },
+    "list of [order, amplitude, phase], each order once",
+    "–, –, rad",
+)
+
+
+def _read_series(value: Any, where: Where) -> Path | tuple[tuple[float, float], ...]:
+    """Give a function of time: the path of a file that is read later, or its rows."""
+    if isinstance(value, str):
+        return Path(_read_name(value, where))
+    if not is_sequence(value):
+        allowed = "must be the name of a file, or rows [time, factor]"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    return read_rows(value, where, where.at)
+
+
+def read_rows(
+    rows: Sequence[Any], where: Where, place: Callable[[int], Where]
+) -> tuple[tuple[float, float], ...]:
+    """Check the rows of a function of time; `place` gives the place of a row for messages."""
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise where.refuse(len(rows), f"the number of rows must be from 2 to {MOST_ROWS}")
+    found: list[tuple[float, float]] = []
+    for index, row in enumerate(rows):
+        if not is_sequence(row) or len(row) != 2 or not all(map(is_quantity, row)):
+            allowed = "must be two finite numbers, time in s and factor"
+            raise place(index).refuse(row, allowed, ErrorKind.TYPE)
+        found.append((float(row[0]), float(row[1])))
+        if index and not found[-1][0] > found[-2][0]:
+            allowed = f"times must increase from row to row, the previous one is {found[-2][0]:g}"
+            raise place(index).refuse(found[-1][0], allowed)
+    return tuple(found)
+
+
+_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+series = Rule(
+    _read_series,
+    {
+        "oneOf": [
+            NAME_SCHEMA,
+            {"type": "array", "items": _PAIR, "minItems": 2, "maxItems": MOST_ROWS},
+        ]
+    },
+    "rows [time, factor] with increasing times, or the path of a text file with two columns",
+    "s, –",
+)
+
+MOST_RATIOS = 1000
+
+
+def _read_ratios(value: Any, where: Where) -> float | tuple[float, ...]:
+    """Give one damping ratio for all modes, or a list with one for each mode."""
+    ratio = number(least=0.0, below=1.0)
+    if is_number(value):
+        return float(ratio(value, where))
+    if not is_sequence(value) or len(value) > MOST_RATIOS:
+        allowed = f"must be a number, or a list of at most {MOST_RATIOS} numbers"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    return tuple(float(ratio(entry, where.at(k))) for k, entry in enumerate(value))
+
+
+_RATIO = {"type": "number", "minimum": 0.0, "exclusiveMaximum": 1.0}
+ratios = Rule(
+    _read_ratios,
+    {
+        "oneOf": [
+            _RATIO,
+            {"type": "array", "items": _RATIO, "maxItems": MOST_RATIOS},
+        ]
+    },
+    "number from 0 to below 1, or a list of such numbers",
+)
+
+LABEL = r"([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])"
+
+
+def _read_label(value: Any, where: Where) -> str:
+    """Give the label of a modal derivative in one spelling: V before S, lower numbers first.
+
+    The label 1S2V becomes 2V1S.
+    """
+    match = re.fullmatch(LABEL, value) if isinstance(value, str) else None
+    if match is None:
+        allowed = (
+            'must be two modes such as "1V1V" or "1V2S": '
+            "a number from 1, then V (normal) or S (static)"
+        )
+        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+        raise where.refuse(value, allowed, kind)
+    pair = sorted([("VS".index(match[2]), int(match[1])), ("VS".index(match[4]), int(match[3]))])
+    return "".join(f"{count}{'VS'[kind]}" for kind, count in pair)
+
+
+def word_or_integer(*words: str, least: int, most: int) -> Rule:
+    """Make the rule of a key that takes one of these words or an integer."""
+    listed = " or ".join(f'"{word}"' for word in words)
+    allowed = f"{listed} or integer from {least} to {most}"
+
+    def read(value: Any, where: Where) -> str | int:
+        if value in words:
+            return str(value)
+        if not isinstance(value, int) or isinstance(value, bool):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            quoted = isinstance(value, str) and value.isdecimal()
+            hint = _unquoted(value) if quoted else ""
+            raise where.refuse(value, f"must be {allowed}{hint}", kind)
+        if not least <= value <= most:
+            raise where.refuse(value, f"must be {allowed}")
+        return int(value)
+
+    number = {"type": "integer", "minimum": least, "maximum": most}
+    return Rule(read, {"oneOf": [{"enum": list(words)}, number]}, allowed)
+
+
+masters = word_or_integer("all", "normal", least=1, most=1000)
+modes = word_or_integer("auto", least=0, most=1000)
+
+BY_MOTION = ("principal", "mmi", "mmi-nls")
+"""Selections of derivatives that need the motion of the linear structure."""
+
+SELECTIONS = ("none", "all", *BY_MOTION)
+_SELECTED = ", ".join(f'"{name}"' for name in SELECTIONS)
+
+
+def _read_derivatives(value: Any, where: Where) -> str | tuple[str, ...]:
+    if value in SELECTIONS:
+        return str(value)
+    if not is_sequence(value):
+        allowed = f'must be {_SELECTED} or a list of labels such as "1V1S"'
+        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+        raise where.refuse(value, allowed, kind)
+    labels = tuple(_read_label(entry, where.at(index)) for index, entry in enumerate(value))
+    for index, label in enumerate(labels):
+        if label in labels[:index]:
+            raise where.at(index).refuse(value[index], "must name each derivative only once")
+    return labels
+
+
+derivatives = Rule(
+    _read_derivatives,
+    {
+        "oneOf": [
+            {"enum": list(SELECTIONS)},
+            {
+                "type": "array",
+                "items": {"type": "string", "pattern": f"^{LABEL}$"},
+                "uniqueItems": True,
+            },
+        ]
+    },
+    f'{_SELECTED.replace(",", " or")} or a list of labels such as "1V1S"',
+)
+
+
+def list_of(rule: Rule, least: int = 1) -> Rule:
+    """Make the rule of a list of different values; with `least` = 0 it may be empty."""
+
+    def read(value: Any, where: Where) -> tuple[Any, ...]:
+        if not is_sequence(value) or len(value) < least:
+            count = "at least one value" if least else "values"
+            raise where.refuse(value, f"must be a list of {count}", ErrorKind.TYPE)
+        values = tuple(rule(entry, where.at(index)) for index, entry in enumerate(value))
+        for index, entry in enumerate(values):
+            if entry in values[:index]:
+                raise where.at(index).refuse(value[index], "must occur only once in the list")
+        return values
+
+    schema = {"type": "array", "items": rule.schema, "minItems": least, "uniqueItems": True}
+    return Rule(read, schema, f"list of {rule.allowed}", rule.unit)
+
+
+def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> Rule:
+    """Make the rule of a list of rows of numbers; `first` is the schema of column 0.
+
+    Only the schema states the range of the first column; `fenicsrom.scene.checks.checks` checks it.
+    """
+    row_of = f"[{', '.join(names)}]"
+
+    def read(value: Any, where: Where) -> tuple[tuple[float, ...], ...]:
+        if not is_sequence(value):
+            allowed = f"must be a list of rows {row_of} of finite numbers"
+            raise where.refuse(value, allowed, ErrorKind.TYPE)
+        for index, row in enumerate(value):
+            if not is_sequence(row) or len(row) != len(names) or not all(map(is_quantity, row)):
+                allowed = f"must be {row_of}, finite numbers"
+                raise where.at(index).refuse(row, allowed, ErrorKind.TYPE)
+        return tuple(tuple(float(entry) for entry in row) for row in value)
+
+    row = {
+        "type": "array",
+        **({} if first is None else {"prefixItems": [first]}),
+        "items": {"type": "number"},
+        "minItems": len(names),
+        "maxItems": len(names),
+    }
+    return Rule(read, {"type": "array", "items": row}, f"list of {row_of}", unit)

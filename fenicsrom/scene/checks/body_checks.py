@@ -1,0 +1,80 @@
+"""Checks between keys of the body: its materials, supports and attachments."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING
+
+from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.keys.materials import constant_problems
+from fenicsrom.scene.keys.places import AXES
+from fenicsrom.scene.keys.schema import Scene
+
+
+def material_problems(scene: Scene) -> Problems:
+    """Yield the problems of the materials."""
+    dimension = scene.geometry.dimension
+    for found in constant_problems(scene.material, scene.materials, dimension):
+        yield Problem(*found)
+    if not scene.materials and scene.material.is_isotropic:
+        return
+    why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, f"must be false {why}")
+
+
+def support_problems(scene: Scene) -> Problems:
+    """Yield the problems of the components that the supports clamp."""
+    for index, support in enumerate(scene.supports):
+        yield from _component_problems(scene, f"supports[{index}]", support.components)
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None and scene.reference.beam is not None:
+                allowed = "not allowed with reference.beam, whose end is clamped"
+                yield Problem(f"supports[{index}].{name}", list(value), allowed)
+        if support.normal is not None and support.components is not None:
+            yield Problem(
+                f"supports[{index}].normal", support.normal, "not allowed with components"
+            )
+
+
+def _component_problems(scene: Scene, key: str, components: tuple[str, ...] | None) -> Problems:
+    known = AXES[: scene.geometry.dimension]
+    for k, axis in enumerate(components or ()):
+        if axis not in known:
+            allowed = f"must be {' or '.join(known)} in {len(known)}D"
+            yield Problem(f"{key}.components[{k}]", axis, allowed)
+
+
+def attachment_problems(scene: Scene) -> Problems:
+    """Yield the problems of the masses, springs and dashpots."""
+    for index, found in enumerate(scene.attachments):
+        key = f"attachments[{index}]"
+        yield from _component_problems(scene, key, found.components)
+        if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
+            allowed = "a mass, a stiffness or a damping above 0 must be given"
+            yield Problem(f"{key}.mass", MISSING, allowed)
+        point = found.place.node or found.place.nearest or found.place.at != "mean"
+        for name in ("stiffness", "damping"):
+            per_area = getattr(found, f"{name}_per_area")
+            if per_area and point:
+                allowed = f"only allowed on a whole region; use {name}"
+                yield Problem(f"{key}.{name}_per_area", per_area, allowed)
+    if not scene.attachments:
+        return
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, "must be false with [[attachments]]")
+
+
+def follower_problems(scene: Scene) -> Problems:
+    """Yield the problems of the pressures that follow the deformation."""
+    if not scene.followers:
+        return
+    key = f"loads[{scene.followers[0]}].follower"
+    if not scene.geometrically_nonlinear:
+        yield Problem(key, True, "only allowed with geometrically_nonlinear = true")
+    if "projection" in (scene.basis.elastic_force, *scene.compare.elastic_force):
+        yield Problem(key, True, 'only allowed with elastic_force = "polynomial"')
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, f"must be false with {key}")
+    if scene.output.stresses != "none":
+        allowed = f'must be "none" with {key} = true, whose forces are not in the reactions'
+        yield Problem("output.stresses", scene.output.stresses, allowed)

@@ -1,0 +1,386 @@
+"""Checks between keys: each function yields the keys that do not agree with the others."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING
+from itertools import pairwise
+from operator import mul
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.checks.body_checks import (
+    attachment_problems,
+    follower_problems,
+    material_problems,
+    support_problems,
+)
+from fenicsrom.scene.checks.curve_checks import (
+    backbone_problems,
+    response_problems,
+    statics_problems,
+)
+from fenicsrom.scene.keys.loads import Load, SupportDisplacement
+from fenicsrom.scene.keys.meshing import Meshing
+from fenicsrom.scene.keys.places import Place, Region
+from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
+from fenicsrom.scene.keys.times import (
+    GENERALISED_ALPHA,
+    Duration,
+    EquilibriumOnly,
+    FixedStep,
+    NoStep,
+    Periodic,
+    StepsPerPeriod,
+)
+
+FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
+MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
+INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
+LEAST_MODES = 3  # number of normal modes with modes = "auto"
+REGION_KEYS = ("group", "node", "nearest", "box", "plane")
+
+
+def problems(scene: Scene, unloaded: bool = False) -> Problems:
+    """Yield the keys of a scene that do not agree with each other, in the order of the checks.
+
+    A scene that is `unloaded` may be without loads, contacts and probe.
+    """
+    yield from _geometry_problems(scene.geometry)
+    yield from material_problems(scene)
+    yield from _rotation_problems(scene)
+    yield from _vector_problems(scene)
+    yield from _place_problems(scene)
+    yield from support_problems(scene)
+    yield from attachment_problems(scene)
+    yield from follower_problems(scene)
+    for index, contact in enumerate(scene.contacts):
+        yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        if contact in scene.contacts[:index]:
+            same = scene.contacts.index(contact)
+            allowed = f"must differ from contacts[{same}]"
+            yield Problem(f"contacts[{index}]", "the same contact", allowed)
+    for index, load in enumerate(scene.loads):
+        yield from _load_problems(load, f"loads[{index}]")
+        if load.moves_supports:
+            yield from _support_motion_problems(load, f"loads[{index}]", scene.rotation)
+    seen = scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))
+    if not seen and not unloaded:
+        what = "without contacts and without a load at a place"
+        yield Problem("probe", MISSING, f"must be a table in a scene {what}")
+    yield from _basis_problems(scene)
+    yield from _time_problems(scene)
+    yield from response_problems(scene)
+    yield from backbone_problems(scene)
+    yield from statics_problems(scene)
+
+
+def _acts_at_a_place(load: Load) -> bool:
+    return not load.everywhere
+
+
+def _places(scene: Scene) -> list[tuple[str, Place]]:
+    """Give the places of a scene with their keys."""
+    loads = [(f"loads[{k}]", load) for k, load in enumerate(scene.loads)]
+    places = [(key, load.place) for key, load in loads if _acts_at_a_place(load)]
+    places += [(f"contacts[{k}]", contact.place) for k, contact in enumerate(scene.contacts)]
+    places += [(f"attachments[{k}]", found.place) for k, found in enumerate(scene.attachments)]
+    return places + ([("probe", scene.probe)] if scene.probe else [])
+
+
+def _regions(scene: Scene) -> list[tuple[str, Region]]:
+    """Give the supports and places of a scene with their keys."""
+    supports = [(f"supports[{k}]", support) for k, support in enumerate(scene.supports)]
+    return [*supports, *_places(scene)]
+
+
+def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
+    """Yield every vector of a scene, or None, with its key."""
+    for key, region in _regions(scene):
+        for name in ("node", "nearest", "normal"):  # the normal of a support
+            yield f"{key}.{name}", getattr(region, name, None)
+        for index, corner in enumerate(region.box or ()):
+            yield f"{key}.box[{index}]", corner
+        if region.plane:
+            yield f"{key}.plane.point", region.plane.point
+            yield f"{key}.plane.normal", region.plane.normal
+    for index, load in enumerate(scene.loads):
+        yield f"loads[{index}].direction", load.direction
+    for index, contact in enumerate(scene.contacts):
+        yield f"contacts[{index}].normal", contact.normal
+        if contact.surface is not None:
+            yield f"contacts[{index}].surface.point", contact.surface.point
+            yield f"contacts[{index}].surface.axis", contact.surface.axis
+            yield f"contacts[{index}].surface.angle_from", contact.surface.angle_from
+    if scene.rotation:
+        yield "rotation.axis", scene.rotation.axis
+        yield "rotation.point", scene.rotation.point
+
+
+def _vector_problems(scene: Scene) -> Problems:
+    dimension = scene.geometry.dimension
+    for key, vector in _vectors(scene):
+        if vector is not None and len(vector) != dimension:
+            allowed = f"must have {dimension} components with geometry.dimension = {dimension}"
+            yield Problem(key, vector, allowed)
+
+
+def _place_problems(scene: Scene) -> Problems:
+    for key, region in _regions(scene):
+        given = {name: value for name in REGION_KEYS if (value := getattr(region, name, None))}
+        if not given:
+            names = [name for name in REGION_KEYS if hasattr(region, name)]
+            allowed = f"one of {', '.join(names[:-1])} and {names[-1]} must be given"
+            yield Problem(f"{key}.group", MISSING, allowed)
+        if len(given) > 1:
+            first, second = list(given)[:2]
+            yield Problem(f"{key}.{second}", plain(given[second]), f"not allowed with {first}")
+    for key, place in _places(scene):
+        if place.at == "nodes" and not key.startswith("contacts"):
+            yield Problem(
+                f"{key}.at", place.at, 'only allowed for a contact; use "mean" or "centre"'
+            )
+        if place.at != "mean" and (place.node or place.nearest):
+            other = "node" if place.node else "nearest"
+            yield Problem(f"{key}.at", place.at, f"not allowed with {other}")
+
+
+def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
+    if contact.surface is None and contact.normal is None:
+        yield Problem(f"{key}.normal", MISSING, "a normal or a surface must be given")
+    if contact.gap and contact.preload:
+        allowed = "not allowed with a preload, which is the force at the undeformed position"
+        yield Problem(f"{key}.gap", contact.gap, allowed)
+    times = [time for time, _ in contact.approach]
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
+    if contact.surface is not None:
+        yield from _surface_problems(contact, key, dimension)
+
+
+def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
+    surface = contact.surface
+    assert surface is not None
+    if contact.normal is not None:
+        yield Problem(f"{key}.normal", contact.normal, "not allowed with a surface")
+    wanted = dimension == 3 and surface.kind == "cylinder"
+    if wanted and surface.axis is None:
+        yield Problem(f"{key}.surface.axis", MISSING, "must be a vector for a cylinder in 3D")
+    if not wanted and surface.axis is not None:
+        yield Problem(f"{key}.surface.axis", surface.axis, "only allowed for a cylinder in 3D")
+    if dimension == 2 and surface.kind == "sphere":
+        yield Problem(f"{key}.surface.kind", surface.kind, 'must be "cylinder" in 2D')
+    if surface.radius is not None and contact.gap:
+        allowed = "not allowed with surface.radius, which determines the gap"
+        yield Problem(f"{key}.gap", contact.gap, allowed)
+    for name in ("waves", "spin", "angle_from"):
+        value = getattr(surface, name)
+        if surface.kind == "sphere" and value is not None and value != ():
+            yield Problem(f"{key}.surface.{name}", plain(value), "only allowed for a cylinder")
+    if surface.axis is not None and surface.angle_from is not None:
+        if abs(sum(map(mul, surface.axis, surface.angle_from))) > 1.0 - 1e-9:
+            allowed = "must not be along the axis"
+            yield Problem(f"{key}.surface.angle_from", surface.angle_from, allowed, ErrorKind.RANGE)
+    for index, (order, _, _) in enumerate(surface.waves):
+        if order != round(order) or order < 1:
+            allowed = "the order must be an integer of at least 1"
+            yield Problem(f"{key}.surface.waves[{index}]", order, allowed, ErrorKind.RANGE)
+
+
+def _load_problems(load: Load, key: str) -> Problems:
+    """Yield the keys of a place on which this kind of load cannot act."""
+    if load.kind == "force":
+        return
+    whole = load.everywhere
+    where = "the whole body" if whole else "facets"
+    why = f"not allowed with {load.kind}, which acts on {where}"
+    for name in REGION_KEYS if whole else ("node", "nearest"):
+        if (value := getattr(load.place, name)) is not None:
+            yield Problem(f"{key}.{name}", plain(value), why)
+    if load.place.at != "mean":
+        yield Problem(f"{key}.at", load.place.at, why)
+
+
+def _support_motion_problems(load: Load, key: str, rotation: Rotation | None) -> Problems:
+    """Yield the keys that do not agree with a motion of the supports."""
+    if load.static:
+        allowed = "must vary in time; use acceleration for a constant one"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
+    if load.transient and isinstance(load.action, SupportDisplacement):
+        allowed = (
+            "must have a frequency or harmonics, so that its acceleration is known; use "
+            "support_acceleration"
+        )
+        yield Problem(f"{key}.support_displacement", load.size, allowed)
+    if rotation is not None:
+        allowed = "not allowed with [rotation], whose axis is at rest"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
+
+
+def _geometry_problems(geometry: Geometry) -> Problems:
+    suffix = geometry.mesh.suffix
+    is_step = geometry.is_cad
+    if geometry.dimension == 2 and geometry.thickness is None:
+        yield Problem("geometry.thickness", MISSING, "must be a number above 0 in 2D")
+    for name in ("thickness", "plane"):
+        if geometry.dimension == 3 and (value := getattr(geometry, name)) is not None:
+            yield Problem(f"geometry.{name}", value, "only allowed in 2D")
+    if suffix != ".geo" and geometry.parameters:
+        allowed = "only allowed if mesh is a .geo file"
+        yield Problem("geometry.parameters", geometry.parameters, allowed)
+    if suffix != ".geo" and not is_step and geometry.cells:
+        yield Problem(
+            "geometry.cells", geometry.cells, "only allowed if mesh is a .geo or .step file"
+        )
+    if is_step and geometry.size is None:
+        yield Problem("geometry.size", MISSING, "must be the cell size in m for a .step file")
+    if not is_step and geometry.size is not None:
+        yield Problem("geometry.size", geometry.size, "only allowed if mesh is a .step file")
+    if not is_step and geometry.meshing != Meshing():
+        table = plain(geometry.meshing)
+        yield Problem("geometry.meshing", table, "only allowed if mesh is a .step file")
+    if geometry.scale != 1.0 and (is_step or suffix.lower() == ".geo"):
+        allowed = f"only allowed if mesh is a mesh file, not for a {suffix} file"
+        yield Problem("geometry.scale", geometry.scale, allowed)
+    if "structured" in geometry.parameters:
+        value = geometry.parameters["structured"]
+        yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")
+
+
+def _rotation_problems(scene: Scene) -> Problems:
+    rotation: Rotation | None = scene.rotation
+    if rotation is None:
+        return
+    if scene.geometry.dimension == 2 and rotation.axis is not None:
+        allowed = "only allowed in 3D; in 2D the axis is normal to the plane"
+        yield Problem("rotation.axis", rotation.axis, allowed)
+    if scene.geometry.dimension == 3 and rotation.axis is None:
+        yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+    if rotation.speeds_rpm is not None:
+        yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
+    """Yield what a model for a range of speeds cannot do."""
+    if not speeds[0] <= speed <= speeds[-1]:
+        allowed = f"must be in the range of rotation.speeds_rpm, {speeds[0]:g} to {speeds[-1]:g}"
+        yield Problem("rotation.speed_rpm", speed, allowed, ErrorKind.RANGE)
+    basis, damping, output = scene.basis, scene.damping, scene.output
+    for key, value, usual in (
+        ("basis.method", basis.method, "rubin"),
+        ("basis.derivatives", basis.derivatives, "principal"),
+        ("basis.elastic_force", basis.elastic_force, "polynomial"),
+        ("damping.stiffness", damping.stiffness, 0.0),
+        ("damping.ratios", damping.ratios, ()),
+        ("output.stresses", output.stresses, "none"),
+        ("reference.full", scene.reference.full, False),
+    ):
+        if value != usual:
+            yield Problem(key, plain(value), "not allowed with rotation.speeds_rpm")
+    for k in scene.followers:
+        yield Problem(f"loads[{k}].follower", True, "must be false with rotation.speeds_rpm")
+
+
+def default_masters(scene: Scene) -> str | int:
+    """Give the masters of the basis: the given value, or the default for these contacts."""
+    if scene.basis.masters is not None:
+        return scene.basis.masters
+    regions = any(contact.place.at == "nodes" for contact in scene.contacts)
+    count, paired = len(scene.contacts), scene.basis.derivatives != "principal"
+    if not regions and count <= FEW_CONTACTS:
+        return "all"
+    if regions or paired or count > MORE_CONTACTS:
+        return INTERFACE_MODES
+    return count * scene.geometry.dimension
+
+
+def _basis_problems(scene: Scene) -> Problems:
+    basis = scene.basis
+    if not scene.contacts:
+        if basis.modes == 0:
+            allowed = "must be at least 1 in a scene without contact"
+            yield Problem("basis.modes", basis.modes, allowed)
+        if basis.masters is not None:
+            yield Problem("basis.masters", basis.masters, "not allowed in a scene without contact")
+    if basis.size is not None and not basis.adapts:
+        allowed = 'only allowed with derivatives = "principal" and elastic_force = "polynomial"'
+        yield Problem("basis.size", basis.size, allowed)
+    if not isinstance(basis.derivatives, tuple):
+        return
+    if any(contact.place.at == "nodes" for contact in scene.contacts):
+        return  # the number of static modes is known only with the mesh
+    points, masters, dimension = (
+        len(scene.contacts),
+        default_masters(scene),
+        scene.geometry.dimension,
+    )
+    each = dimension if masters == "all" else 1
+    static = points * each if isinstance(masters, str) else min(masters, points * dimension)
+    available = {"V": LEAST_MODES if isinstance(basis.modes, str) else basis.modes, "S": static}
+    for index, label in enumerate(basis.derivatives):
+        modes = re.findall(r"([0-9]+)([VS])", label)
+        if any(int(count) > available[kind] for count, kind in modes):
+            normal = f"at least {LEAST_MODES}" if basis.modes == "auto" else basis.modes
+            allowed = f"the basis has {normal} normal (V) and {static} static (S) modes"
+            yield Problem(f"basis.derivatives[{index}]", label, allowed)
+
+
+def _time_problems(scene: Scene) -> Problems:
+    time = scene.time
+    if time.spectral_radius is not None and time.scheme != GENERALISED_ALPHA:
+        allowed = f'only allowed with scheme = "{GENERALISED_ALPHA}"'
+        yield Problem("time.spectral_radius", time.spectral_radius, allowed)
+    if scene.period is None:
+        yield from _duration_problems(scene)
+    else:
+        yield from _period_problems(scene)
+
+
+def _duration_problems(scene: Scene) -> Problems:
+    """Yield the problems of the times of a scene without a period."""
+    time = scene.time
+    transient = [index for index, load in enumerate(scene.loads) if load.transient]
+    why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
+    if isinstance(time.span, Periodic):
+        given = ("steady_tolerance", "steady")
+        default = Periodic()
+        name = next((n for n in given if getattr(time, n) != getattr(default, n)), "periods")
+        yield Problem(f"time.{name}", getattr(time, name), f"use duration, because {why}")
+    if isinstance(time.span, EquilibriumOnly):
+        if not scene.static_only or not isinstance(time.stepping, NoStep):
+            yield Problem("time.duration", MISSING, f"must be a number above 0, because {why}")
+        return
+    duration = time.duration or 0.0
+    match time.stepping:
+        case NoStep():
+            allowed = f"a step (number above 0) or a tolerance must be given, because {why}"
+            yield Problem("time.step", MISSING, allowed)
+        case StepsPerPeriod(steps_per_period=steps):
+            allowed = f"use step or tolerance, because {why}"
+            yield Problem("time.steps_per_period", steps, allowed)
+        case FixedStep(step=step):
+            if step > duration:
+                allowed = f"must be at most the duration of {duration:g}"
+                yield Problem("time.step", step, allowed)
+
+
+def _period_problems(scene: Scene) -> Problems:
+    """Yield the problems of the times and frequencies of a scene with a period."""
+    time = scene.time
+    why = "because the loads repeat"
+    if isinstance(time.span, Duration):
+        yield Problem("time.duration", time.span.duration, f"use periods, {why}")
+    if isinstance(time.stepping, FixedStep):
+        allowed = f"use steps_per_period or tolerance, {why}"
+        yield Problem("time.step", time.stepping.step, allowed)
+    frequencies = [load.frequency for load in scene.loads]
+    lowest = min(frequency for frequency in frequencies if frequency is not None)
+    for index, frequency in enumerate(frequencies):
+        if frequency is not None and abs(math.remainder(frequency, lowest)) > 1e-9 * lowest:
+            allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"
+            yield Problem(f"loads[{index}].frequency", frequency, allowed)

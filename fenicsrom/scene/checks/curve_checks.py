@@ -1,0 +1,130 @@
+"""Checks between keys of the curves: of periodic motions, nonlinear modes and equilibria."""
+
+from __future__ import annotations
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.keys.response import Response, parameter_of
+from fenicsrom.scene.keys.schema import Scene
+from fenicsrom.scene.keys.unit_system import REGIONAL
+from fenicsrom.words import counted
+
+MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
+
+
+def response_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [response]."""
+    response = scene.response
+    if response is None:
+        return
+    if scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("response.parameter", response.parameter, allowed)
+    if response.last == response.first:
+        allowed = f"must differ from response.first = {response.first:g}"
+        yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    for value in response.isolated or ():
+        if not response.low <= value <= response.high:
+            allowed = f"must be from {response.low:g} to {response.high:g}"
+            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
+    for k, value in enumerate(response.full_values):
+        if not response.low <= value <= response.high:
+            allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
+            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
+            return
+    yield from _peak_problems(scene, response)
+    table, index, name = parameter_of(response.parameter)
+    if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
+        present = len(getattr(scene, table))
+        allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
+        if present == 0:
+            allowed = f"the scene has no {table}"
+        yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
+    elif table == "loads":
+        load = scene.loads[index]
+        if load.static or load.kind != name:
+            kind = f"static {load.kind}" if load.static else load.kind
+            allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
+            yield Problem("response.parameter", response.parameter, allowed)
+    if response.low == 0.0 and name not in MAY_BE_ZERO:
+        key = "response.first" if response.first == 0.0 else "response.last"
+        yield Problem(key, 0.0, "must be above 0", ErrorKind.RANGE)
+    if table == "contacts" and name == "gap" and _has_radius(scene, index):
+        allowed = "not allowed with surface.radius, which determines the gap"
+        yield Problem("response.parameter", response.parameter, allowed)
+
+
+def keys_over(scene: Scene, over: str) -> list[str]:
+    """The keys of `response.peak_over`: one, or one for each contact where it has a star."""
+    return [over.replace("*", f"{k}") for k in range(len(scene.contacts) if "*" in over else 1)]
+
+
+def values_over(scene: Scene, over: str) -> list[float]:
+    """The numbers of the scene with these keys; none if the scene lacks such a contact."""
+    table, *which, name = over.split(".")
+    if table == "material":
+        return [float(getattr(scene.material, name))]
+    chosen = scene.contacts if which == ["*"] else scene.contacts[int(which[0]) :][:1]
+    return [float(getattr(contact, name)) for contact in chosen]
+
+
+def _peak_problems(scene: Scene, response: Response) -> Problems:
+    """Yield the problems of the keys `peak_over` and `peak_range`."""
+    over, given = response.peak_over, response.peak_range
+    if over is None:
+        if given is not None:
+            yield Problem("response.peak_range", list(given), "only allowed with peak_over")
+        return
+    if response.parameter != "frequency":
+        allowed = 'needs response.parameter = "frequency"'
+        yield Problem("response.peak_over", over, allowed)
+    values = values_over(scene, over)
+    if not values:
+        allowed = f"the scene has {counted(len(scene.contacts), 'contact')}, numbered from 0"
+        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+        return
+    regions = {contact.place.at == "nodes" for contact in scene.contacts}
+    if "*" in over and over.rsplit(".", 1)[-1] in REGIONAL and len(regions) > 1:
+        allowed = "not allowed with contacts at points and with the nodes of regions"
+        yield Problem("response.peak_over", over, allowed)
+    if min(values) <= 0.0 or min(values) < max(values):
+        allowed = "needs a number above 0 in the scene, where the peaks begin"
+        if "*" in over:
+            allowed += ", the same of all contacts"
+        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+    elif given is not None and not (len(given) == 2 and given[0] <= values[0] <= given[1]):
+        allowed = f"must be two numbers, with the {values[0]:g} of the scene between them"
+        yield Problem("response.peak_range", list(given), allowed, ErrorKind.RANGE)
+
+
+def backbone_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [backbone]."""
+    backbone = scene.backbone
+    if backbone is None:
+        return
+    if not backbone.last > backbone.first:
+        allowed = f"must be above backbone.first = {backbone.first:g}"
+        yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
+    factors = backbone.load_factors
+    if list(factors) != sorted(factors):
+        allowed = "must be in ascending order"
+        yield Problem("backbone.load_factors", list(factors), allowed, ErrorKind.RANGE)
+    if factors and scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("backbone.load_factors", list(factors), allowed)
+
+
+def statics_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [statics]."""
+    for index, number in enumerate(scene.statics.loads or ()):
+        if number >= len(scene.loads):
+            allowed = f"must be below the number of loads, {len(scene.loads)}"
+            yield Problem(f"statics.loads[{index}]", number, allowed, ErrorKind.RANGE)
+        elif not scene.loads[number].static:
+            yield Problem(f"statics.loads[{index}]", number, "must be the number of a static load")
+
+
+def _has_radius(scene: Scene, index: int) -> bool:
+    """Whether a contact has a surface of a given radius."""
+    surface = scene.contacts[index].surface if index < len(scene.contacts) else None
+    return surface is not None and surface.radius is not None

@@ -1,0 +1,1 @@
+"""The tables and keys of a scene: one dataclass for each table."""

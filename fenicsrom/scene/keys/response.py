@@ -1,0 +1,164 @@
+"""The table [response]: curves of periodic motions over a parameter of the scene."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.base.rules import Rule, Where, integer, is_sequence, list_of, name, number
+from fenicsrom.scene.base.tables import table_of
+from fenicsrom.scene.keys.loads import ACTIONS
+
+LOAD_SIZES = tuple(ACTIONS.tags)
+CONTACT_NUMBERS = ("preload", "gap", "normal_stiffness", "tangential_stiffness", "friction")
+PATTERN = (
+    r"^(frequency|material\.mass_damping"
+    rf"|loads\.[0-9]{{1,6}}\.({'|'.join(LOAD_SIZES)})"
+    rf"|contacts\.[0-9]{{1,6}}\.({'|'.join(CONTACT_NUMBERS)}))$"
+)
+ALLOWED = (
+    '"frequency", "material.mass_damping", the size of a load such as "loads.0.force", or '
+    f"contacts.N. and one of {', '.join(CONTACT_NUMBERS)}"
+)
+OVER_NUMBERS = tuple(name for name in CONTACT_NUMBERS if name != "gap")
+OVER_PATTERN = (
+    rf"^(material\.mass_damping|contacts\.([0-9]{{1,6}}|\*)\.({'|'.join(OVER_NUMBERS)}))$"
+)
+OVER_ALLOWED = (
+    '"material.mass_damping", or contacts.N., or contacts.*. for all contacts, and one of '
+    f"{', '.join(OVER_NUMBERS)}"
+)
+
+
+class Parameter(NamedTuple):
+    """A number of the scene that a response curve follows.
+
+    Attributes:
+        table: "loads", "contacts", "material", or "" for the frequency.
+        number: number of the load or contact; 0 for other parameters.
+        name: the key in the table.
+    """
+
+    table: str
+    number: int
+    name: str
+
+
+def parameter_of(key: str) -> Parameter:
+    """The parameter of a key that the rule of `Response.parameter` has accepted."""
+    *path, last = key.split(".")
+    return Parameter(path[0] if path else "", int(path[1]) if len(path) > 1 else 0, last)
+
+
+def _key(pattern: str, allowed: str) -> Rule:
+    """Make the rule of a key of the scene that matches a pattern."""
+
+    def read(value: Any, where: Where) -> str:
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            raise where.refuse(value, f"must be {allowed}", kind)
+        return value
+
+    return Rule(read, {"type": "string", "pattern": pattern}, allowed)
+
+
+PARAMETER = _key(PATTERN, ALLOWED)
+PEAK_OVER = _key(OVER_PATTERN, OVER_ALLOWED)
+
+
+MOST_FULL = 1000  # motions of the full model on a curve
+
+
+def _read_full(value: Any, where: Where) -> int | tuple[float, ...]:
+    if is_sequence(value):
+        return tuple(list_of(number())(value, where))
+    if isinstance(value, int) and not isinstance(value, bool):
+        return int(integer(1, MOST_FULL)(value, where))
+    allowed = f"must be a list of numbers, or an integer from 1 to {MOST_FULL}"
+    raise where.refuse(value, allowed, ErrorKind.TYPE)
+
+
+FULL = Rule(
+    _read_full,
+    {
+        "oneOf": [
+            list_of(number()).schema,
+            {"type": "integer", "minimum": 1, "maximum": MOST_FULL},
+        ]
+    },
+    f"list of number, or integer from 1 to {MOST_FULL}",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Families:
+    """One curve for each value of a second number of the scene.
+
+    Attributes:
+        key: key of the scene, as in `--set`; a stored model must be able to run with other values.
+        values: its values.
+    """
+
+    key: Annotated[str, name]
+    values: Annotated[tuple[float, ...], list_of(number())]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """The curves of `fenicsrom response`.
+
+    Attributes:
+        parameter: number of the scene that changes along a curve; "frequency" is the lowest
+            frequency of the loads in Hz, and the frequencies of all loads and of the waves of
+            surfaces change in proportion to it.
+        first: value of the parameter at which a curve starts.
+        last: value of the parameter at which a curve ends, above or below `first`.
+        points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
+            100, a curve with several contact points up to 600.
+        families: a second number of the scene; each of its values gives a curve.
+        branches: 1 follows the branches that leave a curve at period doublings (motions of twice
+            as many periods) and at branch points; 2 also follows the branches of these branches,
+            and so on.
+        isolated: values of the parameter at which the run looks for curves that are not connected
+            with the first one. From the motion at such a value, all periodic loads are increased up
+            to four times and reduced again, through all folds. Each other motion that is found at
+            the loads of the scene starts a curve.
+        peak_over: a number of the scene over which the largest amplitude of the probe is followed,
+            to find its value for the smallest peak: the optimum of a friction damper.
+            "contacts.*.preload" changes the number of all contacts at once.
+        peak_range: smallest and largest value of this number; without it a tenth and ten times the
+            value of the scene, at which the peaks begin.
+        full: values of the parameter at which the periodic motion of the full model is computed
+            too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
+    """
+
+    parameter: Annotated[str, PARAMETER] = "frequency"
+    first: Annotated[float, number(least=0.0)]
+    last: Annotated[float, number(least=0.0)]
+    points: Annotated[int, integer(2, 100_000)] = 3000
+    families: Annotated[Families | None, table_of(Families)] = None
+    branches: Annotated[int, integer(0, 10)] = 0
+    isolated: Annotated[tuple[float, ...] | None, list_of(number())] = None
+    peak_over: Annotated[str | None, PEAK_OVER] = None
+    peak_range: Annotated[tuple[float, ...] | None, list_of(number(above=0.0), least=2)] = None
+    full: Annotated[int | tuple[float, ...] | None, FULL] = None
+
+    @property
+    def low(self) -> float:
+        """The smaller end of the range."""
+        return min(self.first, self.last)
+
+    @property
+    def high(self) -> float:
+        """The larger end of the range."""
+        return max(self.first, self.last)
+
+    @property
+    def full_values(self) -> tuple[float, ...]:
+        """The values of the parameter at which the scene asks for the full model."""
+        if isinstance(self.full, int):
+            part = (self.last - self.first) / self.full
+            return tuple(self.first + (k + 0.5) * part for k in range(self.full))
+        return self.full or ()

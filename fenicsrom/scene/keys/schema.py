@@ -1,0 +1,541 @@
+"""The scene, which says what to compute, as frozen dataclasses in SI units.
+
+Every key of the file is one field below. The annotation of the field holds the rule of the key
+(type, range and unit), and the docstring describes the key. The reference of all keys and the JSON
+schema are made from both. A new key is a new field here and, if it depends on other keys, a check
+in `fenicsrom.scene.checks`. A field without a default is required. A default that depends on other
+keys is None here, and `fenicsrom.scene.reading.reading` replaces it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.base import rules
+from fenicsrom.scene.base.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
+from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
+from fenicsrom.scene.keys.attachments import Attachment
+from fenicsrom.scene.keys.backbone import Backbone
+from fenicsrom.scene.keys.damping import Damping
+from fenicsrom.scene.keys.loads import Load
+from fenicsrom.scene.keys.materials import GroupMaterial, Material
+from fenicsrom.scene.keys.meshing import Meshing
+from fenicsrom.scene.keys.places import Place, Support
+from fenicsrom.scene.keys.response import Response
+from fenicsrom.scene.keys.statics import Statics
+from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
+from fenicsrom.scene.keys.unit_system import Units
+from fenicsrom.words import brief
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """The mesh and the displacement field on it.
+
+    Attributes:
+        mesh: mesh file, or the .geo or .step file from which a mesh is made; relative to the scene
+            file, or one of the program's own meshes.
+        dimension: dimension of space.
+        cells: shape of the cells, for a .geo or .step file only: quadrilaterals and hexahedra
+            (structured, the default of a .geo file) or triangles and tetrahedra (simplex). A .step
+            file can be structured if each body has six faces of four sides.
+        degree: polynomial degree of the displacement.
+        thickness: thickness, in 2D only, where it is required.
+        plane: plane stress (the default) or plane strain, in 2D only.
+        curved: whether the cells are curved (geometry of degree 2).
+        parameters: numbers that the .geo file reads, by name.
+        size: cell size for a .step file, where it is required.
+        meshing: smaller cells on parts of a .step file.
+        scale: unit of length of the coordinates in a mesh file; by default 1, in the unit of length
+            of [units].
+    """
+
+    mesh: Annotated[Path, rules.path]
+    dimension: Annotated[int, choice(2, 3)]
+    cells: Annotated[str | None, choice("structured", "simplex")] = None
+    degree: Annotated[int, choice(1, 2)] = 2
+    thickness: Annotated[float | None, number(above=0.0, unit="m")] = None
+    plane: Annotated[str | None, choice("stress", "strain")] = None
+    curved: Annotated[bool, flag] = False
+    parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
+    size: Annotated[float | None, number(above=0.0, unit="m")] = None
+    meshing: Annotated[Meshing, table_of(Meshing)] = field(default_factory=Meshing)
+    scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
+
+    @property
+    def is_cad(self) -> bool:
+        """Whether the body comes from a CAD file, which is meshed here."""
+        return self.mesh.suffix.lower() in (".step", ".stp")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface:
+    """A round rigid surface.
+
+    Attributes:
+        kind: shape of the surface; in 2D a cylinder is a circle.
+        point: a point of the axis, or the centre.
+        axis: axis of a cylinder in 3D, scaled to unit length.
+        inside: whether the body is inside the surface, as a blade in its casing.
+        radius: radius; by default it follows from the gap.
+        spin: rate at which a cylinder turns about its axis, as seen from the body; by default the
+            casing is at rest, and the rate is minus the rate of [rotation] about this axis.
+        waves: waves of a cylinder; each moves the surface towards the body by height cos(order
+            (angle - spin t) - phase). The angle is positive about the axis.
+        angle_from: direction, seen from the axis, at which the angle of the waves starts; by
+            default the middle of the contact points that have this surface.
+    """
+
+    kind: Annotated[str, choice("cylinder", "sphere")]
+    point: Annotated[tuple[float, ...], rules.point]
+    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
+    inside: Annotated[bool, flag] = True
+    radius: Annotated[float | None, number(above=0.0, unit="m")] = None
+    spin: Annotated[float | None, number(unit="rad/s")] = None
+    waves: Annotated[
+        tuple[tuple[float, ...], ...],
+        rows_of(
+            "order",
+            "height",
+            "phase",
+            unit="–, m, rad",
+            first={"type": "integer", "minimum": 1},
+        ),
+    ] = ()
+    angle_from: Annotated[tuple[float, ...] | None, rules.direction] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """A point, or every node of a region, against a rigid plane or `surface`.
+
+    With at = "nodes" the preload and both stiffnesses are per unit of area, per unit of length, or
+    per node.
+
+    Attributes:
+        place: where the contact is.
+        normal: unit vector into the plane; not with a surface.
+        surface: a round surface instead of the plane.
+        preload: normal force at the undeformed position; with at = "nodes" it is given per area,
+            length or node, and so are both stiffnesses.
+        gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
+        approach: distances by which the surface has moved towards the body at some times, linear
+            between them; by default the surface is at rest.
+        normal_stiffness: contact stiffness along the normal.
+        tangential_stiffness: contact stiffness along the surface.
+        friction: coefficient of friction.
+    """
+
+    place: Annotated[Place, Place]
+    normal: Annotated[tuple[float, ...] | None, rules.direction] = None
+    surface: Annotated[Surface | None, table_of(Surface)] = None
+    preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
+    gap: Annotated[float, number(least=0.0, unit="m")] = 0.0
+    approach: Annotated[
+        tuple[tuple[float, ...], ...], rows_of("time", "distance", unit="s, m")
+    ] = ()
+    normal_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
+    tangential_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
+    friction: Annotated[float, number(least=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range:
+    """Equally spaced values.
+
+    Attributes:
+        first: first value.
+        last: last value.
+        number: number of values.
+    """
+
+    first: Annotated[float, number(least=0.0, unit="rev/min")]
+    last: Annotated[float, number(above=0.0, unit="rev/min")]
+    number: Annotated[int, integer(2, 10_000)]
+
+
+def _read_speeds(value: Any, where: Where) -> tuple[float, ...]:
+    """Give ascending speeds from a list or from a table of first, last and number."""
+    if isinstance(value, Mapping):
+        span = read_table(Range, value, where)
+        if span.last <= span.first:
+            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
+        step = (span.last - span.first) / (span.number - 1)
+        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
+    if not rules.is_sequence(value) or len(value) < 2:
+        allowed = "must be a list of at least two speeds, or a table of first, last and number"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    speeds = tuple(number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
+    for index in range(1, len(speeds)):
+        if speeds[index] <= speeds[index - 1]:
+            allowed = f"must be above the previous speed, {speeds[index - 1]:g}"
+            raise where.at(index).refuse(value[index], allowed)
+    return speeds
+
+
+SPEEDS = Rule(
+    _read_speeds,
+    {
+        "oneOf": [
+            {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 2},
+            {"kind": Range},
+        ]
+    },
+    "ascending list of numbers, or { first, last, number }",
+    "rev/min",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotation:
+    """A steady rotation about a fixed axis.
+
+    The scene, its loads and its surfaces are described in the frame that turns with the body.
+
+    Attributes:
+        speed_rpm: speed of rotation, positive about the axis.
+        axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
+        point: a point of the axis; the origin by default.
+        coriolis: whether to include the Coriolis force.
+        speeds_rpm: speeds at which the basis of one model for all speeds between the first and the
+            last one is made, two or three as a rule; by default the model is that of `speed_rpm`.
+    """
+
+    speed_rpm: Annotated[float, number(unit="rev/min")]
+    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
+    point: Annotated[tuple[float, ...] | None, rules.point] = None
+    coriolis: Annotated[bool, flag] = False
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+
+    @property
+    def omega(self) -> float:
+        """Angular velocity in rad/s."""
+        return math.pi / 30.0 * self.speed_rpm
+
+
+@dataclass(frozen=True, kw_only=True)
+class Basis:
+    """The reduction basis.
+
+    Attributes:
+        method: method of component mode synthesis.
+        modes: number of normal modes. "auto" takes the modes up to twice the highest frequency that
+            loads, surfaces and [response] excite, and the next mode; at least 3 modes and at most
+            12 (100 in a linear scene).
+        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep;
+            "principal" takes them along the principal directions of the motion, "mmi", "mmi-nls"
+            and "all" along pairs of modes; "all" also takes those of normal modes along the static
+            responses to loads that join the basis, which change the stiffness.
+        masters: contact forces for which static modes are computed: "all" directions of every
+            point, the "normal" directions only, or a number of interface modes (the combinations of
+            forces under which the body is most flexible); by default "all" for up to 4 contacts at
+            points, as many interface modes as directions for up to 8 (not with derivatives along
+            pairs of modes), otherwise 10.
+        accuracy: largest accepted estimate of the error of the displacements due to the basis;
+            with derivatives = "principal" the basis takes coordinates until it is reached.
+        size: number of coordinates of the model, contact displacements included, instead of
+            `accuracy`: the first ones, then those with the largest energies. By default the
+            accuracy decides. Only with derivatives = "principal" and elastic_force = "polynomial".
+        threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
+            mmi-nls), and smallest amplitude of a mode.
+        differentiation: how the derivative of the tangent is computed.
+        elastic_force: elastic force of the reduced model: an exact polynomial without the mesh, or
+            the projection of the full elastic force.
+    """
+
+    method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
+    modes: Annotated[str | int, rules.modes] = "auto"
+    masters: Annotated[str | int | None, rules.masters] = None
+    derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "principal"
+    accuracy: Annotated[float, number(above=0.0, most=1.0)] = 1e-3
+    size: Annotated[int | None, integer(1, 1000)] = None
+    threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
+    differentiation: Annotated[str, choice("exact", "central-difference")] = "exact"
+    elastic_force: Annotated[str, choice("polynomial", "projection")] = "polynomial"
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the basis takes coordinates by `accuracy` or `size`."""
+        return self.derivatives == "principal" and self.elastic_force == "polynomial"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeamSection:
+    """The planar Timoshenko beam of rectangular section that stands for the solid.
+
+    Attributes:
+        length: length of the beam.
+        height: height of the section, in the direction of bending.
+        width: width of the section.
+        elements: number of two-node elements.
+        load_at: position of the load, as a fraction of the length.
+    """
+
+    length: Annotated[float, number(above=0.0, unit="m")]
+    height: Annotated[float, number(above=0.0, unit="m")]
+    width: Annotated[float, number(above=0.0, unit="m")]
+    elements: Annotated[int, integer(1, 10_000)] = 20
+    load_at: Annotated[float, number(above=0.0, most=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceTable:
+    """The table [reference] of the file.
+
+    Attributes:
+        full: whether to run the full solid model.
+        beam: whether to run the beam model.
+        beam_section: beam that stands for the solid, required with beam = true.
+    """
+
+    full: Annotated[bool, flag] = False
+    beam: Annotated[bool, flag] = False
+    beam_section: Annotated[BeamSection | None, table_of(BeamSection)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """The models to compare the reduced model with.
+
+    Attributes:
+        full: whether to run the full solid model.
+        beam: the beam to run, or None.
+    """
+
+    full: bool = False
+    beam: BeamSection | None = None
+
+    def as_table(self) -> dict[str, Any]:
+        """Give the table of the file."""
+        section = {} if self.beam is None else {"beam_section": plain(self.beam)}
+        return {"full": self.full, "beam": self.beam is not None, **section}
+
+
+def _read_reference(value: Any, where: Where) -> Reference:
+    table = read_table(ReferenceTable, value, where)
+    if table.beam and table.beam_section is None:
+        raise where.at("beam_section").refuse(MISSING, "must be a table with beam = true")
+    return Reference(full=table.full, beam=table.beam_section if table.beam else None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """The files to write besides the summary, report, history and reduced model.
+
+    Attributes:
+        pictures: PNG pictures.
+        paraview: ParaView files of modes and derivatives.
+        motion: ParaView files of the last period of motion, and of the contact points in it.
+        animation: an animated picture of the last period.
+        stresses: elastic stresses and reactions of the equilibrium, the modes and the motion: a
+            table with the places of the maxima, a picture, arrays in the ParaView files, and the
+            largest values in the summary. The stored model can then give stresses under other
+            loads. Viscous forces are part of the reactions, not of the stresses.
+    """
+
+    pictures: Annotated[bool, flag] = True
+    paraview: Annotated[bool, flag] = True
+    motion: Annotated[bool, flag] = False
+    animation: Annotated[bool, flag] = False
+    stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compare:
+    """The models of `fenicsrom compare`: every combination of these lists.
+
+    Attributes:
+        full: whether to run the full model; otherwise the bases are ranked by their residual.
+        methods: values of `basis.method`.
+        derivatives: values of `basis.derivatives`.
+        modes: values of `basis.modes`.
+        sizes: values of `basis.size` with derivatives = "principal", besides the size by
+            `basis.accuracy`.
+        elastic_force: values of `basis.elastic_force`.
+        schemes: values of `time.scheme`; by default that of [time].
+        meshes: changes of the mesh, each as a text KEY=VALUE with a key of [geometry] and an SI
+            value, besides the mesh of the scene, on which the full model runs.
+        steps: values of `time.steps_per_period`; by default that of [time], which the full model
+            uses.
+    """
+
+    full: Annotated[bool, flag] = True
+    methods: Annotated[tuple[str, ...], list_of(choice("rubin", "craig-bampton"))] = (
+        "rubin",
+        "craig-bampton",
+    )
+    derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = (
+        "none",
+        "principal",
+        "mmi",
+        "mmi-nls",
+        "all",
+    )
+    modes: Annotated[tuple[int, ...], list_of(integer(0, 1000))] = (1, 2, 3, 5)
+    sizes: Annotated[tuple[int, ...] | None, list_of(integer(1, 1000))] = None
+    elastic_force: Annotated[tuple[str, ...], list_of(choice("polynomial", "projection"))] = (
+        "polynomial",
+    )
+    schemes: Annotated[tuple[str, ...] | None, list_of(choice(*SCHEMES))] = None
+    meshes: Annotated[tuple[str, ...] | None, list_of(rules.mesh_change)] = None
+    steps: Annotated[tuple[int, ...] | None, list_of(integer(4, 1_000_000))] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campbell:
+    """The diagram of `fenicsrom campbell`.
+
+    Attributes:
+        speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation], or over its
+            range of speeds.
+        modes: number of modes, from the lowest one at the first speed.
+        engine_orders: numbers of excitations per revolution.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    modes: Annotated[int, integer(1, 1000)] = 6
+    engine_orders: Annotated[tuple[int, ...], list_of(integer(1, 1000))] = (1, 2, 3, 4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Map:
+    """The interaction map of `fenicsrom map`.
+
+    Attributes:
+        speeds_rpm: speeds of rotation; by default 40 over the range of speeds of [rotation].
+        revolutions: revolutions that the body makes at each speed.
+        last: number of revolutions, at the end, whose motion is shown; the engine orders have the
+            resolution 1 / last.
+        orders: highest engine order of the map.
+        start: the state in which a speed begins: at rest in the equilibrium, or where the next
+            lower ("up") or higher ("down") speed ended.
+        clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
+            same at all speeds, or in the equilibrium at each speed.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    revolutions: Annotated[int, integer(2, 1_000_000)] = 100
+    last: Annotated[int, integer(2, 1000)] = 20
+    orders: Annotated[int, integer(1, 1000)] = 20
+    start: Annotated[str, choice("rest", "up", "down")] = "rest"
+    clearance: Annotated[str, choice("at rest", "at speed")] = "at rest"
+
+
+@brief("title", "source", "geometry", "material", "supports", "loads", "contacts", "basis", "time")
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Scene:
+    """Everything a run needs to know.
+
+    Make a scene with `read_scene`, `make_scene` or `parse_scene`: they check it and fill in the
+    defaults. A dataclass that is constructed directly is not checked.
+
+    Attributes:
+        units: the units of the numbers below.
+        title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
+        geometrically_nonlinear: whether large displacements are taken into account.
+        geometry: the mesh.
+        material: the material of all cells that are in no group of `materials`.
+        materials: materials of groups of cells.
+        supports: the supports, at least one.
+        attachments: concentrated masses, springs and dashpots.
+        loads: the loads.
+        contacts: the contact points.
+        rotation: the rotation of the body; without this table the body is at rest.
+        damping: damping besides that of the material.
+        probe: the place whose motion gives the amplitudes in a scene without contact; by default
+            the place of the first load.
+        basis: the reduction basis.
+        time: the time integration.
+        reference: the models with which the reduced model is compared.
+        output: the files to write.
+        compare: the models of `fenicsrom compare`.
+        campbell: the diagram of `fenicsrom campbell`.
+        map: the interaction map of `fenicsrom map`.
+        response: the curves of `fenicsrom response`.
+        backbone: the nonlinear mode of `fenicsrom backbone`.
+        statics: the equilibrium path of `fenicsrom statics`.
+        source: the file of the scene.
+    """
+
+    units: Annotated[Units, table_of(Units)] = field(default_factory=Units)
+    title: Annotated[str, rules.text] = ""
+    geometrically_nonlinear: Annotated[bool, flag] = True
+    geometry: Annotated[Geometry, table_of(Geometry)]
+    material: Annotated[Material, table_of(Material)]
+    materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
+    supports: Annotated[tuple[Support, ...], tables_of(Support, least=1)]
+    attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
+    loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
+    contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
+    rotation: Annotated[Rotation | None, table_of(Rotation)] = None
+    damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)
+    probe: Annotated[Place | None, table_of(Place)] = None
+    basis: Annotated[Basis, table_of(Basis)] = Basis()
+    time: Annotated[Time, table_of(Time)] = field(default_factory=Time)
+    reference: Annotated[Reference, Rule(_read_reference, {"kind": ReferenceTable}, "table")] = (
+        Reference()
+    )
+    output: Annotated[Output, table_of(Output)] = Output()
+    compare: Annotated[Compare, table_of(Compare)] = Compare()
+    campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
+    map: Annotated[Map, table_of(Map)] = Map()
+    response: Annotated[Response | None, table_of(Response)] = None
+    backbone: Annotated[Backbone | None, table_of(Backbone)] = None
+    statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
+    source: str = ""
+
+    @property
+    def period(self) -> float | None:
+        """Period of the excitation in s, that of the lowest frequency.
+
+        The period is None if no load is harmonic, or if a load does not repeat.
+        """
+        frequencies = [load.frequency for load in self.loads if load.frequency is not None]
+        if not frequencies or any(load.transient for load in self.loads):
+            return None
+        return 1.0 / min(frequencies)
+
+    @property
+    def speeds_rpm(self) -> tuple[float, ...] | None:
+        """The speeds of the basis of one model for a range of speeds; None of one for one speed."""
+        return None if self.rotation is None else self.rotation.speeds_rpm
+
+    def at_speed(self, speed_rpm: float) -> Scene:
+        """The scene at another speed of rotation, with the engine orders at a speed above 0."""
+        assert self.rotation is not None
+        loads = self.loads
+        if speed_rpm != 0.0:
+            loads = tuple(load.at_speed(speed_rpm) for load in loads)
+        return replace(self, rotation=replace(self.rotation, speed_rpm=speed_rpm), loads=loads)
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """The numbers, from 0, of the pressures that follow the deformation."""
+        return tuple(k for k, load in enumerate(self.loads) if load.follower)
+
+    @property
+    def viscous(self) -> bool:
+        """Whether there is damping besides the mass-proportional one."""
+        return self.damping.viscous or any(found.viscous for found in self.attachments)
+
+    @property
+    def velocity_forces(self) -> bool:
+        """Whether forces besides the mass-proportional damping depend on the velocity."""
+        return self.viscous or (self.rotation is not None and self.rotation.coriolis)
+
+    @property
+    def static_only(self) -> bool:
+        """Whether only the equilibrium is computed.
+
+        There is no contact, all loads are static and no duration is given.
+        """
+        return (
+            not self.contacts
+            and all(load.static for load in self.loads)
+            and not isinstance(self.time.span, Duration)
+        )

@@ -1,0 +1,172 @@
+"""The units in which a scene is written, and its conversion to SI units.
+
+A unit of the reference of the keys is a product of powers of N, Pa, kg, m and s. The numbers of a
+scene are in the same product of the units of [units]: with mm, t and s, a force is in N, a stress
+in MPa and a density in t/mm³. Radians, Hz and rev/min stay as they are. The conversion is that of
+decimal numbers, so that 7.85e-9 t/mm³ becomes exactly 7850 kg/m³.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Annotated, Any
+
+from fenicsrom.scene.base import rules
+from fenicsrom.scene.base.rules import choice, is_number, is_sequence
+from fenicsrom.scene.base.tables import keys, table_kind
+
+INCH, POUND = Decimal("0.0254"), Decimal("4.4482216152605")
+"""An inch in m, and a pound of force in N."""
+
+LENGTHS, MASSES, TIMES = (
+    {"m": Decimal(1), "cm": Decimal("1e-2"), "mm": Decimal("1e-3"), "in": INCH},
+    {"kg": Decimal(1), "g": Decimal("1e-3"), "t": Decimal("1e3"), "slinch": POUND / INCH},
+    {"s": Decimal(1), "ms": Decimal("1e-3")},
+)
+"""Units of length, mass and time in SI units; a slinch is a lbf s²/in."""
+
+DERIVED = {
+    **{
+        (f"{factor:g}", unit): f"{prefix}{unit}"
+        for prefix, factor in {"": 1, "k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "µ": 1e-6}.items()
+        for unit in ("N", "Pa")
+    },
+    (f"{POUND:.6g}", "N"): "lbf",
+    (f"{POUND / INCH**2:.6g}", "Pa"): "psi",
+}
+"""Names of units of force and stress by their size in SI units."""
+
+BASE = {
+    "m": (1, 0, 0),
+    "kg": (0, 1, 0),
+    "s": (0, 0, 1),
+    "N": (1, 1, -2),
+    "Pa": (-1, 1, -2),
+    "rad": (0, 0, 0),
+    "–": (0, 0, 0),
+    "1": (0, 0, 0),
+}
+"""Powers of length, mass and time in the units of the keys."""
+
+FIXED = ("", "Hz", "rev/min")
+"""Units of keys that do not depend on the units of the scene."""
+
+REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
+"""Keys of a contact that are per area if the contact is at all nodes of a region."""
+
+PER_AREA = {"N": "N/m²", "N/m": "N/m³"}
+"""Units of these keys for a region."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """The units of the numbers of the scene; results are in SI units.
+
+    Attributes:
+        length: unit of length; also that of the coordinates in a mesh file, unless
+            `geometry.scale` says otherwise; a .geo file is in m.
+        mass: unit of mass.
+        time: unit of time.
+        si: whether the numbers are in SI units already, as in the scenes that this program stores.
+    """
+
+    length: Annotated[str, choice(*LENGTHS)] = "m"
+    mass: Annotated[str, choice(*MASSES)] = "kg"
+    time: Annotated[str, choice(*TIMES)] = "s"
+    si: Annotated[bool, rules.flag] = False
+
+    def factor(self, unit: str) -> Decimal:
+        """The factor by which a number in these units is multiplied to be in SI units."""
+        found = Decimal(1)
+        if unit in FIXED:
+            return found
+        own = (LENGTHS[self.length], MASSES[self.mass], TIMES[self.time])
+        over, _, under = unit.partition("/")
+        for part, sign in ((over, 1), (under, -1)):
+            for name, exponent in re.findall(r"([A-Za-z1–]+)([²³]?)", part):
+                power = sign * {"": 1, "²": 2, "³": 3}[exponent]
+                for size, times in zip(own, BASE[name], strict=True):
+                    found *= size ** (power * times)
+        return found
+
+    def name_of(self, unit: str) -> str:
+        """The unit in which the scene gives a number, such as "MPa" for "Pa" and "mm" for "m"."""
+        own = {"m": self.length, "kg": self.mass, "s": self.time}
+        for name in ("N", "Pa"):
+            size = f"{float(self.factor(name)):.6g}"
+            own[name] = DERIVED.get((size, name), f"{size} {name}")
+        if unit in FIXED:
+            return unit
+        return re.sub(r"[A-Za-z]+", lambda match: own.get(match[0], match[0]), unit)
+
+    def in_si(self, value: Any, unit: str) -> Any:
+        """A number, or the numbers in lists, in SI units; other values stay as they are."""
+        if is_sequence(value):
+            return [self.in_si(entry, unit) for entry in value]
+        factor = self.factor(unit)
+        if factor == 1 or not is_number(value):
+            return value
+        return float(Decimal(repr(value)) * factor)
+
+    def from_si(self, value: Any, unit: str) -> Any:
+        """A number in SI units in these units; other values stay as they are."""
+        factor = self.factor(unit)
+        if factor == 1 or not is_number(value):
+            return value
+        return float(Decimal(repr(value)) / factor)
+
+    def rows_in_si(self, rows: Any, unit: str) -> Any:
+        """The rows of a table in SI units, whose columns have the units in a list with commas."""
+        if not is_sequence(rows):
+            return rows
+        units = unit.split(", ")
+        return [
+            [self.in_si(entry, one) for entry, one in zip(row, units, strict=False)]
+            if is_sequence(row)
+            else row
+            for row in rows
+        ]
+
+    @property
+    def names(self) -> str:
+        """The units of length, mass, time, force and stress, as in "mm, t, s, N, MPa"."""
+        return ", ".join(map(self.name_of, ("m", "kg", "s", "N", "Pa")))
+
+    @property
+    def is_si(self) -> bool:
+        """Whether the scene is written in SI units."""
+        return self.names == Units().names
+
+
+def table_in_si(table: Mapping[str, Any], kind: type, units: Units) -> dict[str, Any]:
+    """The plain data of a table in SI units.
+
+    Args:
+        table: the data; values that the table does not allow stay as they are.
+        kind: the dataclass that describes the table.
+        units: the units of its numbers.
+    """
+    rules_of = {name: rule for name, rule, *_ in keys(kind)}
+    region = table.get("at") == "nodes" and "normal_stiffness" in rules_of
+    found = {}
+    for name, value in table.items():
+        rule = rules_of.get(name)
+        inner = table_kind(rule) if rule is not None else None
+        if rule is None:
+            found[name] = value
+        elif inner is not None and isinstance(value, Mapping):
+            found[name] = table_in_si(value, inner, units)
+        elif inner is not None and is_sequence(value):
+            found[name] = [
+                table_in_si(entry, inner, units) if isinstance(entry, Mapping) else entry
+                for entry in value
+            ]
+        elif "," in rule.unit:
+            found[name] = units.rows_in_si(value, rule.unit)
+        else:
+            unit = PER_AREA[rule.unit] if region and name in REGIONAL else rule.unit
+            found[name] = units.in_si(value, unit)
+    return found

@@ -1,0 +1,1 @@
+"""Scenes from files, tables and overrides, and changed scenes."""

@@ -1,0 +1,323 @@
+"""Scenes from TOML files, plain data or Python: read, checked and completed."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
+from fenicsrom.scene.base.tables import plain, read_table
+from fenicsrom.scene.base.toml import parse_toml
+from fenicsrom.scene.checks.checks import default_masters, problems
+from fenicsrom.scene.checks.step_checks import step_problems
+from fenicsrom.scene.keys.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
+from fenicsrom.scene.keys.meshing import Refinement
+from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.keys.times import (
+    GENERALISED_ALPHA,
+    EquilibriumOnly,
+    NoStep,
+    Periodic,
+    StepsPerPeriod,
+    Time,
+)
+from fenicsrom.scene.keys.unit_system import Units
+from fenicsrom.scene.reading.headings import titled
+from fenicsrom.scene.reading.overrides import Overrides, override_table
+from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.units import scene_in_si
+
+
+def read_scene(
+    path: str | os.PathLike[str],
+    overrides: Overrides = (),
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
+) -> Scene:
+    """Read a scene from a TOML file.
+
+    Args:
+        path: the file.
+        overrides: one or several texts KEY=VALUE that replace values of the file, such as
+            "loads.0.force=150", or a dict such as {"loads.0.force": 150.0}. The title names them.
+        mesh: whether to look for the mesh file. A stored model needs no mesh: False takes the path
+            as it is.
+        unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> scene = fr.read_scene("demos/slip_liftoff_2d.toml", "loads.0.force=150")
+        >>> scene.loads[0].size, scene.contacts[0].friction
+        (150.0, 0.5)
+    """
+    source = os.fspath(path)
+    table = override_table(read_toml(source), overrides, source)
+    table, folder = titled(table, overrides, source), Path(path).parent
+    return parse_scene(table, source, folder, mesh=mesh, unloaded=unloaded)
+
+
+def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
+    """Make a scene in Python, with the same checks and defaults as for a file.
+
+    Args:
+        folder: folder to which the paths of the mesh and of tables are relative.
+        tables: the tables and keys of a scene file, as plain data or as the dataclasses of this
+            package.
+
+    Raises:
+        SceneError: a key or value is not allowed.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> steel = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
+        >>> shaken = {"group": "load", "direction": [0, 0, 1], "force": 100.0, "frequency": 3.0}
+        >>> scene = fr.make_scene(
+        ...     geometry={"mesh": "beam3d.geo", "dimension": 3},
+        ...     material=steel,
+        ...     supports=[{"group": "root"}],
+        ...     loads=[shaken],
+        ... )
+        >>> scene.time.scheme, round(scene.period, 6)  # the defaults are filled in
+        ('discrete-gradient', 0.333333)
+    """
+    return parse_scene(
+        {name: plain(table) for name, table in tables.items()}, "scene", Path(folder)
+    )
+
+
+def parse_scene(
+    table: Mapping[str, Any],
+    source: str,
+    folder: Path | None,
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
+) -> Scene:
+    """Make a scene from plain data.
+
+    Args:
+        table: the data, as TOML or JSON gives it.
+        source: name of the data in messages, usually that of the file.
+        folder: folder to which the path of the mesh is relative. None takes the path as it is and
+            does not look for the file, because a reduced model needs no mesh.
+        mesh: whether to look for the mesh file in the folder; the files of tables are read anyway.
+        unloaded: whether the scene may be without loads, contacts and probe.
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: one sentence that names the source, the key, its value and what is allowed.
+
+    Example:
+        >>> import tomllib
+        >>> import fenicsrom as fr
+        >>> with open("demos/open_2d.toml", "rb") as file:
+        ...     table = tomllib.load(file)
+        >>> table["loads"][0]["frequency"] = 3.1
+        >>> fr.parse_scene(table, "open_2d", None).loads[0].frequency
+        3.1
+    """
+    where = Where(source)
+    if not isinstance(table, Mapping):
+        raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
+    scene = _checked(table, where, unloaded)
+    if not (scene.units.is_si or scene.units.si):
+        scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
+    scene = _complete(scene, folder, folder if mesh else None)
+    for problem in step_problems(scene):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return scene
+
+
+def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
+    """Make a scene from plain data, without the defaults that depend on other keys.
+
+    Raises:
+        SceneError: a key or value is not allowed.
+    """
+    scene = read_table(Scene, _with_frequencies(table, where), where)
+    for problem in problems(scene, unloaded):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return replace(scene, source=where.source)
+
+
+def scene_table(scene: Scene) -> dict[str, Any]:
+    """Give the plain data of a scene, fit for JSON; `parse_scene` makes the same scene from it."""
+    table: dict[str, Any] = plain(scene)
+    for entry in table["loads"]:
+        if isinstance(frequency := entry.get("frequency"), OrderFrequency):
+            del entry["frequency"]
+            entry["engine_order"] = frequency.order
+    return table
+
+
+def read_toml(source: str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        SceneError: the file cannot be read or is not TOML.
+    """
+
+    def failure(reason: str, kind: ErrorKind) -> SceneError:
+        return SceneError(f"{source}: {reason}", kind=kind, source=source)
+
+    try:
+        return parse_toml(Path(source).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise failure(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+    except ValueError as error:
+        raise failure(f"is not TOML: {error}", ErrorKind.FORMAT) from None
+
+
+def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:
+    """Replace the engine orders of the loads by frequencies in the table of a scene."""
+    loads = table.get("loads")
+    if not is_sequence(loads):
+        return table
+    return {**table, "loads": [_with_frequency(table, k, where) for k in range(len(loads))]}
+
+
+def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
+    load = table["loads"][index]
+    if not isinstance(load, Mapping) or "engine_order" not in load:
+        return load
+    place = where.at("loads").at(index)
+    given = read_table(EngineOrder, {"engine_order": load["engine_order"]}, place).engine_order
+    place = place.at("engine_order")
+    if "frequency" in load:
+        raise place.refuse(given, "not allowed with frequency", ErrorKind.CONFLICT)
+    speed = 0.0
+    if "rotation" in table:
+        speed = read_table(Rotation, table["rotation"], where.at("rotation")).speed_rpm
+    if not speed:
+        allowed = "only allowed with a rotation.speed_rpm other than 0"
+        raise place.refuse(given, allowed, ErrorKind.CONFLICT)
+    kept = {name: value for name, value in load.items() if name != "engine_order"}
+    return {**kept, "frequency": OrderFrequency.at(given, speed)}
+
+
+def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:
+    """Find the files of the scene, and fill in the defaults that depend on other keys."""
+    probe = scene.probe
+    if probe is None and not scene.contacts:
+        places = (load.place for load in scene.loads if not load.everywhere)
+        probe = next(places, None)
+    rotation = scene.rotation
+    if rotation is not None and rotation.point is None:
+        rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)
+    basis = scene.basis
+    if scene.contacts:
+        basis = replace(basis, masters=default_masters(scene))
+    where = Where(scene.source, "loads")
+    return replace(
+        scene,
+        geometry=_complete_geometry(scene, mesh_folder),
+        time=_complete_time(scene.time, scene.period is not None),
+        probe=probe,
+        loads=tuple(
+            _complete_load(load, folder, where.at(k), scene.units)
+            for k, load in enumerate(scene.loads)
+        ),
+        rotation=rotation,
+        basis=basis,
+    )
+
+
+def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
+    geometry = scene.geometry
+    if folder is not None:
+        where = Where(scene.source, "geometry.mesh")
+        geometry = replace(geometry, mesh=_find_mesh(geometry.mesh, folder, where))
+    if geometry.mesh.suffix == ".geo" and geometry.cells is None:
+        geometry = replace(geometry, cells="structured")
+    if geometry.dimension == 2 and geometry.plane is None:
+        geometry = replace(geometry, plane="stress")
+    if geometry.is_cad and geometry.meshing.near is None:
+        regions = (*scene.supports, *(contact.place for contact in scene.contacts))
+        names = dict.fromkeys(region.group for region in regions if region.group is not None)
+        near = tuple(Refinement(group=name) for name in names)
+        geometry = replace(geometry, meshing=replace(geometry.meshing, near=near))
+    return geometry
+
+
+def _complete_time(time: Time, periodic: bool) -> Time:
+    if time.scheme == GENERALISED_ALPHA and time.spectral_radius is None:
+        time = replace(time, spectral_radius=0.8)
+    if not periodic:
+        return time
+    if isinstance(time.stepping, NoStep):
+        time = replace(time, stepping=StepsPerPeriod(steps_per_period=200))
+    if isinstance(time.span, EquilibriumOnly):
+        time = replace(time, span=Periodic())
+    if isinstance(time.span, Periodic) and time.span.steady_tolerance is None:
+        tolerance = max(1e-5, time.tolerance or 0.0)
+        time = replace(time, span=replace(time.span, steady_tolerance=tolerance))
+    return time
+
+
+def _complete_load(load: Load, folder: Path | None, where: Where, units: Units) -> Load:
+    if isinstance(load.history, Table) and isinstance(load.history.table, Path):
+        rows = _read_table(load.history.table, folder, where.at("table"))
+        return with_rows(load, tuple((float(units.in_si(t, "s")), factor) for t, factor in rows))
+    return load
+
+
+def _read_table(path: Path, folder: Path | None, where: Where) -> tuple[tuple[float, float], ...]:
+    """Read the rows of a text file: time in s and factor.
+
+    Commas, semicolons or spaces separate the columns; one line of headings is allowed.
+    """
+    found = (folder or Path()) / path
+    if not os.path.isfile(found):
+        inside = f"a file in {(folder or Path()).absolute()}"
+        searched = "an existing file" if path.is_absolute() else inside
+        raise where.refuse(str(path), f"must be {searched}", ErrorKind.FILE)
+    try:
+        lines = found.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeError):
+        allowed = "must be a text file that can be read"
+        raise where.refuse(str(path), allowed, ErrorKind.FILE) from None
+    rows: list[Any] = []
+    numbers: list[int] = []
+    headed = False
+    for line_number, line in enumerate(lines, 1):
+        words = re.split(r"\s*[,;]\s*|\s+", line.strip())
+        if words == [""] or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError:
+            if not rows and not headed:
+                headed = True
+                continue
+            rows.append(line)
+        numbers.append(line_number)
+
+    def line_of(index: int) -> Where:
+        return replace(where, key=f"{where.key} = {show(str(path))}: line {numbers[index]}")
+
+    return read_rows(rows, where, line_of)
+
+
+def _find_mesh(mesh: Path, folder: Path, where: Where) -> Path:
+    """Find the mesh file: in the folder of the scene, else among the program's own meshes."""
+    folders = [folder, shared_meshes()]
+    for candidate in (parent / mesh for parent in folders):
+        if os.path.isfile(candidate):
+            return candidate.resolve()
+    inside = f"a file in {folders[0].absolute()} or {folders[1]}"
+    searched = "an existing file" if mesh.is_absolute() else inside
+    raise where.refuse(str(mesh), f"must be {searched}", ErrorKind.FILE)
