@@ -41,7 +41,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
-from fenicsrom.scene.loads import OrderFrequency
+from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
@@ -223,8 +223,8 @@ def map_speeds(scene: Scene) -> Array:
         raise refuse("contacts", ": a map needs a contact", ErrorKind.MISSING)
     low, high = scene.speeds_rpm[0], scene.speeds_rpm[-1]
     speeds = np.array(table.speeds_rpm or np.linspace(max(low, high / 40.0), high, 40))
-    if not (0.0 < speeds[0] and low <= speeds[0] and speeds[-1] <= high):
-        allowed = f": must be above 0 and from {low:g} to {high:g} rpm, as rotation.speeds_rpm"
+    for speed in speeds[(speeds <= 0.0) | (speeds < low) | (speeds > high)]:
+        allowed = f" = {speed:g}: must be above 0 and from {low:g} to {high:g} rpm"
         raise refuse("map.speeds_rpm", allowed, ErrorKind.RANGE)
     if table.last > table.revolutions:
         allowed = f" = {table.last}: must be at most map.revolutions = {table.revolutions}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,7 +183,9 @@ def figure(found: InteractionMap) -> Figure:
     bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
     _draw_modes(axis, found)
     _draw_marks(axis, found)
-    highest = float(orders[-1] * speeds[-1]) / 60.0
+    seen = values > DARKEST * top
+    highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
+    highest = 1.1 * max(highest, float(found.column("free_hz").max(initial=0.0)))
     axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
     axis.grid(False)
     drawn.legend(loc="outside upper center", ncols=4)
@@ -221,8 +224,9 @@ def _draw_marks(axis: Axes, found: InteractionMap) -> None:
         axis.plot(x, y, "s", color=COLOURS[3], ms=4, mfc="none", label=label)
     several = [line.speed_rpm for line in found.lines if line.coexists]
     if several:
-        top = found.orders[-1] * np.array(several) / 60.0
-        axis.plot(several, top, "v", color=COLOURS[2], clip_on=False, label="several motions")
+        look: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "clip_on": False}
+        top = np.ones(len(several))
+        axis.plot(several, top, "v", color=COLOURS[2], label="several motions", **look)
 
 
 @styled
@@ -298,5 +302,6 @@ def report(found: InteractionMap) -> Report:
             Picture("Interaction map", "map.png", lambda: figure(found)),
             Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
         ],
+        varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
         failure=found.unfinished,
     )
