@@ -443,6 +443,30 @@ class Campbell:
     engine_orders: Annotated[tuple[int, ...], list_of(integer(1, 1000))] = (1, 2, 3, 4)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Map:
+    """The interaction map of `fenicsrom map`.
+
+    Attributes:
+        speeds_rpm: speeds of rotation; by default 40 over the range of speeds of [rotation].
+        revolutions: revolutions that the body makes at each speed.
+        last: number of revolutions, at the end, whose motion is shown; the engine orders have the
+            resolution 1 / last.
+        orders: highest engine order of the map.
+        start: the state in which a speed begins: at rest in the equilibrium, or where the next
+            lower ("up") or higher ("down") speed ended.
+        clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
+            same at all speeds, or in the equilibrium at each speed.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    revolutions: Annotated[int, integer(2, 1_000_000)] = 100
+    last: Annotated[int, integer(2, 1000)] = 20
+    orders: Annotated[int, integer(1, 1000)] = 20
+    start: Annotated[str, choice("rest", "up", "down")] = "rest"
+    clearance: Annotated[str, choice("at rest", "at speed")] = "at rest"
+
+
 @brief("title", "source", "geometry", "material", "supports", "loads", "contacts", "basis", "time")
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Scene:
@@ -472,6 +496,7 @@ class Scene:
         output: the files to write.
         compare: the models of `fenicsrom compare`.
         campbell: the diagram of `fenicsrom campbell`.
+        map: the interaction map of `fenicsrom map`.
         response: the curves of `fenicsrom response`.
         backbone: the nonlinear mode of `fenicsrom backbone`.
         statics: the equilibrium path of `fenicsrom statics`.
@@ -499,6 +524,7 @@ class Scene:
     output: Annotated[Output, table_of(Output)] = Output()
     compare: Annotated[Compare, table_of(Compare)] = Compare()
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
+    map: Annotated[Map, table_of(Map)] = Map()
     response: Annotated[Response | None, table_of(Response)] = None
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
     statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
