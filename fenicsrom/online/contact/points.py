@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
 from fenicsrom.online.contact.turning import history_of
 from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
@@ -110,11 +111,12 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         if contact.surface is not None:
             mine = np.flatnonzero(points.contact == k)
             found.radius[mine] = _surface_radius(scene, k, points.position[mine])
-    return found
+    rings = rings_of(scene, points, found)
+    return coated(found, rings, pressing_areas(scene, points)) if rings else found
 
 
 def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
-    """The axes of the surface of a contact; the angle of its waves starts at the first one.
+    """The axes of the surface of a contact; the angle of waves and wear starts at the first one.
 
     The surface gives its direction, or it leads to the middle of all points with this surface.
 
@@ -123,7 +125,7 @@ def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
     """
     surface, d = contact.surface, points.position.shape[1]
     axes = axes_of(surface, d)
-    if not surface.waves:
+    if not surface.waves and (contact.abradable is None or surface.kind == "sphere"):
         return axes
     if surface.angle_from is not None:
         z = axes @ np.array(surface.angle_from)
@@ -135,7 +137,7 @@ def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
             key = f"contacts[{scene.contacts.index(contact)}].surface.angle_from"
             raise SceneError(
                 f"{scene.source}: {key} is missing: the contact points surround the axis, so the "
-                "angle of the waves has no start; give a direction across the axis",
+                "angle around it has no start; give a direction across the axis",
                 kind=ErrorKind.MISSING,
                 key=key,
                 source=scene.source,

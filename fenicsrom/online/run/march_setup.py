@@ -109,6 +109,7 @@ class MarchRun:
         search: what Newton's method found; None before its first attempt.
         reference: rows of the period before the start, of a run that starts in a periodic motion.
         near: start of the first attempt of Newton's method, as `integrate`.
+        wearing: whether a layer was worn in the last span.
     """
 
     problem: Problem
@@ -125,6 +126,7 @@ class MarchRun:
     search: PeriodicSearch | None = None
     reference: Record | None = None
     near: tuple[Array, ...] | None = None
+    wearing: bool = False
 
     @property
     def found(self) -> bool:
@@ -154,7 +156,14 @@ class MarchRun:
             if self.multiple > 1:
                 last = periods_of(self.history, self.problem.period, self.multiple)
         return Checkpoint(
-            self.state, last, float(self.control.size), span, self.buckled, self.search
+            self.state,
+            last,
+            float(self.control.size),
+            span,
+            self.buckled,
+            self.search,
+            self.problem.contacts.coating.worn if self.problem.contacts.coating.worn.size else None,
+            self.wearing,
         )
 
 
@@ -224,4 +233,5 @@ def set_up_run(
         buckled,
         [first],
         search=search,
+        wearing=resume is not None and resume.wearing,
     )

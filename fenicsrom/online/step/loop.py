@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fenicsrom.online.contact.coating import depth
 from fenicsrom.online.contact.state import OPEN
-from fenicsrom.online.contact.surfaces import penetration
 from fenicsrom.online.kernels.compiled import also_compiled, compiled, part
 from fenicsrom.online.kernels.dense import combine, copy_vector
 from fenicsrom.online.step.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
@@ -33,7 +33,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]
         record.blending[row, p] = state.trial.scratch.blending[p]
-        record.gap[row, p] = -penetration(contacts, p, contact.x[p], s[TIME])
+        record.gap[row, p] = -depth(contacts, p, contact.x[p], s[TIME])
         # in the frame of the point, turned the shortest way so that its first axis is the current
         # normal
         tilt = 0.0

@@ -234,10 +234,7 @@ class RangeModel:
         Raises:
             ConvergenceError: there is no equilibrium.
         """
-        q0 = self.equilibrium(omega)
-        elastic = shifted(self.elastic(omega), q0)
-        if not nonlinear:
-            elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
+        q0, elastic = self._about(omega, nonlinear)
         space = _Space(self, elastic)
         squares, z, labels, count = space.basis(interface_modes)
         whole = self._on(z, q0, elastic, self.velocity_matrix(omega))
@@ -315,6 +312,22 @@ class RangeModel:
             np.column_stack([moments[:, 0] + moments[:, 1:] @ q0, moments[:, 1:] @ z]),
             np.zeros((0, 3)),
         )
+
+    def vectors(
+        self, omega: float, interface_modes: bool, nonlinear: bool
+    ) -> tuple[Array, dict[str, Array]]:
+        """q_Ω (n,), and the columns (n,) of Z and of the larger model by label; as `at`."""
+        q0, elastic = self._about(omega, nonlinear)
+        _, z, labels, _ = _Space(self, elastic).basis(interface_modes)
+        return q0, dict(zip(labels, z.T, strict=True))
+
+    def _about(self, omega: float, nonlinear: bool) -> tuple[Array, ElasticPolynomial]:
+        """q_Ω (n,) and the elastic force about it; arguments and errors as `at`."""
+        q0 = self.equilibrium(omega)
+        elastic = shifted(self.elastic(omega), q0)
+        if not nonlinear:
+            elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
+        return q0, elastic
 
 
 class _Space:

@@ -139,7 +139,8 @@ class PeriodicSearch(NamedTuple):
 
     Attributes:
         verdict: "stable", "fold", "period doubling" or "torus" of the motion that was found: how
-            its stability was lost; "not found" without one.
+            its stability was lost; "wears" if it wears a layer and thus is no periodic motion;
+            "not found" without one.
         tends: whether the run tends to this motion.
         time: when the periodic motion replaced the marched one, s; None if it did not.
         periods: number of periods of the loads in one of the motion.
@@ -148,6 +149,8 @@ class PeriodicSearch(NamedTuple):
         residual: relative residual of the last attempt.
         multipliers: (k,) Floquet multipliers, the largest first; empty without a motion.
         free_sliders: number of slider components that are not unique.
+        at_yield: whether the motion presses an abradable layer just to its yield stress; the
+            verdict then holds for motions that press it less.
     """
 
     verdict: str
@@ -159,6 +162,7 @@ class PeriodicSearch(NamedTuple):
     residual: float
     multipliers: NDArray[np.complex128]
     free_sliders: int
+    at_yield: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -178,6 +182,8 @@ class Checkpoint(NamedTuple):
         spans: periods run.
         buckled: as in `Motion`.
         search: what Newton's method found; None before its first attempt.
+        worn: (nodes,) worn depths of abradable layers, m; None without layers.
+        wearing: whether a layer was worn in the last period.
     """
 
     state: State
@@ -186,6 +192,8 @@ class Checkpoint(NamedTuple):
     spans: int
     buckled: int
     search: PeriodicSearch | None = None
+    worn: Array | None = None
+    wearing: bool = False
 
 
 def no_state(n: int, points: int, dimension: int) -> State:

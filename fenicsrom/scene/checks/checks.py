@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from operator import mul
+from typing import Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.problem import Problem, Problems
-from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.base.rules import POINT_SCHEMA, Rule
+from fenicsrom.scene.base.tables import entries, plain
 from fenicsrom.scene.checks.body_checks import (
     attachment_problems,
+    beam_problems,
     follower_problems,
-    material_problems,
     support_problems,
 )
 from fenicsrom.scene.checks.curve_checks import (
@@ -23,6 +25,8 @@ from fenicsrom.scene.checks.curve_checks import (
     response_problems,
     statics_problems,
 )
+from fenicsrom.scene.checks.material_checks import material_problems
+from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.meshing import Meshing
 from fenicsrom.scene.keys.places import Place, Region
@@ -42,6 +46,7 @@ FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
 INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
+WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -51,15 +56,17 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     A scene that is `unloaded` may be without loads, contacts and probe.
     """
     yield from _geometry_problems(scene.geometry)
-    yield from material_problems(scene)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
+    yield from material_problems(scene)
+    yield from beam_problems(scene)
     yield from _place_problems(scene)
     yield from support_problems(scene)
     yield from attachment_problems(scene)
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        yield from _abradable_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -98,33 +105,28 @@ def _regions(scene: Scene) -> list[tuple[str, Region]]:
     return [*supports, *_places(scene)]
 
 
-def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
-    """Yield every vector of a scene, or None, with its key."""
-    for key, region in _regions(scene):
-        for name in ("node", "nearest", "normal"):  # the normal of a support
-            yield f"{key}.{name}", getattr(region, name, None)
-        for index, corner in enumerate(region.box or ()):
-            yield f"{key}.box[{index}]", corner
-        if region.plane:
-            yield f"{key}.plane.point", region.plane.point
-            yield f"{key}.plane.normal", region.plane.normal
-    for index, load in enumerate(scene.loads):
-        yield f"loads[{index}].direction", load.direction
-    for index, contact in enumerate(scene.contacts):
-        yield f"contacts[{index}].normal", contact.normal
-        if contact.surface is not None:
-            yield f"contacts[{index}].surface.point", contact.surface.point
-            yield f"contacts[{index}].surface.axis", contact.surface.axis
-            yield f"contacts[{index}].surface.angle_from", contact.surface.angle_from
-    if scene.rotation:
-        yield "rotation.axis", scene.rotation.axis
-        yield "rotation.point", scene.rotation.point
+def _vectors(table: Any, prefix: str = "") -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Yield every vector in a table and in the tables inside it, with its key."""
+    kind: Any = type(table)
+    for name, (rule, _) in entries(kind).items():
+        value = getattr(table, name)
+        key = f"{prefix}{name}" if isinstance(rule, Rule) else prefix[:-1]
+        schema = rule.schema if isinstance(rule, Rule) else {}
+        if is_dataclass(value):
+            yield from _vectors(value, f"{key}.")
+        elif schema is POINT_SCHEMA and value is not None:
+            yield key, value
+        for index, entry in enumerate(value if isinstance(value, tuple) else ()):
+            if is_dataclass(entry):
+                yield from _vectors(entry, f"{key}[{index}].")
+            elif schema.get("items") is POINT_SCHEMA:
+                yield f"{key}[{index}]", entry
 
 
 def _vector_problems(scene: Scene) -> Problems:
     dimension = scene.geometry.dimension
     for key, vector in _vectors(scene):
-        if vector is not None and len(vector) != dimension:
+        if len(vector) != dimension:
             allowed = f"must have {dimension} components with geometry.dimension = {dimension}"
             yield Problem(key, vector, allowed)
 
@@ -160,6 +162,31 @@ def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
         yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
+    if contact.abradable is None:
+        return
+    if contact.preload:
+        allowed = f"not allowed with {key}.abradable: use an approach to press the layer"
+        yield Problem(f"{key}.preload", contact.preload, allowed)
+    if scene.time.scheme != "discrete-gradient":
+        allowed = f'must be "discrete-gradient" with {key}.abradable'
+        yield Problem("time.scheme", scene.time.scheme, allowed)
+    for name in ("response", "backbone"):
+        if getattr(scene, name) is not None:
+            allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
+            yield Problem(name, "a table", allowed)
+    surface, period = contact.surface, scene.period
+    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
+    turns = 0.0 if period is None else abs(spin) * period / (2.0 * math.pi)
+    if abs(turns - round(turns)) > WHOLE_TURNS * turns:
+        allowed = (
+            f"with {key}.abradable the surface must turn in whole numbers in the period of the "
+            f"loads, {period:.6g} s, in which it turns {turns:.6g} times; lengthen the period, for "
+            "example by engine_order = 1 with harmonics"
+        )
+        yield Problem(f"{key}.abradable", "a table", allowed, ErrorKind.RANGE)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
