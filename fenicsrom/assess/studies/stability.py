@@ -33,7 +33,7 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.true_errors import estimates_found, full_distances, missed
 from fenicsrom.assess.jobs import run_jobs
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion
 from fenicsrom.assess.studies.random_cases import random_cases
 from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
@@ -341,14 +341,7 @@ def stability(
     from fenicsrom.reduction.modes import with_mode_count
 
     table, scene = load(path, changes)
-    if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static; stability needs a load that varies, or a "
-            "time.duration",
-            kind=ErrorKind.MISSING,
-            key="loads",
-            source=scene.source,
-        )
+    require_motion(scene, "stability")
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
     model, built, _ = build(polynomial, "reduced")
     assert built is not None
