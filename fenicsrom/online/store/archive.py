@@ -42,11 +42,14 @@ Arrays with the prefix `finer_` are those of a model of finer elements, which ju
 (`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
 header.
 
+A model for a speed that varies has the arrays of `fenicsrom.online.model.turning.Turning`, with the
+prefix `turning_`.
+
 A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
 prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
-(n, n), `range_speeds` (s,), `range_equilibria` (s, n), `range_errors` (4, k) and
-`range_mesh_errors`. The other arrays are those of its model at the speed of the scene; at another
-speed they follow from the range model.
+(n, n), `range_euler` (n,), `range_inertia` (1,), `range_moments` (loads, 1 + n), `range_speeds`
+(s,), `range_equilibria` (s, n), `range_errors` (4, k) and `range_mesh_errors`. The other arrays are
+those of its model at the speed of the scene; at another speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
@@ -69,10 +72,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.turning import history_of
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
@@ -87,11 +92,15 @@ from fenicsrom.scene.reading.overrides import override_texts
 from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 7"
+FORMAT = "fenicsrom reduced model 8"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
 PLAIN = ("loads", "contact_rows", "contact_offset", "probe", "probe_offset", "velocity_matrix")
-SPEEDS = ("centrifugal", "softening", "coriolis", "speeds", "equilibria", "mesh_errors")
+TURNING = "turning_"  # start of the names of the arrays of a speed that varies
+RANGE_ARRAYS = (
+    *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
+    *("speeds", "equilibria", "mesh_errors"),
+)
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
@@ -268,7 +277,7 @@ class StoredModel:
         return found
 
     def at_speed(self) -> StoredModel:
-        """The model at the speed of its scene, made anew from that for the range of speeds.
+        """The model at the speed or for the history of its scene, from that for the range.
 
         It has the coordinates of this model, if there are any of their labels at this speed.
 
@@ -277,8 +286,12 @@ class StoredModel:
         """
         whole, scene = self.whole, self.scene
         assert whole is not None and scene.rotation is not None
-        interface_modes = isinstance(scene.basis.masters, int)
-        found = whole.at(scene.rotation.omega, interface_modes, scene.geometrically_nonlinear)
+        history, omega = history_of(scene.rotation), scene.rotation.omega
+        if history.size:
+            found = whole.over(history, omega)
+        else:
+            interface_modes = isinstance(scene.basis.masters, int)
+            found = whole.at(omega, interface_modes, scene.geometrically_nonlinear)
         made = replace(
             self,
             model=found.model,
@@ -444,8 +457,8 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         arrays |= {f"{FINER}{name}": array for name, array in _arrays(stored.finer).items()}
         header["finer_labels"] = list(stored.finer_labels)
     if (whole := stored.whole) is not None:
-        more = _arrays(whole.model) | {name: getattr(whole, name) for name in SPEEDS}
-        more["errors"] = np.array(whole.errors)
+        more = _arrays(whole.model)
+        more |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
         arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
         header["range"] = {"modes": whole.modes, "masters": whole.masters}
     return header, arrays
@@ -454,12 +467,14 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
 def _arrays(model: ReducedModel) -> dict[str, Array]:
     """The arrays of a model by their names in the file, without its contact points."""
     follows = model.pressure.numbers.size > 0
+    turning, varies = model.turning._asdict(), model.turning.history.size > 0
     return {
         "mass": model.mass,
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
         "cubic": unique_cubic(model.elastic.cubic, model.size),
         **{name: getattr(model, name) for name in PLAIN},
+        **({f"{TURNING}{name}": np.array(a) for name, a in turning.items()} if varies else {}),
     }
 
 
@@ -514,7 +529,7 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
 def _range_model(data: dict[str, Any], scene: Scene, modes: int, masters: int) -> RangeModel:
     """The range model of the arrays of a file."""
     found = {name.removeprefix(RANGE): array for name, array in data.items()}
-    arrays = {name: found[name] for name in SPEEDS}
+    arrays = {name: found[name] for name in RANGE_ARRAYS}
     errors = RangeErrors(*found["errors"])
     return RangeModel(_model(found, scene), **arrays, modes=modes, masters=masters, errors=errors)
 
@@ -531,5 +546,8 @@ def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
         load_histories=load_histories(scene),
         points=ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
         pressure=None if pressures is None else PressurePolynomial(followers, *pressures),
+        turning=Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
+        if f"{TURNING}history" in data
+        else None,
         **{name: data[name] for name in PLAIN},
     )
