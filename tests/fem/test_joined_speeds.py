@@ -402,9 +402,9 @@ def test_history_of_the_speed_names_what_it_needs() -> None:
         blade(*RUN_UP, "rotation.coriolis=false")
     with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):
         blade(*RUN_UP, "rotation.history=[[0, 0], [0.1, 1500]]")
-    with refusal(ErrorKind.RANGE, "time.steps_per_revolution"):
+    with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):
         blade(*RUN_UP, "time.steps_per_revolution=12")
-    with refusal(ErrorKind.CONFLICT, "time.periods"):
+    with refusal(ErrorKind.CONFLICT, "time.steady_tolerance"):
         blade("rotation.history=[[0, 1500], [0.1, 2500]]")
 
 
