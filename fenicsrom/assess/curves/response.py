@@ -41,6 +41,7 @@ from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.scene.reading.units import in_words
+from fenicsrom.words import counted
 
 CLASSES = {
     kind.__name__: kind
@@ -235,6 +236,7 @@ def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named
 HARMONIC = 20  # highest harmonic of the loads whose resonance with a higher mode is named
+MOSTLY = 0.5  # part of unstable points of an incomplete curve above which they are named
 AROUND = 0.01  # part of a frequency within which a harmonic excites a mode
 ADVICE = {
     LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
@@ -254,6 +256,13 @@ def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
         if ended:
             ends = [piece.points[-1].parameter for piece in ended]
             places = in_words(scene, response_table(scene).parameter, *ends)
+            points = [point for piece in ended for point in piece.points]
+            unstable = sum(not point.stable for point in points)
+            if unstable > MOSTLY * len(points):
+                advice += (
+                    f"; {unstable} of its {counted(len(points), 'point')} are unstable: the body "
+                    "does not settle on these motions, so see by fenicsrom run how it moves there"
+                )
             return ConvergenceError(f"the curve ends at {places}: {advice}")
     return None
 
