@@ -114,10 +114,9 @@ def test_incomplete_curve_of_unstable_motions_says_that_nothing_settles_on_them(
 ) -> None:
     save_model(tmp_path / "model.npz", holmes())
     stored = load_model(tmp_path / "model.npz")
-    whole = response(stored).curves[0].pieces[0].points
-    at = next(k for k, point in enumerate(whole) if not point.stable)
-    for points, named in ((at, False), (4 * at, True)):
-        found = response(stored.with_overrides([f"response.points={points}"]))
+    for first, last, named in ((0.15, 0.27, False), (0.27, 0.15, True)):
+        overrides = [f"response.first={first}", f"response.last={last}", "response.points=4"]
+        found = response(stored.with_overrides(overrides))
         assert ("unstable" in str(found.unfinished)) == named
 
 
