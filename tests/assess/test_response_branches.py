@@ -16,7 +16,6 @@ from test_response import HIGH, fold_frequencies, oscillator, scene_with
 from fenicsrom.assess.curves import branches, trust
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
 from fenicsrom.assess.curves.trust import (
@@ -24,14 +23,12 @@ from fenicsrom.assess.curves.trust import (
     LARGEST,
     SHARE,
     SPREAD,
-    checks,
     richer_model,
     spread,
 )
 from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -205,17 +202,6 @@ def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> No
         assert one.step_error is not None and other.step_error is not None
         if one.where == "fold":
             assert 3.0 < one.step_error / other.step_error < 5.0
-
-
-def test_motion_with_half_the_step_is_found_without_the_path(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    stored = oscillator("time.steps_per_period=50")
-    pieces, family = response(stored).curves[0].pieces, family_of(stored)
-    before = [check.step_error for check in checks(pieces, family)]
-    monkeypatch.setattr(Continuation, "at_parameter", lambda *arguments: None)
-    after = [check.step_error for check in checks(pieces, family)]
-    assert None not in after and after == pytest.approx(before, rel=1e-4)
 
 
 def test_richer_basis_that_adds_nothing_has_no_error() -> None:

@@ -28,7 +28,6 @@ from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
@@ -283,9 +282,9 @@ def _between(a: CurvePoint, b: CurvePoint, family: Family) -> CurvePoint | None:
     return found if apart <= near else None
 
 
-def _distance(point: CurvePoint, other: CurvePoint | PeriodicMotion, quantity: str) -> float:
+def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
     """Relative change of a quantity from a point to another."""
-    if isinstance(other, CurvePoint) and quantity == "parameter":
+    if quantity == "parameter":
         return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
     return change(point.amplitude, other.amplitude)
 
@@ -296,18 +295,17 @@ def change(amplitude: Array, other: Array) -> float:
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | PeriodicMotion | None:
+def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
     if not fold:
-        found = path.at_parameter(s, point.parameter)
-        return found or _solved(shooting.problem, point.z, point.periods)
+        return path.at_parameter(s, point.parameter)
     here = replace(point, s=s)
-    matrix = path.monodromy(here)
-    if matrix is None:
+    found = path.monodromy(here)
+    if found is None:
         return None
-    values, vectors = np.linalg.eig(matrix)
+    values, vectors = np.linalg.eig(found)
     along = np.append(np.real(vectors[:, int(np.argmin(np.abs(values - 1.0)))]), 0.0)
     return path.correct(path.place(here), path.direction(replace(here, tangent=along)))
 
@@ -326,13 +324,8 @@ def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     start = richer.start(point, Shooting(problem, point.periods))
-    return _solved(problem, start, point.periods)
-
-
-def _solved(problem: Problem, start: Array, periods: int) -> PeriodicMotion | None:
-    """The motion near a start by Newton's method with bounded steps; None if it was not found."""
     try:
-        return periodic_motion(problem, start, periods, tolerance=TOLERANCE)
+        return periodic_motion(problem, start, point.periods, tolerance=TOLERANCE)
     except ConvergenceError:
         return None
 
