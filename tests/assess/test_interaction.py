@@ -206,6 +206,8 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     assert verdict(two + 0.3 * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)) == ("torus", 0)
     assert verdict(two + 0.3 * noise) == ("not periodic", 0)
     assert verdict(two * np.exp(-0.01 * turns)) == ("not settled", 0)
+    decaying = np.exp(-0.05 * turns) * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)
+    assert verdict(two + 0.1 * decaying) == ("not settled", 0)
 
 
 def test_stopped_map_continues(tmp_path: Path) -> None:
