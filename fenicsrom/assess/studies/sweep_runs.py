@@ -234,6 +234,8 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     else:
         axes = zip("xyz", first, strict=False)
         found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
+    if motion.end is not None and motion.end.worn is not None:
+        found["largest_worn_depth_m"] = float(np.max(motion.end.worn))
     search = motion.search
     known = search is not None and search.multipliers.size > 0
     return {
