@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -43,6 +44,7 @@ COMMANDS = {
     "blade_abradable": "run",
     "blade_composite": "run",
     "blade_response": "response",
+    "rotor37_map": "map",
 }
 STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#009E73")}
 SELECTIONS = {"none": "#0072B2", "mmi": "#D55E00", "mmi-nls": "#009E73", "all": "#CC79A7"}
@@ -511,6 +513,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             path = options.pictures / f"{name}.png"
             figure.savefig(path)
             print(f"{path}  {path.stat().st_size / 1e3:.0f} kB")
+    shutil.copyfile(runs / "rotor37_map" / "map.png", options.pictures / "rotor37_map.png")
 
 
 if __name__ == "__main__":
