@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from fenicsrom.online.contact.surfaces import CYLINDER
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import energy_errors
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.online.run.march_setup import set_up_run
 from fenicsrom.online.step.loop import compiled_march
 from fenicsrom.online.step.scheme import scheme
@@ -124,6 +125,26 @@ def test_motion_of_newtons_method_that_would_wear_the_layer_is_no_periodic_motio
     assert motion.search.verdict == "wears"
     assert not motion.search.accepted and motion.newton_from is None
     assert motion.end is not None and motion.end.wearing
+
+
+def test_motion_that_presses_just_to_the_yield_stress_is_flagged() -> None:
+    """The yield stress is lowered to what the periodic motion needs at the nodes."""
+    problem = rubbing(5500.0, periods=60, steady_tolerance=1e-6)
+    motion = integrate(problem)
+    assert motion.search is not None and motion.search.accepted and not motion.search.at_yield
+    settled = problem.settled().with_own_wear(worn_of(motion))
+    coating, start = settled.contacts.coating, end_of(motion)
+    force = motion.force[-719::2, 0, 0]  # at the nodes 1 to 360
+    needed = float(np.max(force - coating.hardening[0] * np.roll(coating.worn, -1)))
+    assert 0.5 < needed / coating.yield_force[0] < 1.0 - 1e-5
+    for above, verdict, at_yield in ((1e-7, "stable", True), (-1e-5, "wears", False)):
+        weaker = settled.with_yield(needed / coating.yield_force[0] * (1.0 + above))
+        found = integrate(
+            weaker._replace(time=replace(weaker.time, span=replace(weaker.time.span, periods=1))),
+            start=start,
+        )
+        assert found.search is not None
+        assert (found.search.verdict, found.search.at_yield) == (verdict, at_yield)
 
 
 def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
