@@ -322,7 +322,7 @@ def wear_picture(folder: Path) -> Figure:
             axes.plot(mine["angle_deg"], 1e6 * mine["depth_m"], label=label)
     axes.set(xlabel="angle of the casing, degrees", ylabel="worn depth, µm", xlim=(0.0, 360.0))
     axes.set_xticks(np.arange(0.0, 361.0, 45.0))
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
