@@ -131,7 +131,7 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
     """
     begin = clock.perf_counter()
     try:
-        stored = _model(run.model, file_digest(run.model)).with_scene(run.scene)
+        stored = model_of(run.model, file_digest(run.model)).with_scene(run.scene)
         found = _measured(stored, report)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
@@ -175,7 +175,7 @@ def kept(run: SweepRun) -> dict[str, Any] | None:
 
 
 @functools.lru_cache(maxsize=4)
-def _model(path: Path, digest: str) -> StoredModel:
+def model_of(path: Path, digest: str) -> StoredModel:
     """The stored model of a file, read once for each content in each process."""
     return load_model(path)
 

@@ -11,7 +11,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
-from fenicsrom.scene.keys.excitation import surface_spin
+from fenicsrom.online.contact.turning import history_of
+from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
 
 NO_DIRECTION = 1e-3
 """The middle of points that is nearer to an axis, relative to their distance, has no direction."""
@@ -75,6 +76,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         }
     )
     found = found._replace(
+        history=history_of(scene.rotation),
         times=times,
         approach=np.zeros((count, times.size)),
         order=np.array(orders),
@@ -97,7 +99,11 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         found.axes[p, : len(axes)] = axes @ local.T
         found.centre[p] = local @ (np.array(surface.point) - points.position[p])
         found.side[p] = 1.0 if surface.inside else -1.0
-        found.spin[p] = surface_spin(surface, scene.rotation)
+        if found.history.size:
+            found.spin[p] = surface.spin or 0.0
+            found.turns[p] = surface_turns(surface, scene.rotation)
+        else:
+            found.spin[p] = surface_spin(surface, scene.rotation)
         for order, height, phase in surface.waves:
             found.height[p, orders.index(order)] += height
             found.phase[p, orders.index(order)] = phase

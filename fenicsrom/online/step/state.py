@@ -115,6 +115,8 @@ class Record(NamedTuple):
         friction_dissipation: (rows, P) J.
         state: (rows, P) OPEN, SLIP or STICK.
         energies: (rows, 6) the entries `LEDGER` of the scalars, J.
+        turning: (rows, 3) angular momentum about the axis, kg m^2/s, moment of inertia, kg m^2, and
+            moment of the loads, N m, at a varying speed; else (rows, 0).
         coordinates: (rows, 3 n) q, v and a, or (rows, 0).
     """
 
@@ -128,6 +130,7 @@ class Record(NamedTuple):
     friction_dissipation: Array
     state: NDArray[np.int8]
     energies: Array
+    turning: Array
     coordinates: Array
 
 
@@ -222,8 +225,10 @@ def no_state(n: int, points: int, dimension: int) -> State:
     )
 
 
-def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
-    """A record of zeros, of P contact points and coordinates (width,)."""
+def no_record(
+    rows: int, points: int, dimension: int, width: int = 0, *, varies: bool = False
+) -> Record:
+    """A record of zeros, of P contact points and coordinates (width,), at a speed that varies."""
     return Record(
         time=np.zeros(rows),
         displacement=np.zeros((rows, points, dimension)),
@@ -235,5 +240,6 @@ def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
         friction_dissipation=np.zeros((rows, points)),
         state=np.zeros((rows, points), dtype=np.int8),
         energies=np.zeros((rows, 6)),
+        turning=np.zeros((rows, 3 if varies else 0)),
         coordinates=np.zeros((rows, width)),
     )
