@@ -181,7 +181,10 @@ def test_family_gives_the_problem_of_the_changed_scene(parameter: str, value: fl
         problem.model.load_histories.sines, wanted.model.load_histories.sines, rtol=1e-14
     )
     expected = contacts_of(wanted.scene, points)
-    for name, found, right in zip(expected._fields, problem.contacts, expected, strict=True):
+    (*found_values, layers), (*values, expected_layers) = problem.contacts, expected
+    names = (*expected._fields[:-1], *expected_layers._fields)
+    pairs = zip((*found_values, *layers), (*values, *expected_layers), strict=True)
+    for name, (found, right) in zip(names, pairs, strict=True):
         np.testing.assert_allclose(found, right, rtol=1e-14, err_msg=name)
 
 

@@ -75,6 +75,7 @@ def test_sentence_on_wear_says_whether_the_casing_still_wears() -> None:
     said, more = (wear_sentence(motion(depth, wears), SCENE, points(1)) for wears in (False, True))
     assert said is not None and "100 µm" in said and "no wear in the last period" in said
     assert more is not None and "still wearing" in more
+    assert wear_sentence(motion(0.0 * depth), SCENE, points(1)) == "Abradable layer: not worn."
 
 
 def test_table_of_wear_has_a_row_for_each_angle(tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ RESULTS = (
     *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
     # pictures of a run
     *("setup.png", "motion.png", "motion.gif", "spectra.png", "section.png", "rub_map.png"),
+    *("wear.csv", "wear.png"),
     *("energy.png", "energy_per_period.png", "contact.png", "contact_[1-4].png", "stress.png"),
     *("modes.png", "shapes.png", "equilibrium.png", "mac.png", "coordinates.png"),
     # ParaView; the shapes are folders if several ranks wrote them

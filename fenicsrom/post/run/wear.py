@@ -54,6 +54,8 @@ def wear_sentence(motion: Motion, scene: Scene, points: ContactPoints) -> str | 
     if not found:
         return None
     numbers = found["wear"][""]
+    if not numbers["largest_depth_m"]:
+        return "Abradable layer: not worn."
     torque = numbers["mean_torque_Nm"]
     while_ = "still wearing at the end" if numbers["wears_at_end"] else "no wear in the last period"
     if motion.period is None:
