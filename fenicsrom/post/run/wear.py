@@ -56,16 +56,16 @@ def wear_sentence(motion: Motion, scene: Scene, points: ContactPoints) -> str | 
     numbers = found["wear"][""]
     if not numbers["largest_depth_m"]:
         return "Abradable layer: not worn."
-    torque = numbers["mean_torque_Nm"]
-    while_ = "still wearing at the end" if numbers["wears_at_end"] else "no wear in the last period"
-    if motion.period is None:
-        while_ = "still wearing" if numbers["wears_at_end"] else "no wear"
+    torque, ends = numbers["mean_torque_Nm"], ""
+    if motion.period is not None:
+        wears = numbers["wears_at_end"]
+        ends = "; still wearing at the end" if wears else "; no wear in the last period"
     return (
         f"Abradable layer: worn by at most {1e6 * numbers['largest_depth_m']:.4g} µm, "
         f"{1e9 * numbers['worn_volume_m3']:.4g} mm³ in all; plastic work "
         f"{numbers['plastic_work_J']:.4g} J"
         + (f", a mean torque of {torque:.4g} N m on the shaft" if torque else "")
-        + f"; {while_}."
+        + f"{ends}."
     )
 
 
