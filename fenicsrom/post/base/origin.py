@@ -45,7 +45,6 @@ RESULTS = (
     *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
     # pictures of a run
     *("setup.png", "motion.png", "motion.gif", "spectra.png", "section.png", "rub_map.png"),
-    *("wear.csv", "wear.png"),
     *("energy.png", "energy_per_period.png", "contact.png", "contact_[1-4].png", "stress.png"),
     *("modes.png", "shapes.png", "equilibrium.png", "mac.png", "coordinates.png"),
     # ParaView; the shapes are folders if several ranks wrote them
@@ -55,7 +54,7 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
     *("response_peaks.csv", "peaks.png"),
-    *("run_up.csv", "run_up.png"),
+    *("run_up.csv", "run_up.png", "wear.csv", "wear.png"),
     *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
     *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
 )
