@@ -314,16 +314,17 @@ def rub_picture(folder: Path) -> Figure:
 
 
 def wear_picture(folder: Path) -> Figure:
-    """Draw the worn depth over the angle of the casing and the position along its axis."""
+    """Draw the worn depth over the angle of the casing, where the tip wore it."""
     rows = np.genfromtxt(folder / "wear.csv", delimiter=",", names=True)
-    along, angle = np.unique(rows["position_m"]), np.unique(rows["angle_deg"])
-    order = np.lexsort((rows["angle_deg"], rows["position_m"]))
-    depth = rows["depth_m"][order].reshape(along.size, angle.size)
     figure, axes = plt.subplots(figsize=(6.4, 2.5), layout="constrained")
-    mesh = axes.pcolormesh(angle, 1e3 * along, 1e6 * depth, cmap="viridis", shading="nearest")
-    axes.set(xlabel="angle of the casing, degrees", ylabel="along the axis, mm")
+    for place in np.unique(rows["position_m"]):
+        mine = rows[rows["position_m"] == place]
+        if mine["depth_m"].any():
+            label = f"{1e3 * place:.0f} mm along the axis"
+            axes.plot(mine["angle_deg"], 1e6 * mine["depth_m"], label=label)
+    axes.set(xlabel="angle of the casing, degrees", ylabel="worn depth, µm", xlim=(0.0, 360.0))
     axes.set_xticks(np.arange(0.0, 361.0, 45.0))
-    figure.colorbar(mesh, ax=axes, label="worn depth, µm")
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
