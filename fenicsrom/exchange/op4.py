@@ -17,8 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
+from fenicsrom.formats.text import content_of
 from fenicsrom.words import counted
 
 FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")
@@ -77,10 +79,7 @@ def op4_matrices(path: Path) -> dict[str, Array]:
     Raises:
         SceneError: the file cannot be read, or is not a text file of real matrices.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise refuse(path, f"cannot be read: {error.strerror}") from None
+    data = content_of(path)
     if b"\0" in data[:100]:
         reason = "is a binary OUTPUT4 file; write it as text, with FORM=FORMATTED"
         raise refuse(path, reason)
