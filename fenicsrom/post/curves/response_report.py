@@ -12,26 +12,11 @@ from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.curves import response_motion, response_tables
 from fenicsrom.post.curves.peak_tables import peak_figure, peak_rows, peak_table
 from fenicsrom.post.curves.response_details import contact_map, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
-from fenicsrom.post.curves.response_motion import (
-    clicked_motions,
-    marked_motions,
-    write_motion_arrays,
-    write_motion_fields,
-)
 from fenicsrom.post.curves.response_rows import full_rows, rows, summary
-from fenicsrom.post.curves.response_tables import (
-    event_table,
-    full_table,
-    joined_warnings,
-    result_table,
-    run_table,
-    sentences,
-    trust_table,
-    varied_keys,
-)
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE
 
 if TYPE_CHECKING:
@@ -57,7 +42,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         found: the curves.
         clicked: what a click on a point of the curves shows.
     """
-    found.warnings[:] = joined_warnings(found)
+    found.warnings[:] = response_tables.joined_warnings(found)
     keys = 1 if found.table.families is None else 2
     peaks = peak_table(found)
     more = {"response_full.csv": full_rows(found), "response_peaks.csv": peak_rows(found)}
@@ -68,15 +53,19 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         "response",
         "response curves",
         found.scene,
-        sentences(found),
+        response_tables.sentences(found),
         found.warnings,
         [
-            Section("Results", [result_table(found)], terminal=False, top=True),
-            Section("Special points", [event_table(found)], keys=keys),
+            Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
+            Section("Special points", [response_tables.event_table(found)], keys=keys),
             Section(PEAKS, [peaks], keys=keys, terminal=False),
-            Section("Full model", [full_table(found)], keys=keys),
-            Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
-            Section("Effort", [run_table(found)], terminal=False),
+            Section("Full model", [response_tables.full_table(found)], keys=keys),
+            Section(
+                "Estimated errors",
+                [response_tables.trust_table(found), CHECKS_NOTE],
+                terminal=False,
+            ),
+            Section("Effort", [response_tables.run_table(found)], terminal=False),
         ],
         rows(found),
         lambda: summary(found),
@@ -92,7 +81,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
             ),
             Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
         ],
-        varied=varied_keys(found),
+        varied=response_tables.varied_keys(found),
         failure=found.unfinished,
         more_rows={name: listed for name, listed in more.items() if listed},
     )
@@ -120,12 +109,12 @@ def write(
     first = study is None or study.solid.comm.rank == 0
     if first:
         report(found).write_numbers(folder)
-    motions = marked_motions(found, stored)
-    files = [write_motion_arrays(motions, folder)] if first else []
+    motions = response_motion.marked_motions(found, stored)
+    files = [response_motion.write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
-        files += write_motion_fields(study, motions, folder)
+        files += response_motion.write_motion_fields(study, motions, folder)
     if not first:
         return []
     shown = found.scene.output.pictures and not missing_module("bokeh")
-    clicked = clicked_motions(found, stored, motions) if shown else []
+    clicked = response_motion.clicked_motions(found, stored, motions) if shown else []
     return [*report(found, clicked).write(folder), *files]

@@ -12,26 +12,9 @@ from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
 from fenicsrom.post.base.html_page import Folded, Page, verdict_of, write_report
 from fenicsrom.post.base.picture import Drawn
+from fenicsrom.post.run import sentences, stress_tables
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
-from fenicsrom.post.run.sentences import (
-    MULTIPLIER_NOTE,
-    estimate_rows,
-    periodic_sentence,
-    size_sentence,
-    study_results,
-    support_sentence,
-    unreliable_sentence,
-)
-from fenicsrom.post.run.stress_tables import (
-    MEASURE_NAMES,
-    MODAL_NOTE,
-    RECOVERY_NOTE,
-    modal_rows,
-    reaction_note,
-    reaction_rows,
-    stress_rows,
-)
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import scene_heading
 from fenicsrom.words import counted
@@ -88,14 +71,17 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     """Compose the tables of stresses and reactions, if there are any."""
     if stresses is None:
         return []
-    name = MEASURE_NAMES[stresses.measure]
+    name = stress_tables.MEASURE_NAMES[stresses.measure]
     tables: list[Any] = [f"Von Mises and principal values of the {name}."]
-    tables += [stress_rows(stresses.peaks), RECOVERY_NOTE]
+    tables += [stress_tables.stress_rows(stresses.peaks), stress_tables.RECOVERY_NOTE]
     if stresses.modes:
-        tables += [modal_rows(stresses.modes), MODAL_NOTE]
+        tables += [stress_tables.modal_rows(stresses.modes), stress_tables.MODAL_NOTE]
     return [
         ("Stresses", tables),
-        ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
+        (
+            "Reactions",
+            [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)],
+        ),
     ]
 
 
@@ -112,13 +98,13 @@ def _results(found: Study | Rerun) -> list[Any]:
     listed: list[Any] = []
     if motions:
         listed.append(response_rows(motions, found.sizes, names))
-        listed.append(support_sentence(found.scene, found.points, motions))
+        listed.append(sentences.support_sentence(found.scene, found.points, motions))
     if isinstance(found, Study):
-        listed += study_results(found)
+        listed += sentences.study_results(found)
     if found.errors:
-        listed.append(estimate_rows(found.errors, motions["reduced"], names))
+        listed.append(sentences.estimate_rows(found.errors, motions["reduced"], names))
     if found.failed is not None:
-        listed.append(unreliable_sentence(*found.failed))
+        listed.append(sentences.unreliable_sentence(*found.failed))
     return [item for item in listed if item]
 
 
@@ -126,13 +112,17 @@ def _notes(found: Study | Rerun) -> list[str]:
     """Compose the notes on the results."""
     if not found.motions:
         return []
-    periodic = periodic_sentence(found.motions["reduced"]) if "reduced" in found.motions else None
+    periodic = (
+        sentences.periodic_sentence(found.motions["reduced"])
+        if "reduced" in found.motions
+        else None
+    )
     notes = [
         response_note(found.motions),
         points_note(found.motions, found.scene),
         direction_note(found.scene, found.points),
         periodic,
-        MULTIPLIER_NOTE if periodic else None,
+        sentences.MULTIPLIER_NOTE if periodic else None,
     ]
     return [note for note in notes if note]
 
@@ -182,7 +172,7 @@ def _sizes(found: Sized | None) -> list[Any]:
         for each in (found.sizes if found.stored.scene.output.pictures else ())
     ]
     head = ["coordinates", "run time of the steps, s", "estimated error of the basis %"]
-    return [size_sentence(found), *([[head, *rows]] if rows else [])]
+    return [sentences.size_sentence(found), *([[head, *rows]] if rows else [])]
 
 
 def _seconds(study: Study) -> list[list[str]]:
