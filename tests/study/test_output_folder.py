@@ -17,7 +17,7 @@ from support import refusal
 import fenicsrom
 from fenicsrom.errors import ErrorKind
 from fenicsrom.post.base.origin import Origin, checksum, is_result, origin_table, read_record
-from fenicsrom.post.curves.response_motion import FOLDER
+from fenicsrom.post.curves.response_report import FOLDER
 from fenicsrom.post.paraview.paraview import BLOCKS
 from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
 from fenicsrom.study import output_folder

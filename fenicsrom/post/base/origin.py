@@ -165,12 +165,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        sound = isinstance(record, dict) and all(
-            isinstance(record.get(key), kind) for key, kind in _KINDS.items()
-        )
-        inputs = [record[key] for _, key in _INPUTS if record[key] is not None] if sound else []
+        inputs = [found for _, key in _INPUTS if (found := record.get(key)) is not None]
+        sound = all(isinstance(record.get(key), kind) for key, kind in _KINDS.items())
         sound = sound and all(isinstance(one.get(key), str) for one in inputs for key in _NAMED)
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError, AttributeError):
         sound = False
     if not sound:
         raise _damaged(path, "is damaged")

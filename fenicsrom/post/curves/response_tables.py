@@ -21,9 +21,9 @@ from fenicsrom.post.curves.response_figures import (
     direction_name,
     family,
     largest_direction,
+    largest_point,
     parameter_label,
 )
-from fenicsrom.post.curves.response_motion import largest_point
 from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 

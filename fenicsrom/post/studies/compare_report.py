@@ -32,7 +32,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
     found = []
     for outcome in comparison.outcomes:
         c = outcome.combination
-        row: dict[str, Any] = {
+        row = {
             "mesh": c.mesh,
             "steps_per_period": c.steps,
             "method": c.method,
@@ -43,9 +43,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "asked_size": c.size,
             "size": len(outcome.labels) or None,
             "labels": " ".join(outcome.labels),
-        }
-        row |= {f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()}
-        row |= {
+            **{f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()},
             "offline_s": outcome.offline_seconds if outcome.offline else None,
             "online_s": outcome.online_seconds if outcome.online else None,
             "online_least_s": min(outcome.online, default=None),
@@ -55,9 +53,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "steady": outcome.motion.steady if outcome.motion else None,
             "speed_up": comparison.speed_up(outcome),
             "break_even_runs": comparison.break_even(outcome),
-        }
-        row |= {f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS}
-        row |= {
+            **{f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS},
             "indicator": outcome.indicator,
             "residual": outcome.residual,
             "failure": outcome.failure,
