@@ -58,8 +58,7 @@ def multiplier_figure(found: Response) -> Figure:
     reach = 1.0
     for axis, curve in zip(axes, curves, strict=True):
         reach = max(reach, _draw_multipliers(axis, curve, colours))
-        axis.set_title(curve_name(found, curve))
-        axis.set_xlabel("real part")
+        axis.set(title=curve_name(found, curve), xlabel="real part")
         axis.set_aspect("equal")
     limit = 1.15 * reach
     axes[0].set_xlim(-limit, limit)
@@ -123,9 +122,7 @@ def harmonics_figure(found: Response) -> Figure:
             lambda points: sizes(points)[drawable],
             [COLOURS[k] for k in drawable],
         )
-        axis.set_yscale("log")
-        axis.set_title(curve_name(found, curve))
-        axis.set_xlabel(parameter_label(found))
+        axis.set(yscale="log", title=curve_name(found, curve), xlabel=parameter_label(found))
     axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
     axes[0].set_ylabel(f"{direction_name(found)} harmonics, mm")
     handles: list[Any] = [

@@ -28,15 +28,6 @@ INDEX = "results.pvd"
 BLOCKS = "results"  # folder of the lists of blocks, one per instant
 GROUPS = "groups.vtu"
 
-CONTACT_NAMES = {
-    "displacement": "displacement_m",
-    "position": "position_m",
-    "gap": "gap_m",
-    "normal force": "normal_force_N",
-    "normal force vector": "normal_force_vector_N",
-    "friction force vector": "friction_force_vector_N",
-    "state": "contact_state",
-}
 NORMALISATION = {
     "normal_modes": (
         "The modes have the modal mass 1 kg: the displacement in m is the array times a modal "
