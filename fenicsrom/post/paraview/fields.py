@@ -72,8 +72,7 @@ def contact_vectors(
         all (ns, P, 3); the third component is 0 in 2D.
     """
     d = scene.geometry.dimension
-    frames = np.zeros((points.frame.shape[0], d, 3))
-    frames[:, :, :d] = points.frame
+    frames = in_space(points.frame)
     contacts = contacts_of(scene, points) if contacts is None else contacts
     normals = unit_normals(contacts, motion.displacement, motion.time)
     normal = -motion.force[:, :, :1] * normals
