@@ -21,7 +21,7 @@ from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.writers import write_arrays
-from fenicsrom.post.curves import response_motion, response_tables
+from fenicsrom.post.curves import response_tables
 from fenicsrom.post.curves.peak_tables import peak_figure, peak_rows, peak_table
 from fenicsrom.post.curves.response_details import contact_map, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import (
@@ -127,14 +127,14 @@ def write(
     first = study is None or study.solid.comm.rank == 0
     if first:
         report(found).write_numbers(folder)
-    motions = response_motion.marked_motions(found, stored)
-    files = [response_motion.write_motion_arrays(motions, folder)] if first else []
+    motions = marked_motions(found, stored)
+    files = [write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
-        files += response_motion.write_motion_fields(study, motions, folder)
+        files += write_motion_fields(study, motions, folder)
     if not first:
         return []
     shown = found.scene.output.pictures and not missing_module("bokeh")
-    clicked = response_motion.clicked_motions(found, stored, motions) if shown else []
+    clicked = clicked_motions(found, stored, motions) if shown else []
     return [*report(found, clicked).write(folder), *files]
 
 
