@@ -34,10 +34,7 @@ MARKERS = {
     ">": "square_dot",
     "x": "x",
     "X": "square_x",
-    "+": "cross",
     "P": "square_cross",
-    "*": "asterisk",
-    ".": "dot",
 }
 CLICKED = """
 const [k] = cb_obj.indices;

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
-MOST = 6000  # largest number of multipliers in one picture
 # thin and bright: seen on the dots that lie on it
 CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 0.7, "zorder": 4}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
@@ -90,12 +89,9 @@ def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
 
 
 def multipliers_of(curve: ResponseCurve) -> tuple[NDArray[np.complex128], Array]:
-    """Multipliers of a curve, of at most `MOST` evenly chosen, and the parameter of each."""
-    points = curve.points
-    total = sum(point.multipliers.size for point in points)
-    chosen = points[:: max(1, -(-total // MOST))]
-    values = np.concatenate([point.multipliers for point in chosen])
-    parameters = [np.full(point.multipliers.size, point.parameter) for point in chosen]
+    """The multipliers of all points of a curve, and the parameter of each."""
+    values = np.concatenate([point.multipliers for point in curve.points])
+    parameters = [np.full(point.multipliers.size, point.parameter) for point in curve.points]
     return values, np.concatenate(parameters)
 
 

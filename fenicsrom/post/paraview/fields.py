@@ -14,13 +14,7 @@ from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import Contacts, unit_normals
 from fenicsrom.online.model.support_motion import moves_supports, support_displacement
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.paraview.paraview import (
-    array_name,
-    cell_groups,
-    joined,
-    notes,
-    stress_fields,
-)
+from fenicsrom.post.paraview.paraview import array_name, cell_groups, joined, notes, stress_fields
 from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import new_figure, new_panels, state_colours, state_handles, styled
-from fenicsrom.post.run.contact_axis import contact_axis
-from fenicsrom.post.run.figures import LOADS, note_noise
+from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
