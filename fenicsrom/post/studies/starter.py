@@ -51,8 +51,6 @@ SYSTEMS = (
 DENSITIES, MODULI = (100.0, 25_000.0), (1e6, 2e12)
 """Densities in kg/m³ and Young's moduli in Pa of solids."""
 
-STEEL = DeckMaterial("steel", 2.1e11, 0.3, 7850.0)
-
 
 def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
     """The units of a starter scene, and why.
@@ -186,22 +184,17 @@ def _material_lines(found: Inspection, units: Units) -> list[str]:
     materials = found.physics.materials
     if not materials and any("material" in what for what in found.physics.not_taken):
         return ["[material] # that of the file cannot be taken, see below: give it here"]
+    steel = DeckMaterial("steel", _in(units, "Pa", 2.1e11), 0.3, _in(units, "kg/m³", 7850.0))
     lines: list[str] = []
-    given = STEEL if not materials else materials[0]
-    for material in materials or (STEEL,):
-        in_units = material is STEEL
-        young = _in(units, "Pa", material.young) if in_units else material.young
-        density = material.density
-        note = ""
-        if density is None or in_units:
-            density = _in(units, "kg/m³", STEEL.density or 0.0)
-            note = "" if in_units else ", of steel, because the file has none"
-        if material is given:
-            lines += [f"[material] # {material.name}"]
-        if material.group is not None and material is not given:
+    for k, material in enumerate(materials or (steel,)):
+        if k == 0:
+            lines.append(f"[material] # {material.name}")
+        elif material.group is not None:
             lines += ["", f"[[materials]] # {material.name}", f"group = {_quoted(material.group)}"]
+        note = ", of steel, because the file has none" if material.density is None else ""
+        density = steel.density if note else material.density
         lines += [
-            f"young = {young!r} # {units.name_of('Pa')}",
+            f"young = {material.young!r} # {units.name_of('Pa')}",
             f"poisson = {material.poisson!r}",
             f"density = {density!r} # {units.name_of('kg/m³')}{note}",
         ]
