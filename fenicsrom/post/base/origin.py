@@ -164,7 +164,7 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        inputs = [found for _, key in _INPUTS if (found := record.get(key)) is not None]
+        inputs = [record[key] for _, key in _INPUTS if record.get(key) is not None]
         sound = all(isinstance(record.get(key), kind) for key, kind in _KINDS.items())
         sound = sound and all(isinstance(one.get(key), str) for one in inputs for key in _NAMED)
     except (OSError, ValueError, RecursionError, AttributeError):

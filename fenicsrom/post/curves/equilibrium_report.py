@@ -16,7 +16,6 @@ from fenicsrom.post.curves.response_figures import STABLE, UNSTABLE, stretches
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -160,32 +159,23 @@ MARKERS = {"limit point": ("o", COLOURS[1]), "bifurcation": ("D", COLOURS[2])}
 def figure(found: EquilibriumPath) -> Figure:
     """Draw the path, solid where it is stable and dashed where it is not, with special points."""
     drawn, (axes,) = new_panels(7.4, 5.0)
-    draw_path(axes, found)
-    axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
-    axes.set_ylabel("load factor")
-    if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(loc="best")
-    return drawn
-
-
-def draw_path(axes: Axes, found: EquilibriumPath) -> None:
-    """Draw the path and its special points into axes."""
 
     def place(points: list[Equilibrium]) -> tuple[list[float], list[float]]:
         moved = [1e3 * point.probe[found.direction] for point in points]
         return moved, [point.load_factor for point in points]
 
+    names = {True: "stable", False: "unstable"}  # each once in the legend
     for stable, part in stretches(found.points, lambda point: point.negative_pivots == 0):
         look: dict[str, Any] = {"color": COLOURS[0], "linestyle": STABLE if stable else UNSTABLE}
-        label = _once(axes, "stable" if stable else "unstable")
-        axes.plot(*place([found.points[k] for k in part]), label=label, **look)
+        points = [found.points[k] for k in part]
+        axes.plot(*place(points), label=names.pop(stable, None), **look)
     for kind, (marker, colour) in MARKERS.items():
         special = [point for point in found.special if point.kind == kind]
         look = {"color": colour, "markerfacecolor": "white", "markersize": 6, "label": kind}
         if special:
             axes.plot(*place(special), marker, **look)
-
-
-def _once(axes: Axes, label: str) -> str:
-    """A label that the legend shows once."""
-    return f"_{label}" if label in axes.get_legend_handles_labels()[1] else label
+    axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
+    axes.set_ylabel("load factor")
+    if len(axes.get_legend_handles_labels()[0]) > 1:
+        axes.legend(loc="best")
+    return drawn

@@ -127,11 +127,8 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
 
 def joined(parts: Sequence[Attached], texts: Mapping[str, str]) -> Attached:
     """All values of several `Attached`, and these texts."""
-    nodes: dict[str, Any] = {}
-    cells: dict[str, Any] = {}
-    for part in parts:
-        nodes |= part.nodes
-        cells |= part.cells
+    nodes = {name: values for part in parts for name, values in part.nodes.items()}
+    cells = {name: values for part in parts for name, values in part.cells.items()}
     return Attached(nodes, cells, texts)
 
 

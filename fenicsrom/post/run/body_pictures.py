@@ -154,7 +154,8 @@ def film_of(study: Study) -> Film | None:
     """
     motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
     places: Array = np.zeros((0, 3))
-    dots, states = np.zeros((len(rows), 0, 3)), np.zeros((len(rows), 0))
+    dots: Array = np.zeros((len(rows), 0, 3))
+    states: Any = np.zeros((len(rows), 0))
     if study.scene.contacts:
         found, shift = contact_arrays(study, motion), contact_equilibrium(study)
         places = contact_places(study.points) + shift
