@@ -40,16 +40,12 @@ CAPTIONS = {
 NUMBERS = {
     **dict.fromkeys(("motion", "spectra", "section", "rub_map", "coordinates"), "history.npz"),
     **dict.fromkeys(("contact", "energy", "energy_per_period", "motion.gif"), "history.npz"),
-    **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
-    **{
-        name: f"{name}.csv"
-        for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
-    },
-    "harmonics": "response.csv",
+    **dict.fromkeys(("response", "contact_map", "multipliers", "harmonics"), "response.csv"),
+    **dict.fromkeys(("sizes", "mac"), "summary.json"),
+    **{name: f"{name}.csv" for name in ("backbone", "campbell", "sweep", "comparison")},
+    "equilibria": "equilibria.csv",
     "peaks": "response_peaks.csv",
     "stress": "stresses.csv",
-    "sizes": "summary.json",
-    "mac": "summary.json",
 }
 
 
