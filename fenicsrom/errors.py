@@ -73,6 +73,14 @@ class SceneError(ValueError):
         self.source = source
 
 
+def refuse(
+    source: object, reason: str, kind: ErrorKind = ErrorKind.FORMAT, key: str = ""
+) -> SceneError:
+    """Make the error of a file, or of a key in it: "file: reason" or "file: key: reason"."""
+    sentence = f"{source}: {key}: {reason}" if key else f"{source}: {reason}"
+    return SceneError(sentence, kind=kind, key=key, source=str(source))
+
+
 class ConvergenceError(RuntimeError):
     """An iteration did not converge (exit code 1).
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.mesh_check import MeshCheck
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Sized
+    from fenicsrom.assess.rotation.run_up import RunUp
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
@@ -48,6 +49,7 @@ class Rerun:
             or the model does not have them.
         left_out: sentences "NAME: REASON" on what was not computed.
         files: the written files, the report first.
+        run_up: the motion by revolutions; None at a constant speed of rotation.
     """
 
     stored: StoredModel
@@ -59,6 +61,7 @@ class Rerun:
     stresses: Stresses | None = None
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+    run_up: RunUp | None = None
 
     @property
     def scene(self) -> Scene:

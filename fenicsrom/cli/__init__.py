@@ -27,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             options = make_parser().parse_args(words, options)
             _check_arguments(options)
-            if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
+            alone = options.name not in ("sweep", "map")
+            if getattr(options, "stored", None) and alone and is_idle():
                 return 0
             return int(options.command(options))
     except SceneError as error:

@@ -5,7 +5,6 @@
     op4                   OUTPUT4 files as text, written and read
     abaqus                matrices of Abaqus (.mtx), read
     arrays                .mat and .npz files
-    mat_reader            matrices of MATLAB files, read
     fmu, fmu_source       a Functional Mock-up Unit, with its C source
     export                the formats of `fenicsrom export`
     superelement          a reduced model from the matrices and a scene of interface nodes

@@ -15,15 +15,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-
+from fenicsrom.errors import refuse
 from fenicsrom.exchange.matrix_set import (
-    LARGEST_SIZE,
     Label,
     MatrixSet,
+    check_size,
+    dense,
     matrix_set,
-    refuse,
 )
+from fenicsrom.formats.text import content_of
 
 PARTS = {"stiffness": "STIF", "mass": "MASS", "damping": "DMPV"}
 """The word in the name of the file of each matrix."""
@@ -54,19 +54,8 @@ def read_mtx(path: Path) -> MatrixSet:
     stiffness = entries["stiffness"]
     clamped = {row for (row, column), v in stiffness.items() if row == column and v >= CLAMPED}
     labels = tuple(sorted({label for pair in stiffness for label in pair} - clamped))
-    if len(labels) > LARGEST_SIZE:
-        reason = f"has {len(labels)} coordinates; at most {LARGEST_SIZE}"
-        raise refuse(path, f"{reason}: reduce it first (Craig-Bampton)")
-    place = {label: k for k, label in enumerate(labels)}
-    matrices = {}
-    for part, found in entries.items():
-        matrix = np.zeros((len(labels), len(labels)))
-        for (row, column), value in found.items():
-            if row in place and column in place:
-                matrix[place[row], place[column]] = value
-                if (column, row) not in found:
-                    matrix[place[column], place[row]] = value
-        matrices[part] = matrix
+    check_size(path, len(labels))
+    matrices = {part: dense(found, labels, True) for part, found in entries.items()}
     return matrix_set(path, matrices, labels)
 
 
@@ -76,12 +65,8 @@ def _read_entries(path: Path) -> Entries:
     Raises:
         SceneError: the file cannot be read, or a line is not an entry.
     """
-    try:
-        text = path.read_text(encoding="latin-1")
-    except OSError as error:
-        raise refuse(path, f"cannot be read: {error.strerror}") from None
     found: Entries = {}
-    for line in text.splitlines():
+    for line in content_of(path).decode("latin-1").splitlines():
         if not line.strip() or line.startswith("**"):
             continue
         words = [word for word in SEPARATOR.split(line.strip()) if word]

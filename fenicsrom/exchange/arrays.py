@@ -10,20 +10,23 @@ The terms of the degrees 0 to 3 are those of force, stiffness, quadratic and cub
 
 from __future__ import annotations
 
+import io
 import math
 from collections import Counter
+from collections.abc import Mapping
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind
-from fenicsrom.exchange.mat_reader import mat_matrices
-from fenicsrom.exchange.matrix_set import MatrixSet, matrix_set, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
+from fenicsrom.formats.text import content_of
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.matrices import UNITS, ModelArrays
 from fenicsrom.online.store.archive import StoredModel
@@ -107,14 +110,15 @@ def read_mat(path: Path) -> MatrixSet:
     Raises:
         SceneError: the file cannot be read, or its matrices do not fit together.
     """
+    from scipy.io import loadmat
+
+    raw = io.BytesIO(content_of(path))
     try:
-        content = mat_matrices(path.read_bytes())
-    except OSError as error:
-        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
-    except ValueError as error:
+        content = loadmat(raw)
+    except Exception as error:  # damaged bytes raise many kinds of errors in scipy
         reason = f"is not a MATLAB file of version 5 to 7 ({error}); save it with -v7"
         raise refuse(path, reason) from None
-    return matrix_set(path, content)
+    return matrix_set(path, _real_matrices(content))
 
 
 def read_npz(path: Path) -> MatrixSet:
@@ -123,12 +127,19 @@ def read_npz(path: Path) -> MatrixSet:
     Raises:
         SceneError: the file cannot be read, or its matrices do not fit together.
     """
+    raw = io.BytesIO(content_of(path))
     try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with np.load(raw, allow_pickle=False) as file:
             content = {name: np.array(file[name]) for name in file.files}
-    except OSError as error:
-        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except Exception as error:  # damaged bytes raise many kinds of errors in numpy and zipfile
         raise refuse(path, f"is not an .npz file ({type(error).__name__})") from None
-    matrices = {name: array for name, array in content.items() if array.ndim == 2}
-    return matrix_set(path, matrices)
+    return matrix_set(path, _real_matrices(content))
+
+
+def _real_matrices(content: Mapping[str, Any]) -> dict[str, Array]:
+    """The real matrices among the variables of a file, dense."""
+    dense = {
+        name: value.toarray() if scipy.sparse.issparse(value) else np.asarray(value)
+        for name, value in content.items()
+    }
+    return {name: a for name, a in dense.items() if a.ndim == 2 and a.dtype.kind in "fiu"}

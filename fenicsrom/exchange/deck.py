@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section, Transient
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid
@@ -332,14 +332,9 @@ class _Nodes:
 
     def _lost(self, key: str) -> SceneError:
         """The error that a node is left out which the scene needs."""
-        source = self._solid.source
-        return SceneError(
-            f"{source}: {key}: they use a node inside a face or cell, which the elements of "
-            "CalculiX lack; use triangles or tetrahedra",
-            kind=ErrorKind.CONFLICT,
-            key=key,
-            source=source,
-        )
+        reason = "they use a node inside a face or cell, which the elements of CalculiX lack; use "
+        reason += "triangles or tetrahedra"
+        return refuse(self._solid.source, reason, ErrorKind.CONFLICT, key)
 
     def mesh_file(self) -> MeshFile:
         """The mesh with its groups; groups of facets and of nodes are groups of nodes."""

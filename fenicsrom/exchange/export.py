@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.exchange.arrays import write_mat
 from fenicsrom.exchange.fmu import write_fmu
 from fenicsrom.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS
@@ -120,13 +120,8 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
 def _require_own(scene: Path) -> None:
     """Refuse to replace a scene that an export did not write."""
     if scene.exists() and not scene.read_bytes().startswith(HEADING.encode()):
-        raise SceneError(
-            f"{scene}: the export would replace it by the scene of its file; give the file another "
-            "name",
-            kind=ErrorKind.FILE,
-            key="--output",
-            source=str(scene),
-        )
+        reason = "would be replaced by the scene of the exported file; give the file another name"
+        raise refuse(scene, reason, ErrorKind.FILE, "--output")
 
 
 def linear_matrices(arrays: ModelArrays, interface: Array) -> dict[str, Array]:

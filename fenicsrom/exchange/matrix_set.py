@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 
 STIFFNESS, MASS, DAMPING, INTERFACE = "KAAX", "MAAX", "BAAX", "INTERF"
 """Names in Nastran files: the first three as Nastran's EXTSEOUT writes them, the last one is ours.
@@ -56,9 +56,35 @@ class MatrixSet:
     labels: tuple[Label, ...] | None = None
 
 
-def refuse(path: Path, reason: str, kind: ErrorKind = ErrorKind.FORMAT) -> SceneError:
-    """The error of a file of matrices."""
-    return SceneError(f"{path}: {reason}", kind=kind, source=str(path))
+def check_size(path: Path, size: int) -> None:
+    """Check a number of coordinates.
+
+    Raises:
+        SceneError: there are too many.
+    """
+    if size > LARGEST_SIZE:
+        reason = f"has {size} coordinates; at most {LARGEST_SIZE}: reduce it first (Craig-Bampton)"
+        raise refuse(path, reason, ErrorKind.RANGE)
+
+
+def dense(
+    entries: Mapping[tuple[Label, Label], float], labels: tuple[Label, ...], symmetric: bool
+) -> Array:
+    """The matrix (n, n) of entries by the labels (n,) of their rows and columns.
+
+    Args:
+        entries: the numbers; those of other labels are left out.
+        labels: node and direction of each coordinate.
+        symmetric: whether an entry stands for the one across the diagonal, unless that is given.
+    """
+    place = {label: k for k, label in enumerate(labels)}
+    matrix = np.zeros((len(labels), len(labels)))
+    for (row, column), value in entries.items():
+        if row in place and column in place:
+            matrix[place[row], place[column]] = value
+            if symmetric and (column, row) not in entries:
+                matrix[place[column], place[row]] = value
+    return matrix
 
 
 def matrix_set(
@@ -88,9 +114,7 @@ def matrix_set(
         if present:
             found[part] = _checked(path, part, upper[present[0]])
     n = len(found["stiffness"])
-    if n > LARGEST_SIZE:
-        reason = f"has {n} coordinates; at most {LARGEST_SIZE}: reduce it first (Craig-Bampton)"
-        raise refuse(path, reason, ErrorKind.RANGE)
+    check_size(path, n)
     for part, matrix in found.items():
         if part == "interface" and matrix.shape[0] == n:
             continue

@@ -17,14 +17,17 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
+from fenicsrom.formats.text import content_of
 from fenicsrom.words import counted
 
 FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")
 DIGITS = 16  # digits behind the point: 17 significant digits keep every float64
 WIDTH = DIGITS + 7
 PER_LINE = 80 // WIDTH
+LEAST = 1e-99  # a smaller number has an exponent of three digits, for which there is no room
 DOUBLE = 2
 SQUARE, RECTANGULAR, SYMMETRIC = 1, 2, 6
 LONGEST_STRING = 65536  # a string header of the sparse form holds row + 65536 (length + 1)
@@ -56,6 +59,7 @@ def write_op4(path: Path, matrices: Mapping[str, Array]) -> None:
 def _column(number: int, row: int, values: Array) -> Iterator[str]:
     """The lines of the numbers of a column from a row on."""
     yield f"{number:8d}{row:8d}{values.size:8d}"
+    values = np.where(np.abs(values) < LEAST, 0.0, values)
     for start in range(0, values.size, PER_LINE):
         yield "".join(f"{v:{WIDTH}.{DIGITS}E}" for v in values[start : start + PER_LINE])
 
@@ -75,10 +79,7 @@ def op4_matrices(path: Path) -> dict[str, Array]:
     Raises:
         SceneError: the file cannot be read, or is not a text file of real matrices.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise refuse(path, f"cannot be read: {error.strerror}") from None
+    data = content_of(path)
     if b"\0" in data[:100]:
         reason = "is a binary OUTPUT4 file; write it as text, with FORM=FORMATTED"
         raise refuse(path, reason)

@@ -16,10 +16,10 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.exchange.abaqus import read_mtx
 from fenicsrom.exchange.arrays import read_mat, read_npz
-from fenicsrom.exchange.matrix_set import MatrixSet, refuse
+from fenicsrom.exchange.matrix_set import MatrixSet
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
 from fenicsrom.exchange.superelement_damping import damping_parts, table_matrix
@@ -299,4 +299,4 @@ class _Builder:
         """
         source = self.scene.source
         kind = kind or (ErrorKind.SUPPORT if key == "superelement" else ErrorKind.PLACE)
-        raise SceneError(f"{source}: {key}: {reason}", kind=kind, key=key, source=source)
+        raise refuse(source, reason, kind, key)

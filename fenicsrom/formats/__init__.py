@@ -18,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus import read_abaqus
 from fenicsrom.formats.ansys import read_ansys
 from fenicsrom.formats.division import divided
-from fenicsrom.formats.mesh_file import Block, MeshFile, refuse
+from fenicsrom.formats.mesh_file import Block, MeshFile
 from fenicsrom.formats.nastran import read_nastran
 from fenicsrom.formats.parts import sorted_elements
 from fenicsrom.formats.serendipity import complete

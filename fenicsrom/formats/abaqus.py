@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus_assembly import assembled, placed
 from fenicsrom.formats.abaqus_elements import is_axisymmetric, kind_of, refused
 from fenicsrom.formats.abaqus_keywords import Keyword, fields, read_keywords
@@ -25,7 +26,7 @@ from fenicsrom.formats.abaqus_sets import (
     known_name,
     read_set,
 )
-from fenicsrom.formats.mesh_file import Floats, MeshFile, refuse
+from fenicsrom.formats.mesh_file import Floats, MeshFile, unsupported
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.words import counted
 
@@ -188,11 +189,7 @@ def _elements(model: Model, part: Part, keyword: Keyword) -> None:
     """
     path, name = model.path, keyword.parameters.get("TYPE", "").upper()
     if what := refused(name) if kind_of(name) is None else None:
-        raise refuse(
-            path,
-            f"elements of type {name} ({what}) are not supported; use triangles, quadrilaterals, "
-            "tetrahedra or hexahedra",
-        )
+        raise refuse(path, unsupported(f"elements of type {name} ({what})"))
     kind = kind_of(name)
     of = keyword.parameters.get("ELSET")
     if kind is None:

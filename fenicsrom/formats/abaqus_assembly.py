@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus_elements import kind_of, order_of
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.abaqus_sets import Part, Resolver, known_name
-from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, refuse
+from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
 from fenicsrom.formats.parts import faces
 from fenicsrom.formats.shapes import SHAPES
 

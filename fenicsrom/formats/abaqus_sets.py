@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus_keywords import Keyword, fields, unquoted
-from fenicsrom.formats.mesh_file import Ints, refuse
+from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.formats.text import numbers_between
 
 OF_ELEMENTS = "*ELSET="

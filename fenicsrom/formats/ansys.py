@@ -13,16 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import SceneError, refuse
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import (
-    Block,
-    Floats,
-    Ints,
-    MeshFile,
-    middle_nodes_note,
-    refuse,
-)
+from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, middle_nodes_note
 from fenicsrom.formats.physics import DeckLoad
 from fenicsrom.formats.shapes import FROM_VTK, SHAPES
 from fenicsrom.formats.text import numbers_between, read_lines

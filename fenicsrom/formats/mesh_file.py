@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.formats.physics import Physics
 from fenicsrom.words import are, counted
 
@@ -59,12 +57,12 @@ class MeshFile:
     physics: Physics = field(default_factory=Physics)
 
 
+def unsupported(elements: str) -> str:
+    """Say that elements, such as "cells of type wedge", would leave a hole in the body."""
+    return f"{elements} are not supported; use triangles, quadrilaterals, tetrahedra or hexahedra"
+
+
 def middle_nodes_note(number: int) -> str:
     """The note on so many nodes that cells of degree 2 lack in the file."""
     nodes = counted(number, "node")
     return f"{nodes} on edges that the file leaves out {are(number)} put in the middle"
-
-
-def refuse(path: Path, reason: str) -> SceneError:
-    """The error that a file has content which is not supported or damaged."""
-    return SceneError(f"{path}: {reason}", kind=ErrorKind.FORMAT, source=str(path))

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.mesh_file import (
     Block,
     Floats,
     Ints,
     MeshFile,
     middle_nodes_note,
-    refuse,
+    unsupported,
 )
 from fenicsrom.formats.nastran_cards import Card, read_cards
 from fenicsrom.formats.nastran_physics import TAKEN, with_physics
@@ -130,11 +131,7 @@ def _blocks(
     middles: dict[tuple[int, ...], int] = {}
     for card in cards:
         if card.name in HOLES:
-            raise refuse(
-                path,
-                f"{card.name} elements ({HOLES[card.name]}) are not supported; use triangles, "
-                "quadrilaterals, tetrahedra or hexahedra",
-            )
+            raise refuse(path, unsupported(f"{card.name} elements ({HOLES[card.name]})"))
         if card.name not in ELEMENTS:
             if card.name not in SILENT:
                 other[card.name] += 1

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fenicsrom.formats.mesh_file import refuse
+from fenicsrom.errors import refuse
 from fenicsrom.formats.text import included, read_lines
 
 
@@ -48,15 +48,19 @@ class Card:
         return found
 
 
-def read_cards(path: Path) -> list[Card]:
+def read_cards(path: Path, whole: bool = True) -> list[Card]:
     """Read the entries of the bulk data of a file and of the files that it includes.
+
+    Args:
+        path: the file.
+        whole: whether the file must end with ENDDATA; a file of matrices need not.
 
     Raises:
         SceneError: the file does not end with ENDDATA, a continuation belongs to no entry, or an
             included file is not there.
     """
     lines = _bulk_lines(path, 0)
-    if not any(re.match(r"ENDDATA", line.strip(), flags=re.I) for line in lines):
+    if whole and not any(re.match(r"ENDDATA", line.strip(), flags=re.I) for line in lines):
         raise refuse(path, "the file does not end with ENDDATA; it may be truncated")
     cards: list[Card] = []
     mark = ""

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.formats.mesh_file import Floats, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.formats.mesh_file import Floats
 from fenicsrom.formats.nastran_cards import Card
 
 KINDS = {f"CORD{form}{kind}" for form in "12" for kind in "RCS"}

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, refuse
+from fenicsrom.errors import refuse
+from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind, facets_of
 from fenicsrom.words import counted
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.formats.mesh_file import refuse
+from fenicsrom.errors import ErrorKind, refuse
 
 DEEPEST = 16
 """Files may include files to this depth; a file that includes itself would never end."""
@@ -27,9 +26,21 @@ def numbers_between(first: int, last: int, step: int = 1) -> range:
     return found
 
 
+def content_of(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+
+
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, without the ends of the lines."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = content_of(path).decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
@@ -47,11 +58,7 @@ def included(path: Path, name: str, what: str, depth: int) -> Path:
     """
     found = path.parent / name.strip().strip("'\"").replace("\\", "/")
     if not found.is_file():
-        raise SceneError(
-            f"{path}: {what} {name.strip()}: there is no file {found}",
-            kind=ErrorKind.FILE,
-            source=str(path),
-        )
+        raise refuse(path, f"{what} {name.strip()}: there is no file {found}", ErrorKind.FILE)
     if depth >= DEEPEST:
         raise refuse(path, f"{what} {name.strip()}: files include each other without end")
     return found

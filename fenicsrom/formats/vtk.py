@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, refuse
+from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, unsupported
 from fenicsrom.formats.shapes import FROM_VTK, SHAPES
 
 VALUES = 256
@@ -45,10 +45,10 @@ def read_vtk(path: Path) -> MeshFile:
     try:
         import meshio
     except ImportError:
-        raise SceneError(
-            f"{path}: reading a {path.suffix} file needs meshio: install it, or convert to .msh",
-            kind=ErrorKind.DEPENDENCY,
-            source=str(path),
+        raise refuse(
+            path,
+            f"reading a {path.suffix} file needs meshio: install it, or convert to .msh",
+            ErrorKind.DEPENDENCY,
         ) from None
     try:
         module = meshio.vtu if path.suffix.lower() == ".vtu" else meshio.vtk
@@ -61,11 +61,7 @@ def read_vtk(path: Path) -> MeshFile:
     names = [mesh.cells[index].type for index in kept]
     for name in names:
         if name not in KINDS:
-            raise refuse(
-                path,
-                f"cells of type {name} are not supported; use triangles, quadrilaterals, "
-                "tetrahedra or hexahedra",
-            )
+            raise refuse(path, unsupported(f"cells of type {name}"))
     blocks = []
     for name, index in zip(names, kept, strict=True):
         nodes = np.asarray(mesh.cells[index].data, dtype=np.int64)

@@ -97,6 +97,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
     """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
+    from fenicsrom.assess.rotation.run_up import run_up
     from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.post.run.sentences import (
         UNJUDGED,
@@ -109,6 +110,7 @@ def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
         found.left_out = rerun_left_out(found.stored, found.motion)
+    found.run_up = run_up(found.stored, found.motion)
     found.warnings += motion_warnings("reduced", found.motion, found.stored.scene)
     if found.stored.candidates is None:
         superelement = found.stored.method == SUPERELEMENT

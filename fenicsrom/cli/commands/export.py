@@ -8,7 +8,7 @@ from pathlib import Path
 from fenicsrom.cli.arguments import FILE, SET, Argument, Command
 from fenicsrom.cli.output import require_lasting, require_other
 from fenicsrom.cli.printing import print_results
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 
 MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
@@ -36,11 +36,8 @@ def export(options: argparse.Namespace) -> int:
     is_model = model.suffix.lower() == ".npz"
     if is_model != (options.format != "inp"):
         needed = "a stored model (.npz)" if options.format != "inp" else "a scene file"
-        raise SceneError(
-            f"{model}: --format {options.format} needs {needed}",
-            kind=ErrorKind.CONFLICT,
-            key="--format",
-            source=str(model),
+        raise refuse(
+            model, f"--format {options.format} needs {needed}", ErrorKind.CONFLICT, "--format"
         )
     if not is_model:
         return _export_scene(options)

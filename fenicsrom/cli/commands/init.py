@@ -10,7 +10,7 @@ from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command
 from fenicsrom.cli.mesh_files import inspected
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
 
 UNITS = Argument(
     "--units",
@@ -41,7 +41,7 @@ def init(options: argparse.Namespace) -> int:
     require_lasting(path)
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
-        raise SceneError(f"{path}: {reason}", kind=ErrorKind.FILE, key="output", source=str(path))
+        raise refuse(path, reason, ErrorKind.FILE, "output")
     found = inspected(options)
     if found.refusal is not None:
         raise found.refusal

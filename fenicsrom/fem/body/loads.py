@@ -8,11 +8,12 @@ import ufl
 from mpi4py import MPI
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.places import Places
 from fenicsrom.scene import Load
+from fenicsrom.scene.base.rules import Where
 
 LOAD_DEGREE = 6
 """Degree of the quadrature rule on loaded facets.
@@ -74,10 +75,6 @@ def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
     facets = body.mesh.facets(load.place)
     owned = facets[facets < topology.index_map(d - 1).size_local]
     if body.comm.allreduce(bool(np.any(~np.isin(owned, boundary))), op=MPI.LOR):
-        raise SceneError(
-            f"{body.source}: {key}.pressure = {load.size:g}: must act on the boundary, but "
-            "some of these facets lie inside the body",
-            kind=ErrorKind.PLACE,
-            key=f"{key}.pressure",
-            source=body.source,
-        )
+        where = Where(body.source, f"{key}.pressure")
+        allowed = "must act on the boundary, but some of these facets lie inside the body"
+        raise where.refuse(load.size, allowed, ErrorKind.PLACE)

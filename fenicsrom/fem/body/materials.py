@@ -17,10 +17,11 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.online.stress.elasticity_tensor import mandel_basis, stiffness
 from fenicsrom.scene import Elasticity, Geometry, GroupMaterial, Material
+from fenicsrom.scene.base.rules import Where
 
 Expression = ufl.core.expr.Expr
 
@@ -57,13 +58,10 @@ class Materials:
             taken = np.max(self.number[cells], initial=0)
             other = max(mesh.domain.comm.allgather(int(taken)))
             if other:
-                raise SceneError(
-                    f"{source}: materials[{k}].group = {group.group!r}: has cells in common with "
-                    f"group {groups[other - 1].group!r}; each cell must have one material",
-                    kind=ErrorKind.CONFLICT,
-                    key=f"materials[{k}].group",
-                    source=source,
-                )
+                common = f"has cells in common with group {groups[other - 1].group!r}"
+                where = Where(source, f"materials[{k}].group")
+                allowed = f"{common}; each cell must have one material"
+                raise where.refuse(group.group, allowed, ErrorKind.CONFLICT)
             self.number[cells] = 1 + k
         whole = geometry.thickness or 1.0
         self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.mesh.mesh_data import NEAR
@@ -122,9 +122,7 @@ class Places:
 
     def _error(self, key: str, reason: str) -> SceneError:
         source = self._body.source
-        return SceneError(
-            f"{source}: {key}: {reason}", kind=ErrorKind.PLACE, key=key, source=source
-        )
+        return refuse(source, reason, ErrorKind.PLACE, key)
 
     def _mean(self, place: Place, key: str) -> tuple[Array, Array]:
         """Rows (d, local) of the mean displacement of a region, and its centroid (3,)."""

@@ -20,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.body.slanted import Held
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
@@ -102,13 +102,9 @@ def _node_at(
     distance = np.linalg.norm(space.tabulate_dof_coordinates()[:, :d] - point, axis=1)
     nearest = min(comm.allgather(float(np.min(distance, initial=np.inf))))
     if nearest > NEAR * extent:
-        raise SceneError(
-            f"{source}: supports: no node has the coordinates {list(point)}; the nearest node is "
-            f"{nearest:.3g} m away",
-            kind=ErrorKind.PLACE,
-            key="supports",
-            source=source,
-        )
+        away = f"the nearest node is {nearest:.3g} m away"
+        reason = f"no node has the coordinates {list(point)}; {away}"
+        raise refuse(source, reason, ErrorKind.PLACE, "supports")
     return np.flatnonzero(distance <= nearest + ROUNDING * extent).astype(np.int32)
 
 
@@ -168,13 +164,9 @@ def check_rigid_motions(
     for k in range(count):
         if free := _free_motions(moments[k], d):
             where = "" if count == 1 else f" of one of the {count} connected pieces of the mesh"
-            raise SceneError(
-                f"{source}: supports: they leave {free}{where} free, so the stiffness is singular; "
-                "clamp more nodes or components",
-                kind=ErrorKind.SUPPORT,
-                key="supports",
-                source=source,
-            )
+            reason = f"they leave {free}{where} free, so the stiffness is singular"
+            reason += "; clamp more nodes or components"
+            raise refuse(source, reason, ErrorKind.SUPPORT, "supports")
 
 
 def _rigid_motions(mesh: Mesh, space: fem.FunctionSpace) -> Array:
@@ -212,13 +204,9 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
         if pieces == 1
         else f"{pieces} connected pieces of the mesh touch"
     )
-    return SceneError(
-        f"{mesh.source}: {some} no support ({named}), so the stiffness is singular; clamp "
-        "every piece, or join the parts of the mesh (coincident nodes do not join them)",
-        kind=ErrorKind.SUPPORT,
-        key="supports",
-        source=mesh.source,
-    )
+    reason = f"{some} no support ({named}), so the stiffness is singular; clamp every piece, or "
+    reason += "join the parts of the mesh (coincident nodes do not join them)"
+    return refuse(mesh.source, reason, ErrorKind.SUPPORT, "supports")
 
 
 def connected_pieces(mesh: Mesh) -> tuple[Ints, int]:

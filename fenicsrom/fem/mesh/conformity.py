@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.formats.mesh_file import Floats, Ints
 from fenicsrom.formats.shapes import facets_of
 
@@ -31,31 +31,28 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
             hangs.
     """
     if not np.isfinite(points).all():
-        reason = "a node has coordinates that are not finite"
-        raise SceneError(f"{source}: {reason}", kind=ErrorKind.MESH, source=source)
+        raise refuse(source, "a node has coordinates that are not finite", ErrorKind.MESH)
     facets = facets_of(kind, cells)
     facets = facets.reshape(-1, facets.shape[-1])
     _, first, count = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
     )
 
-    def refuse(number: int, what: str, place: Floats) -> SceneError:
+    def refused(number: int, what: str, place: Floats) -> SceneError:
         where = ", ".join(f"{value:.6g}" for value in place[:dimension])
-        return SceneError(
-            f"{source}: {number} {what}, one at ({where})", kind=ErrorKind.MESH, source=source
-        )
+        return refuse(source, f"{number} {what}, one at ({where})", ErrorKind.MESH)
 
     crowded = facets[first[count > 2]]
     if len(crowded):
         what = "facets belong to more than two cells, so cells overlap"
-        raise refuse(len(crowded), what, points[crowded[0]].mean(axis=0))
+        raise refused(len(crowded), what, points[crowded[0]].mean(axis=0))
     hanging = _hanging(facets[first[count == 1]], points)
     if len(hanging):
         what = (
             "nodes lie on a facet of a cell that does not have them, so the cells there are not "
             "joined; refine with whole cells"
         )
-        raise refuse(len(hanging), what, points[hanging[0]])
+        raise refused(len(hanging), what, points[hanging[0]])
 
 
 def _hanging(facets: Ints, points: Floats) -> Ints:

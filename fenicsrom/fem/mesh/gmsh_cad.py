@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh.gmsh_queries import Floats, model_nodes
+from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.fem.mesh.gmsh_queries import Floats, model_nodes, straight_places
 from fenicsrom.formats.shapes import STRAIGHT
 from fenicsrom.scene import Geometry
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import are, counted
 
 SMALLEST = 0.05
@@ -53,7 +54,7 @@ def mesh_cad(gmsh: Any, geometry: Geometry) -> tuple[str, ...]:
     """
     d, source = geometry.dimension, str(geometry.mesh)
     if any(gmsh.model.occ.getMass(d, tag) <= 0.0 for tag in _tags(gmsh, d)):  # gmsh would crash
-        raise SceneError(f"{source}: a body has no volume", kind=ErrorKind.MESH, source=source)
+        raise refuse(source, "a body has no volume", ErrorKind.MESH)
     faces = _named_faces(gmsh, d)
     for name, members in faces.items():
         gmsh.model.addPhysicalGroup(d - 1, members, name=name)
@@ -145,13 +146,11 @@ def _refine(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> None:
     source, meshing, fields = str(geometry.mesh), geometry.meshing, []
     for index, near in enumerate(meshing.near or ()):
         if near.group not in faces:
-            raise SceneError(
-                f"{source}: there is no facet group {near.group!r}; the mesh has the facet groups "
-                f"{', '.join(sorted(faces))}",
-                kind=ErrorKind.PLACE,
-                key=f"geometry.meshing.near[{index}].group",
-                source=source,
+            key, named = f"geometry.meshing.near[{index}].group", ", ".join(sorted(faces))
+            reason = (
+                f"there is no facet group {near.group!r}; the mesh has the facet groups {named}"
             )
+            raise refuse(source, reason, ErrorKind.PLACE, key)
         size = near.size or 0.5 * geometry.size
         distance = gmsh.model.mesh.field.add("Distance")
         kind = "SurfacesList" if geometry.dimension == 3 else "CurvesList"
@@ -201,13 +200,9 @@ def _generate(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> lis
             return [f"{source}: {failure}; the body was meshed with {used} instead"]
         failure = failure or problem
     least = f"size = {size / finer:.3g} m and curvature = {meshing.curvature * finer:g}"
-    raise SceneError(
-        f"{source}: {failure}; it could not be meshed with {least} either; repair the face in the "
-        "CAD program, or give geometry.size and [geometry.meshing] smaller cells",
-        kind=ErrorKind.MESH,
-        key="geometry.size",
-        source=source,
-    )
+    reason = f"{failure}; it could not be meshed with {least} either; repair the face in the CAD "
+    reason += "program, or give geometry.size and [geometry.meshing] smaller cells"
+    raise refuse(source, reason, ErrorKind.MESH, "geometry.size")
 
 
 def _attempt(gmsh: Any, d: int, faces: dict[str, list[int]]) -> str:
@@ -252,13 +247,9 @@ def _check_structured(gmsh: Any, geometry: Geometry) -> None:
     other = [t for t in _tags(gmsh, d) if set(gmsh.model.mesh.getElementTypes(d, t)) - {box}]
     if other:
         names = ", ".join(str(tag) for tag in other)
-        raise SceneError(
-            f'{source}: geometry.cells = "structured": body {names} has no mesh of hexahedra, '
-            "because it does not have six faces of four sides each; leave the key out",
-            kind=ErrorKind.CONFLICT,
-            key="geometry.cells",
-            source=source,
-        )
+        reason = f"body {names} has no mesh of hexahedra, because it does not have six faces of "
+        reason += "four sides each; leave the key out"
+        raise Where(source, "geometry.cells").refuse("structured", reason, ErrorKind.CONFLICT)
 
 
 def straighten_inverted(gmsh: Any, d: int) -> int:
@@ -298,12 +289,3 @@ def straighten_inverted(gmsh: Any, d: int) -> int:
                 moved = moved or len(free) > 0
             changed |= set(tags[bad].tolist())
     return len(changed)
-
-
-def straight_places(gmsh: Any, kind: int, cells: Floats) -> Floats:
-    """The places (c, nodes, 3) of the nodes of cells of a kind, if the cells were straight."""
-    _, d, _, _, reference, vertices = gmsh.model.mesh.getElementProperties(kind)
-    local = np.pad(np.reshape(reference, (-1, d)), ((0, 0), (0, 3 - d)))
-    straight = STRAIGHT[d, vertices]
-    _, weights, _ = gmsh.model.mesh.getBasisFunctions(straight, local.ravel(), "Lagrange")
-    return np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), cells[:, :vertices])

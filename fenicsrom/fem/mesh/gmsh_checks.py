@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.mesh.gmsh_queries import (
     QUADRATIC,
     Floats,
     elements_of,
     fits,
     model_nodes,
+    straight_places,
 )
+from fenicsrom.formats.mesh_file import unsupported
+from fenicsrom.formats.shapes import STRAIGHT as STRAIGHT_KINDS
 from fenicsrom.scene import Geometry
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import are, counted
 
 DEGENERATE = 1e-12
@@ -52,13 +56,8 @@ def check_cells(
     cells = [x for x in cells if len(x)]
     spread = np.ptp([[x.min(axis=(0, 1)), x.max(axis=(0, 1))] for x in cells], axis=(0, 1))
     if d == 2 and spread[2] > PLANAR * spread.max():
-        raise SceneError(
-            f"{source}: z differs by {spread[2]:g} m, but it must be "
-            "constant if geometry.dimension = 2",
-            kind=ErrorKind.MESH,
-            key="geometry.dimension",
-            source=source,
-        )
+        reason = f"z differs by {spread[2]:g} m, but it must be constant in 2D"
+        raise refuse(source, reason, ErrorKind.MESH, "geometry.dimension")
     moved = _check_shapes(gmsh, geometry, given, kind, [x[:, :, :d] for x in cells])
     warnings = [
         f"{source}: {line[9:]}" for line in gmsh.logger.get() if line.startswith("Warning: ")
@@ -80,38 +79,27 @@ def _cell_kinds(gmsh: Any, geometry: Geometry, solid: list[int]) -> tuple[int, i
     """
     source, d = str(geometry.mesh), geometry.dimension
 
-    def error(reason: str, kind: ErrorKind = ErrorKind.MESH, key: str = "") -> SceneError:
-        return SceneError(f"{source}: {reason}", kind=kind, key=key, source=source)
-
     types = sorted(
         {int(kind) for entity in solid for kind in gmsh.model.mesh.getElementTypes(d, entity)}
     )
     properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
     names = ", ".join(entry[0] for entry in properties)
     if not types:
-        raise error(f"there are no cells of dimension {d}")
+        raise refuse(source, f"there are no cells of dimension {d}", ErrorKind.MESH)
     if len(types) != 1:
-        raise error(f"the cells must be of one type, but they are {names}")
+        reason = f"the cells must be of one type, but they are {names}"
+        raise refuse(source, reason, ErrorKind.MESH)
     given, vertices = types[0], properties[0][5]
-    kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
+    kind = STRAIGHT_KINDS.get((d, vertices))
     if kind is None:
-        raise error(
-            f"cells of type {names} are not supported; use triangles, quadrilaterals, "
-            "tetrahedra or hexahedra"
-        )
+        raise refuse(source, unsupported(f"cells of type {names}"), ErrorKind.MESH)
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
-        raise error(
-            f"geometry.cells = {geometry.cells!r}, but the cells are {names}",
-            ErrorKind.CONFLICT,
-            "geometry.cells",
-        )
+        where = Where(source, "geometry.cells")
+        raise where.refuse(geometry.cells, f"the cells are {names}", ErrorKind.CONFLICT)
     if geometry.curved and given != QUADRATIC[kind]:
         curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
-        raise error(
-            f"geometry.curved = true needs {curved}, but the cells are {names}",
-            ErrorKind.CONFLICT,
-            "geometry.curved",
-        )
+        where = Where(source, "geometry.curved")
+        raise where.refuse(True, f"needs {curved}, but the cells are {names}", ErrorKind.CONFLICT)
     return given, kind
 
 
@@ -135,9 +123,7 @@ def _check_shapes(
     """
     source, d = str(geometry.mesh), geometry.dimension
     reference = np.reshape(gmsh.model.mesh.getElementProperties(given)[4], (-1, d))
-    vertices = gmsh.model.mesh.getElementProperties(given)[5]
     local = np.pad(reference, ((0, 0), (0, 3 - d)))
-    _, weights, _ = gmsh.model.mesh.getBasisFunctions(kind, local.ravel(), "Lagrange")
     moved = 0.0
     for x in cells:
         size = np.ptp(x, axis=1).max(axis=1)
@@ -145,14 +131,11 @@ def _check_shapes(
         bad = np.flatnonzero((det * np.sign(det.sum())).min(axis=1) <= DEGENERATE * size**d)
         if len(bad):
             where = ", ".join(f"{value:.6g}" for value in x[bad[0]].mean(axis=0))
-            raise SceneError(
-                f"{source}: {counted(len(bad), 'cell')} {are(len(bad))} inverted or degenerate, "
-                f"one at ({where}): must have a Jacobian determinant of one sign",
-                kind=ErrorKind.MESH,
-                source=source,
-            )
-        straight = np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), x[:, :vertices])
-        moved = max(moved, (np.linalg.norm(straight - x, axis=2).max(axis=1) / size).max())
+            reason = f"{counted(len(bad), 'cell')} {are(len(bad))} inverted or degenerate, one at "
+            reason += f"({where}): must have a Jacobian determinant of one sign"
+            raise refuse(source, reason, ErrorKind.MESH)
+        off = np.linalg.norm(straight_places(gmsh, given, x) - x, axis=2)
+        moved = max(moved, (off.max(axis=1) / size).max())
     return moved
 
 
@@ -163,22 +146,12 @@ def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], k
         SceneError: the facets of a group are of another kind.
     """
     for name, entities in groups.items():
-        types = {
-            int(given)
-            for entity in entities
-            for given in gmsh.model.mesh.getElementTypes(d, entity)
-        }
-        for given in sorted(types):
+        types = [t for entity in entities for t in gmsh.model.mesh.getElementTypes(d, entity)]
+        for given in types:
             if not fits(gmsh, given, kind):
-                have, need = (
-                    gmsh.model.mesh.getElementProperties(type_)[0] for type_ in (given, kind)
-                )
-                raise SceneError(
-                    f"{source}: group {name!r} has facets of type {have}, "
-                    f"but the cells have facets of type {need}",
-                    kind=ErrorKind.MESH,
-                    source=source,
-                )
+                have, need = (gmsh.model.mesh.getElementProperties(k)[0] for k in (given, kind))
+                reason = f"has facets of type {have}, but the cells have facets of type {need}"
+                raise refuse(source, f"group {name!r} {reason}", ErrorKind.MESH)
 
 
 def determinants(gmsh: Any, kind: int, local: Floats, cells: Floats) -> Floats:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom import formats
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
@@ -25,6 +25,7 @@ from fenicsrom.formats import Block, MeshFile
 from fenicsrom.formats.physics import Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
+from fenicsrom.scene.base.rules import Where
 
 FARTHEST = 1e15
 """Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
@@ -89,14 +90,9 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
     source, d = str(geometry.mesh), geometry.dimension
     form = SUFFIXES.get(geometry.mesh.suffix.lower())
     loaded = merge_file(gmsh, geometry)
-    if gmsh.model.getDimension() != d:
-        raise SceneError(
-            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} "
-            "for this file",
-            kind=ErrorKind.CONFLICT,
-            key="geometry.dimension",
-            source=source,
-        )
+    if (found := gmsh.model.getDimension()) != d:
+        where = Where(source, "geometry.dimension")
+        raise where.refuse(d, f"must be {found} for this file", ErrorKind.CONFLICT)
     if form == "step":
         return replace(loaded, warnings=mesh_cad(gmsh, geometry))
     if form == "geo":
@@ -118,13 +114,9 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     source, suffix = str(geometry.mesh), geometry.mesh.suffix.lower()
     form = SUFFIXES.get(suffix)
     if not geometry.mesh.is_file() or (form is None and suffix not in formats.SUFFIXES):
-        raise SceneError(
-            f"geometry.mesh = {source!r}: must be an existing file of one of "
-            f"{', '.join((*SUFFIXES, *formats.SUFFIXES))}",
-            kind=ErrorKind.FILE,
-            key="geometry.mesh",
-            source=source,
-        )
+        known = ", ".join((*SUFFIXES, *formats.SUFFIXES))
+        reason = f"must be an existing file of one of {known}"
+        raise refuse(source, reason, ErrorKind.FILE, "geometry.mesh")
     gmsh.model.add("file")
     if form is None:
         file = formats.read(geometry.mesh)
@@ -160,35 +152,16 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     Raises:
         SceneError: the body has no extent, extends too far, or needs too many cells.
     """
-    source, points = str(geometry.mesh), {tag for _, tag in gmsh.model.getEntities(0)}
-    limits = (*(-FARTHEST,) * 3, *(FARTHEST,) * 3)
-    near = {tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*limits, 0)}
-    # a point whose coordinates are not numbers is not near; asking each point takes seconds
-    places = [gmsh.model.getValue(0, tag, []) for tag in sorted(points - near)]
+    source, box = str(geometry.mesh), np.zeros((2, 3))
     with suppress(Exception):  # a plain exception of gmsh: the box is empty
-        places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
-    wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
-    if wrong:
-        where = ", ".join(f"{value:.6g}" for value in wrong[0])
-        raise SceneError(
-            f"{source}: the geometry extends to ({where}), but coordinates must be at most "
-            f"{FARTHEST:g}",
-            kind=ErrorKind.MESH,
-            source=source,
-        )
-    extent = float(np.ptp(places or np.zeros((1, 3)), axis=0).max())
-    if extent == 0.0:
-        raise SceneError(
-            f"{source}: the geometry has no body with an extent", kind=ErrorKind.MESH, source=source
-        )
+        box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+    extent = float(np.ptp(box, axis=0).max())
+    if not 0.0 < extent <= FARTHEST:
+        allowed = f"must be above 0, and at most {FARTHEST:g}"
+        raise refuse(source, f"the geometry has an extent of {extent:g}: {allowed}", ErrorKind.MESH)
     if geometry.size is not None and geometry.size * MOST_CELLS < extent:
         allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
-        raise SceneError(
-            f"{source}: geometry.size = {geometry.size:g}: {allowed}",
-            kind=ErrorKind.RANGE,
-            key="geometry.size",
-            source=source,
-        )
+        raise Where(source, "geometry.size").refuse(geometry.size, allowed)
 
 
 def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
@@ -202,17 +175,9 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
         gmsh.parser.setNumber("structured", [float(geometry.cells != "simplex")])
     for name, value in geometry.parameters.items():
         if name not in known - {"structured"}:
-            allowed = (
-                ", ".join(sorted(known - {"structured"}))
-                or "none, as the file has no DefineConstant"
-            )
-            raise SceneError(
-                f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of "
-                f"{allowed}",
-                kind=ErrorKind.UNKNOWN_KEY,
-                key=f"geometry.parameters.{name}",
-                source=str(geometry.mesh),
-            )
+            listed = ", ".join(sorted(known - {"structured"})) or "none, without DefineConstant"
+            where = Where(str(geometry.mesh), f"geometry.parameters.{name}")
+            raise where.refuse(value, f"name must be one of {listed}", ErrorKind.UNKNOWN_KEY)
         gmsh.parser.setNumber(name, [value])
 
 
@@ -280,12 +245,10 @@ def _check_content(gmsh: Any, source: str) -> None:
         SceneError: there are no cells, or a number was given twice.
     """
     if gmsh.model.getDimension() < 0:
-        raise SceneError(f"{source}: holds no cells", kind=ErrorKind.MESH, source=source)
+        raise refuse(source, "holds no cells", ErrorKind.MESH)
     for line in gmsh.logger.get():
         if match := re.search(r"duplicate node (\d+)", line):
-            raise SceneError(
-                f"{source}: node {match[1]} is given twice", kind=ErrorKind.FORMAT, source=source
-            )
+            raise refuse(source, f"node {match[1]} is given twice")
 
 
 @contextmanager
@@ -305,15 +268,10 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:
         sentence = " ".join((errors or [str(failure)])[0].split())
-        parameter = re.match(
-            r"(geometry\.parameters\.\w+) = ", sentence
-        )  # by Error() in a .geo file
-        raise SceneError(
-            f"{source}: {sentence}",
-            kind=ErrorKind.RANGE if parameter else ErrorKind.MESH,
-            key=parameter[1] if parameter else "",
-            source=source,
-        ) from failure
+        # by Error() in a .geo file
+        match = re.match(r"(geometry\.parameters\.\w+) = ", sentence)
+        kind, key = (ErrorKind.RANGE, match[1]) if match else (ErrorKind.MESH, "")
+        raise SceneError(f"{source}: {sentence}", kind=kind, key=key, source=source) from failure
 
 
 def _parameters(path: Path) -> set[str]:

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.mesh.conformity import check_conforming
 from fenicsrom.fem.mesh.gmsh_checks import check_cells, check_facets
 from fenicsrom.fem.mesh.gmsh_queries import (
-    FACETS,
     QUADRATIC,
     Floats,
     Ints,
@@ -26,6 +25,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     group_entities,
     model_nodes,
 )
+from fenicsrom.formats.shapes import facet_kind
 from fenicsrom.scene import Geometry
 
 SOLID = "solid"
@@ -76,12 +76,14 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     source, d = str(geometry.mesh), geometry.dimension
     in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
     if SOLID in in_facets:
-        raise _mesh_error(
-            source, f"group {SOLID!r} has dimension {d - 1}: rename it, or give it dimension {d}"
+        raise refuse(
+            source,
+            f"group {SOLID!r} has dimension {d - 1}: rename it, or give it dimension {d}",
+            ErrorKind.MESH,
         )
     in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
     given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
-    cell, facet = kind, FACETS[kind]
+    cell, facet = kind, facet_kind(kind)
     if geometry.curved:
         cell, facet = QUADRATIC[cell], QUADRATIC[facet]
     check_facets(gmsh, source, d - 1, in_facets, facet)
@@ -93,14 +95,16 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
     if sets:
-        on_sets = _facets_of_sets(gmsh, d, in_cells[SOLID], given, facet, FACETS[kind], sets)
+        on_sets = _facets_of_sets(gmsh, d, in_cells[SOLID], given, facet, facet_kind(kind), sets)
         rows = on_sets | rows
     facets, facet_tags, facet_groups = _combine(rows)
     sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in facet_groups.items()}
     near = np.isin(facets, used).all(axis=1)
     if facet_groups and not near.any():
         named = ", ".join(facet_groups)
-        raise _mesh_error(source, f"facet groups {named}: at least one facet must touch the cells")
+        raise refuse(
+            source, f"facet groups {named}: at least one facet must touch the cells", ErrorKind.MESH
+        )
     numbers, points = model_nodes(gmsh)
     points = points * geometry.scale
     check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)
@@ -179,10 +183,6 @@ def _facets_of_sets(
         name: boundary[np.isin(boundary, nodes).all(axis=1), :width] for name, nodes in sets.items()
     }
     return {name: facets for name, facets in found.items() if len(facets)}
-
-
-def _mesh_error(source: str, reason: str) -> SceneError:
-    return SceneError(f"{source}: {reason}", kind=ErrorKind.MESH, source=source)
 
 
 def _node_groups(

@@ -10,19 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT
 
 Ints = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
-
-STRAIGHT_KINDS = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}
-"""Kind of the straight triangle, quadrilateral, tetrahedron and hexahedron.
-
-The keys are dimension and number of vertices.
-"""
-
-FACETS = {2: 1, 3: 1, 4: 2, 5: 3}
-"""Kind of the straight facets of each straight cell."""
 
 QUADRATIC = {1: 8, 2: 9, 3: 10, 4: 11, 5: 12}
 """Kind of degree 2, with all nodes, of each straight kind."""
@@ -42,11 +34,8 @@ def group_entities(gmsh: Any, source: str, d: int) -> dict[str, list[int]]:
         if not any(
             len(block) for entity in entities for block in gmsh.model.mesh.getElements(d, entity)[1]
         ):
-            raise SceneError(
-                f"{source}: group {name!r} is empty; it must have cells or facets of the mesh",
-                kind=ErrorKind.MESH,
-                source=source,
-            )
+            reason = f"group {name!r} is empty; it must have cells or facets of the mesh"
+            raise refuse(source, reason, ErrorKind.MESH)
     return groups
 
 
@@ -86,13 +75,14 @@ def cell_sides(gmsh: Any, entity: int, kind: int, d: int) -> Ints:
     Vertices come first.
     """
     number = len(gmsh.model.mesh.getElementsByType(kind, entity)[0])
+    shape = SHAPES[straight_kind(gmsh, kind)]
     if d == 1:
-        sides = {2: 3, 3: 4, 4: 6, 5: 12}[straight_kind(gmsh, kind)]
-        nodes = gmsh.model.mesh.getElementEdgeNodes(kind, entity, False)
+        sides, nodes = shape.edges, gmsh.model.mesh.getElementEdgeNodes(kind, entity, False)
     else:
-        sides, vertices = {4: (4, 3), 5: (6, 4)}[straight_kind(gmsh, kind)]
+        sides, vertices = shape.facets, len(shape.facets[0])
         nodes = gmsh.model.mesh.getElementFaceNodes(kind, vertices, entity, False)
-    return np.reshape(nodes, (number * sides, -1)) if number else np.empty((0, 0), dtype=np.uint64)
+    rows = number * len(sides)
+    return np.reshape(nodes, (rows, -1)) if number else np.empty((0, 0), dtype=np.uint64)
 
 
 def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int, facet: int) -> Ints:
@@ -109,7 +99,16 @@ def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int, facet: int) 
 def straight_kind(gmsh: Any, kind: int) -> int:
     """The straight kind of the same shape, or 0."""
     _, d, _, _, _, vertices = gmsh.model.mesh.getElementProperties(kind)
-    return STRAIGHT_KINDS.get((d, vertices), 0)
+    return STRAIGHT.get((d, vertices), 0)
+
+
+def straight_places(gmsh: Any, kind: int, cells: Floats) -> Floats:
+    """The places (c, nodes, d) of the nodes of cells of a kind, if the cells were straight."""
+    _, d, _, _, reference, vertices = gmsh.model.mesh.getElementProperties(kind)
+    local = np.pad(np.reshape(reference, (-1, d)), ((0, 0), (0, 3 - d)))
+    straight = STRAIGHT[d, vertices]
+    _, weights, _ = gmsh.model.mesh.getBasisFunctions(straight, local.ravel(), "Lagrange")
+    return np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), cells[:, :vertices])
 
 
 def add_elements(gmsh: Any, d: int, kind: int, elements: Ints, tags: Ints) -> None:

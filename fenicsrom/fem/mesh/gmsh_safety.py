@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import refuse
 
 HEADERS = {
     ".msh": rb"\$(MeshFormat|NOD|Comments)\b",
@@ -54,12 +54,8 @@ def check_header(path: Path) -> None:
     with path.open("rb") as file:
         head = file.read(10_000)
     if not re.match(HEADERS[path.suffix.lower()], head, flags=re.DOTALL):
-        raise SceneError(
-            f"{path}: the file does not begin as a {path.suffix} file does; it may be damaged, or "
-            "it has the wrong suffix",
-            kind=ErrorKind.FORMAT,
-            source=str(path),
-        )
+        reason = f"the file does not begin as a {path.suffix} file does; it may be damaged, or it "
+        raise refuse(path, f"{reason}has the wrong suffix")
 
 
 @contextmanager
@@ -94,21 +90,12 @@ def check_survival(source: str, link: str) -> None:
         code = subprocess.run(
             [sys.executable, "-c", _READ, link],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            capture_output=True,
             timeout=seconds,
             check=False,
         ).returncode
     except subprocess.TimeoutExpired:
-        raise SceneError(
-            f"{source}: gmsh did not finish reading the file within {seconds:.0f} s; "
-            "it may be damaged",
-            kind=ErrorKind.FORMAT,
-            source=source,
-        ) from None
+        reason = f"gmsh did not finish reading the file within {seconds:.0f} s; it may be damaged"
+        raise refuse(source, reason) from None
     if code:
-        raise SceneError(
-            f"{source}: gmsh crashed while reading the file; it is damaged",
-            kind=ErrorKind.FORMAT,
-            source=source,
-        )
+        raise refuse(source, "gmsh crashed while reading the file; it is damaged")

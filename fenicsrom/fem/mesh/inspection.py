@@ -16,7 +16,6 @@ from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.gmsh_queries import (
-    FACETS,
     boundary_facets,
     elements_of,
     model_nodes,
@@ -24,7 +23,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
 )
 from fenicsrom.formats.mesh_file import Floats, Ints
 from fenicsrom.formats.physics import Physics
-from fenicsrom.formats.shapes import SHAPES, STRAIGHT
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
 from fenicsrom.scene import Geometry
 from fenicsrom.words import brief
 
@@ -221,7 +220,7 @@ def _described(
     cells = np.searchsorted(numbers, elements_of(gmsh, d, entities, kind))
     groups = []
     for dim, names in ((d, clean.cell_groups), (d - 1, clean.facet_groups)):
-        element = kind if dim == d else FACETS[kind]
+        element = kind if dim == d else facet_kind(kind)
         for name, tags in names.items():
             on = [e for tag in tags for e in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)]
             rows = np.searchsorted(numbers, elements_of(gmsh, dim, on, element))
@@ -233,8 +232,8 @@ def _described(
     for name, (nodes, _) in clean.nodes.items():
         groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
     if d == 3:
-        shown = boundary_facets(gmsh, d, entities, given, FACETS[kind])
-        shown = shown[:, : SHAPES[FACETS[kind]].corners]
+        shown = boundary_facets(gmsh, d, entities, given, facet_kind(kind))
+        shown = shown[:, : SHAPES[facet_kind(kind)].corners]
     else:
         shown = elements_of(gmsh, d, entities, kind)
     quality = np.concatenate(

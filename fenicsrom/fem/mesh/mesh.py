@@ -17,7 +17,7 @@ import dolfinx.mesh
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.base import compat
 from fenicsrom.fem.mesh.gmsh_files import load_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
@@ -102,11 +102,7 @@ def mesh_from_gmsh_model(
             import gmsh
 
             if not gmsh.isInitialized():
-                raise SceneError(
-                    f"{source}: gmsh is not initialised on rank 0",
-                    kind=ErrorKind.MESH,
-                    source=source,
-                )
+                raise refuse(source, "gmsh is not initialised on rank 0", ErrorKind.MESH)
             current = gmsh.model.getCurrent()
             found = clean_model(gmsh, geometry, {})
             stack.callback(gmsh.model.setCurrent, current)
@@ -172,11 +168,7 @@ def _distributed(
         try:
             clean, model = draft()
         except UnicodeDecodeError:
-            failure = SceneError(
-                f"{source}: the names in the file must be UTF-8 text",
-                kind=ErrorKind.FORMAT,
-                source=source,
-            )
+            failure = refuse(source, "the names in the file must be UTF-8 text")
         except Exception as error:
             failure = error
     failure, clean = comm.bcast((failure, clean))

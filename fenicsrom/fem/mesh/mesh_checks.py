@@ -11,8 +11,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.base.forms import compiled_form
+from fenicsrom.scene.base.rules import Where
 
 VOLUME_TOLERANCE = 1e-6
 """Largest relative difference of the two volumes of a mesh whose cells do not overlap.
@@ -38,17 +39,14 @@ def check_dolfinx_mesh(domain: dolfinx.mesh.Mesh, source: str) -> None:
         SceneError: on every rank, if the mesh is not plane or solid, its coordinates are not finite
             numbers of float64, or its cells overlap.
     """
-
-    def refuse(reason: str) -> SceneError:
-        return SceneError(f"{source}: {reason}", kind=ErrorKind.MESH, source=source)
-
     d, gdim, x = domain.topology.dim, domain.geometry.dim, domain.geometry.x
     if d not in (2, 3) or d != gdim:
-        raise refuse(f"cells of dimension {d} in {gdim} dimensions: must be 2 in 2D or 3 in 3D")
+        reason = f"cells of dimension {d} in {gdim} dimensions: must be 2 in 2D or 3 in 3D"
+        raise refuse(source, reason, ErrorKind.MESH)
     if x.dtype != np.float64:
-        raise refuse(f"coordinates of {x.dtype}: must be float64")
+        raise refuse(source, f"coordinates of {x.dtype}: must be float64", ErrorKind.MESH)
     if not domain.comm.allreduce(bool(np.all(np.isfinite(x))), MPI.LAND):
-        raise refuse("a node has coordinates that are not finite")
+        raise refuse(source, "a node has coordinates that are not finite", ErrorKind.MESH)
     metadata = {"quadrature_degree": QUADRATURE_DEGREE}
     dx, ds = ufl.dx(domain, metadata=metadata), ufl.ds(domain, metadata=metadata)
     place, normal = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
@@ -57,10 +55,8 @@ def check_dolfinx_mesh(domain: dolfinx.mesh.Mesh, source: str) -> None:
         for form in (fem.Constant(domain, 1.0) * dx, ufl.dot(place, normal) / d * ds)
     )
     if not abs(inside - around) <= VOLUME_TOLERANCE * inside:
-        raise refuse(
-            f"cells overlap or are inside out: their volumes add up to {inside:.6g}, and the "
-            f"boundary encloses {around:.6g}"
-        )
+        reason = f"cells overlap or are inside out: their volumes add up to {inside:.6g}, and the "
+        raise refuse(source, f"{reason}boundary encloses {around:.6g}", ErrorKind.MESH)
 
 
 def check_tags(
@@ -84,9 +80,7 @@ def check_tags(
             reason = f"tags of another mesh: this mesh has {number} {kind}"
     reasons = sorted(filter(None, domain.comm.allgather(reason)))
     if reasons:
-        raise SceneError(
-            f"{source}: {name}: {reasons[0]}", kind=ErrorKind.MESH, key=name, source=source
-        )
+        raise refuse(source, reasons[0], ErrorKind.MESH, name)
 
 
 def group_tags(name: str, tags: Any, present: set[int], source: str) -> tuple[int, ...]:
@@ -107,19 +101,10 @@ def group_tags(name: str, tags: Any, present: set[int], source: str) -> tuple[in
     if not wanted or any(
         isinstance(tag, bool) or not isinstance(tag, int | np.integer) for tag in wanted
     ):
-        raise SceneError(
-            f"{source}: group {name!r} = {tags!r}: must be an integer tag or a list of them",
-            kind=ErrorKind.TYPE,
-            key=key,
-            source=source,
-        )
+        allowed = "must be an integer tag or a list of them"
+        raise Where(source, key).refuse(tags, allowed, ErrorKind.TYPE)
     missing = sorted({int(tag) for tag in wanted} - present)
     if missing:
-        raise SceneError(
-            f"{source}: group {name!r}: no facet has the tag {missing[0]}; "
-            f"the facets have the tags {sorted(present)}",
-            kind=ErrorKind.PLACE,
-            key=key,
-            source=source,
-        )
+        reason = f"no facet has the tag {missing[0]}; the facets have the tags {sorted(present)}"
+        raise refuse(source, reason, ErrorKind.PLACE, key)
     return tuple(int(tag) for tag in wanted)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.scene import Region
 from fenicsrom.words import brief
 
@@ -104,12 +104,9 @@ class Mesh:
     def _unknown(self, kind: str, name: str, groups: Iterable[str]) -> SceneError:
         """The error that the mesh has no group of a kind with a name."""
         known = ", ".join(sorted(groups))
-        return SceneError(
-            f"{self.source}: there is no {kind} {name!r}; the mesh has "
-            f"{f'the {kind}s {known}' if known else 'none'}",
-            kind=ErrorKind.PLACE,
-            source=self.source,
-        )
+        present = f"the {kind}s {known}" if known else "none"
+        reason = f"there is no {kind} {name!r}; the mesh has {present}"
+        return refuse(self.source, reason, ErrorKind.PLACE)
 
     def _picked(self, region: Region) -> npt.NDArray[np.int32]:
         """Facets of the boundary in a box or on a plane. Collective."""
@@ -146,12 +143,8 @@ class Mesh:
             reach = " to ".join(
                 f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
             )
-            raise SceneError(
-                f"{self.source}: {what}: no facet of the boundary lies there; "
-                f"the mesh extends from {reach}",
-                kind=ErrorKind.PLACE,
-                source=self.source,
-            )
+            reason = f"no facet of the boundary lies there; the mesh extends from {reach}"
+            raise refuse(self.source, f"{what}: {reason}", ErrorKind.PLACE)
         return np.sort(facets)
 
     def entities(self, where: str | Region) -> dict[int, Ints]:
@@ -173,12 +166,7 @@ class Mesh:
         if name not in self.node_groups:
             if self.node_groups and not self.has_facets(where):
                 known = self.facet_groups.keys() | self.node_groups.keys()
-                raise SceneError(
-                    f"{self.source}: there is no facet group or node group {name!r}; the mesh has "
-                    f"the groups {', '.join(sorted(known))}",
-                    kind=ErrorKind.PLACE,
-                    source=self.source,
-                )
+                raise self._unknown("facet or node group", str(name), known)
             return {below: self.facets(where)}
         vertices, edges = self.node_groups[name]
         found: dict[int, Ints] = {0: vertices} | ({1: edges} if below == 2 else {})

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.base.linalg import (
     Factorisation,
     add_to_diagonal,
@@ -60,6 +60,7 @@ from fenicsrom.scene import (
     Scene,
     Support,
 )
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.places import AXES
 
@@ -520,6 +521,20 @@ class Solid(ElasticBody):
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
+    def load_moments(self, block: Array) -> Array:
+        """The moment of each unit load about the axis of rotation, with the loads on supports.
+
+        Args:
+            block: (local, k) displacements.
+
+        Returns:
+            (loads, 1 + k) the moments on the undeformed body, and their derivatives by the block.
+        """
+        assert self.rotation is not None
+        forces = [self.load_vector(load, f"loads[{k}]") for k, load in enumerate(self.loads)]
+        found = self.rotation.moments(np.array(forces).reshape(-1, self.local).T, block)
+        return np.asarray(self.comm.allreduce(found))
+
     def unload(self) -> None:
         """Take the undeformed body at rest in place of the equilibrium, for polynomials about it.
 
@@ -587,13 +602,8 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     """
     dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
     if dimension != found:
-        raise SceneError(
-            f"{scene.source}: geometry.dimension = {dimension}: "
-            f"{mesh.source} has dimension {found}",
-            kind=ErrorKind.MISMATCH,
-            key="geometry.dimension",
-            source=scene.source,
-        )
+        where = Where(scene.source, "geometry.dimension")
+        raise where.refuse(dimension, f"{mesh.source} has dimension {found}", ErrorKind.MISMATCH)
     _check_per_area(scene, mesh)
     suspicious = implausible_inputs(scene, mesh)
     try:
@@ -628,13 +638,9 @@ def _check_per_area(scene: Scene, mesh: Mesh) -> None:
             keys[f"attachments[{k}].stiffness_per_area"] = found.place
     for key, place in keys.items():
         if not scene.units.is_si and not mesh.has_facets(place):
-            raise SceneError(
-                f"{scene.source}: {key}: {place.group!r} is a group of edges or nodes, for which "
-                "only SI units are allowed; leave [units] out, or use a group of facets",
-                kind=ErrorKind.CONFLICT,
-                key=key,
-                source=scene.source,
-            )
+            reason = f"{place.group!r} is a group of edges or nodes, for which only SI units are "
+            reason += "allowed; leave [units] out, or use a group of facets"
+            raise refuse(scene.source, reason, ErrorKind.CONFLICT, key)
 
 
 def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:

@@ -54,8 +54,9 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
     *("response_peaks.csv", "peaks.png"),
+    *("run_up.csv", "run_up.png"),
     *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
-    *("runs", "models"),
+    *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
@@ -338,7 +339,7 @@ def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) 
     words: list[str] = []
     if origin.model is not None:
         words += ["--from", (model and model["copy"]) or word(origin.model)]
-    if origin.resume is not None and origin.task[0] != "sweep":
+    if origin.resume is not None and origin.task[0] not in ("sweep", "map"):
         words += ["--resume", word(origin.resume)]
     return words
 

@@ -12,6 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
@@ -45,6 +46,8 @@ from fenicsrom.post.run.motion_figures import (
     plot_transient,
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
+from fenicsrom.post.run.run_up import run_up_pictures
+from fenicsrom.post.run.wear import plot_wear
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
 
@@ -111,14 +114,20 @@ def motion_pictures(
     return [picture for there, picture in listed if there]
 
 
+def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
+    """The picture of the worn depth, of a casing with an abradable layer."""
+    rings = [one for one in wear_of(motion, scene, points) if one.ring.radius]
+    return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))] if rings else []
+
+
 def working(scene: Scene) -> str:
-    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
     turning = [
         surface_spin(contact.surface, scene.rotation)
         for contact in scene.contacts
         if contact.surface is not None
     ]
-    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
     return LOADS_AND_SURFACES if moving else LOADS
 
 
@@ -162,7 +171,7 @@ def write_rerun_pictures(found: Rerun, folder: Path) -> list[Drawn]:
     Raises:
         OSError: a file cannot be written.
     """
-    listed = [*_of_motions(found), *_of_sizes(found.sized)]
+    listed = [*run_up_pictures(found.run_up), *_of_motions(found), *_of_sizes(found.sized)]
     return draw_pictures(listed, folder, found.warnings) + write_stress_picture(found, folder)
 
 
@@ -171,7 +180,10 @@ def _of_motions(found: Study | Rerun) -> list[Picture]:
     if not found.motions:
         return []
     names, work = direction_names(found.scene, found.points), working(found.scene)
-    return motion_pictures(found.motions, found.frequencies_hz, names, work, found.points)
+    listed = motion_pictures(found.motions, found.frequencies_hz, names, work, found.points)
+    if "reduced" in found.motions:
+        listed += wear_pictures(found.motions["reduced"], found.scene, found.points)
+    return listed
 
 
 def _of_sizes(found: Sized | None) -> list[Picture]:

@@ -16,6 +16,8 @@ from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.run import sentences, stress_tables
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
+from fenicsrom.post.run.run_up import run_up_sentences
+from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import scene_heading
 from fenicsrom.words import counted
@@ -104,6 +106,9 @@ def _results(found: Study | Rerun) -> list[Any]:
         listed.append(sentences.support_sentence(found.scene, found.points, motions))
     if isinstance(found, Study):
         listed += sentences.study_results(found)
+    else:
+        listed += run_up_sentences(found.run_up)
+    listed += [wear_sentence(motion, found.scene, found.points) for motion in motions.values()]
     if found.errors:
         listed.append(sentences.estimate_rows(found.errors, motions["reduced"], names))
     if found.failed is not None:

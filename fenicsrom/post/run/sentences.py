@@ -16,8 +16,10 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
+from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
+from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene.reading.step_size import refined, step_key
 from fenicsrom.words import counted, two_digits
@@ -200,10 +202,19 @@ def periodic_sentence(motion: Motion) -> str | None:
         f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
         f"found {tried}"
     )
+    if search.accepted and search.at_yield:
+        return (
+            f"{sentence}. It presses an abradable layer just to its yield stress: the multipliers "
+            "hold for motions that press it less."
+        )
     if search.accepted:
         return f"{sentence}."
     if search.verdict == "stable":
         return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    if search.verdict == "wears":
+        return (
+            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
+        )
     return f"{sentence}; the march went on."
 
 
@@ -294,6 +305,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told: list[str | None] = []
     if reduced is not None:
         told += [resumed_sentence(reduced), periodic_sentence(reduced)]
+        told.append(wear_sentence(reduced, found.scene, found.points))
     told.append(support_sentence(found.scene, found.points, found.motions))
     if isinstance(found, Study):
         told += [*study_results(found), *basis_sentences(found)]
@@ -301,6 +313,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
         told.append(speed_sentence(found.motions))
     elif found.stored.whole is not None:
         told += [range_sentence(found.stored), of_range(found.stored.whole).sentence()]
+        told += run_up_sentences(found.run_up)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if reduced is None else out_of_reach(reduced, found.points)
     told += [] if found.stresses is None else stress_sentences(found.stresses)

@@ -26,10 +26,12 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.writers import write_arrays, write_summary
+from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
+from fenicsrom.post.run.run_up import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
+from fenicsrom.post.run.wear import wear_summary, write_wear
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 
@@ -45,6 +47,7 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
     contents = {"scene": found.scene.source, **begin, **first}
     contents |= motions_summary(found.motions, found.points)
     contents |= support_summary(found.scene, found.points, found.motions)
+    contents |= wear_summary(found.motions, found.scene, found.points)
     contents["estimated_error_percent"] = estimates_summary(found.errors)
     if found.stresses is not None:
         contents |= stress_summary(found.stresses)
@@ -96,6 +99,7 @@ def _of_model(found: Rerun) -> dict[str, Any]:
         "dofs": stored.dofs,
         "basis": basis | size_summary(found.sized),
         **range_summary(stored),
+        **run_up_summary(found.run_up),
         "seconds": {"reduced motion": found.motion.seconds},
         "left_out": found.left_out,
     }
@@ -280,4 +284,7 @@ def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> li
     if isinstance(found.model, ReducedModel) and "reduced" in found.motions:
         motion = found.motions["reduced"]
         files += write_checkpoint(folder, found.model, found.scene, motion, whole)
+        files += write_wear(folder, found.motions, found.scene, found.points)
+    if isinstance(found, Rerun) and found.run_up is not None:
+        files.append(write_rows(folder / RUN_UP, run_up_rows(found.run_up)))
     return files if found.stresses is None else [*files, *write_stresses(found.stresses, folder)]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.words import counted
 
 MOST_ROWS = 1_000_000  # largest number of rows of the table of a load
 # Sizes of numbers in SI units: products of a few of them stay within the range of a float. Numbers
@@ -45,12 +46,9 @@ class Where:
         """Make the error that refuses a value here; the value `MISSING` has its own kind."""
         missing = value is MISSING
         what = "is missing" if missing else f"= {show(value)}"
-        return SceneError(
-            f"{self.source}: {self.key} {what}: {allowed}",
-            kind=ErrorKind.MISSING if missing else kind,
-            key=self.key,
-            source=self.source,
-        )
+        kind = ErrorKind.MISSING if missing else kind
+        sentence = f"{self.source}: {self.key} {what}: {allowed}"
+        return SceneError(sentence, kind=kind, key=self.key, source=self.source)
 
 
 def show(value: object, width: int = 60) -> str:
@@ -100,6 +98,12 @@ def is_quantity(value: object) -> bool:
 def is_sequence(value: object) -> TypeGuard[Sequence[Any]]:
     """Tell whether a value is a list."""
     return isinstance(value, list | tuple)
+
+
+def array(items: Mapping[str, Any], least: int = 0, most: int | None = None) -> dict[str, Any]:
+    """Make the JSON schema of a list of `least` to `most` values."""
+    longest = {} if most is None else {"maxItems": most}
+    return {"type": "array", "items": items, "minItems": least, **longest}
 
 
 def _unquoted(value: object) -> str:
@@ -201,17 +205,20 @@ NAME_SCHEMA = {"type": "string", "pattern": r"\S"}
 name = Rule(_read_name, NAME_SCHEMA, "name")
 
 
-def _read_mesh_change(value: Any, where: Where) -> str:
-    if not re.match(MESH_CHANGE, _read_text(value, where)):
-        raise where.refuse(value, 'must be a change of [geometry], such as "geometry.degree=1"')
-    return str(value)
+def text_like(pattern: str, allowed: str) -> Rule:
+    """Make the rule of a text that matches a pattern."""
+
+    def read(value: Any, where: Where) -> str:
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            raise where.refuse(value, f"must be {allowed}", kind)
+        return value
+
+    return Rule(read, {"type": "string", "pattern": pattern}, allowed)
 
 
-MESH_CHANGE = r"^geometry\.[^=]+="
-mesh_change = Rule(
-    _read_mesh_change,
-    {"type": "string", "pattern": MESH_CHANGE},
-    'text such as "geometry.degree=1"',
+mesh_change = text_like(
+    r"^geometry\.[^=]+=.*$", 'KEY=VALUE with a key of [geometry], such as "geometry.degree=1"'
 )
 
 path = Rule(lambda value, where: Path(_read_name(value, where)), NAME_SCHEMA, "path of a file")
@@ -231,7 +238,7 @@ def _read_point(value: Any, where: Where) -> tuple[float, ...]:
     return point
 
 
-POINT_SCHEMA = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
+POINT_SCHEMA = array({"type": "number"}, 2, 3)
 point = Rule(_read_point, POINT_SCHEMA, "[x, y] or [x, y, z]", "m")
 
 
@@ -246,12 +253,7 @@ def _read_box(value: Any, where: Where) -> tuple[tuple[float, ...], tuple[float,
     return tuple(map(min, one, other)), tuple(map(max, one, other))
 
 
-box = Rule(
-    _read_box,
-    {"type": "array", "items": POINT_SCHEMA, "minItems": 2, "maxItems": 2},
-    "two opposite corners",
-    "m",
-)
+box = Rule(_read_box, array(POINT_SCHEMA, 2, 2), "two opposite corners", "m")
 
 
 def _read_direction(value: Any, where: Where) -> tuple[float, ...]:
@@ -313,17 +315,10 @@ def _read_harmonics(value: Any, where: Where) -> tuple[tuple[int, float, float],
 
 harmonics = Rule(
     _read_harmonics,
-    {
-        "type": "array",
-        "minItems": 1,
-        "items": {
-            "type": "array",
-            "prefixItems": [{"type": "integer", "minimum": 1, "maximum": 1000}],
-            "items": {"type": "number"},
-            "minItems": 3,
-            "maxItems": 3,
-        },
-    },
+    array(
+        {"prefixItems": [integer(1, 1000).schema], **array({"type": "number"}, 3, 3)},
+        least=1,
+    ),
     "list of [order, amplitude, phase], each order once",
     "–, –, rad",
 )
@@ -357,44 +352,33 @@ def read_rows(
     return tuple(found)
 
 
-_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 series = Rule(
     _read_series,
-    {
-        "oneOf": [
-            NAME_SCHEMA,
-            {"type": "array", "items": _PAIR, "minItems": 2, "maxItems": MOST_ROWS},
-        ]
-    },
+    {"oneOf": [NAME_SCHEMA, array(array({"type": "number"}, 2, 2), 2, MOST_ROWS)]},
     "rows [time, factor] with increasing times, or the path of a text file with two columns",
     "s, –",
 )
 
-MOST_RATIOS = 1000
 
+def either(one: Rule, other: Rule) -> Rule:
+    """Make the rule of a value that one of two rules allows."""
+    allowed = f"{one.allowed} or {other.allowed}"
 
-def _read_ratios(value: Any, where: Where) -> float | tuple[float, ...]:
-    """Give one damping ratio for all modes, or a list with one for each mode."""
-    ratio = number(least=0.0, below=1.0)
-    if is_number(value):
-        return float(ratio(value, where))
-    if not is_sequence(value) or len(value) > MOST_RATIOS:
-        allowed = f"must be a number, or a list of at most {MOST_RATIOS} numbers"
-        raise where.refuse(value, allowed, ErrorKind.TYPE)
-    return tuple(float(ratio(entry, where.at(k))) for k, entry in enumerate(value))
+    def read(value: Any, where: Where) -> Any:
+        kinds = []
+        for rule in (one, other):
+            try:
+                return rule(value, where)
+            except SceneError as error:
+                if error.key != where.key:  # an entry of a list
+                    raise
+                kinds.append(error.kind)
+        kind = ErrorKind.RANGE if ErrorKind.RANGE in kinds else ErrorKind.TYPE
+        hint = _unquoted(value) if isinstance(value, str) and value.isdecimal() else ""
+        raise where.refuse(value, f"must be {allowed}{hint}", kind)
 
+    return Rule(read, {"oneOf": [one.schema, other.schema]}, allowed, one.unit)
 
-_RATIO = {"type": "number", "minimum": 0.0, "exclusiveMaximum": 1.0}
-ratios = Rule(
-    _read_ratios,
-    {
-        "oneOf": [
-            _RATIO,
-            {"type": "array", "items": _RATIO, "maxItems": MOST_RATIOS},
-        ]
-    },
-    "number from 0 to below 1, or a list of such numbers",
-)
 
 LABEL = r"([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])"
 
@@ -416,82 +400,42 @@ def _read_label(value: Any, where: Where) -> str:
     return "".join(f"{count}{'VS'[kind]}" for kind, count in pair)
 
 
-def word_or_integer(*words: str, least: int, most: int) -> Rule:
-    """Make the rule of a key that takes one of these words or an integer."""
-    listed = " or ".join(f'"{word}"' for word in words)
-    allowed = f"{listed} or integer from {least} to {most}"
-
-    def read(value: Any, where: Where) -> str | int:
-        if value in words:
-            return str(value)
-        if not isinstance(value, int) or isinstance(value, bool):
-            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-            quoted = isinstance(value, str) and value.isdecimal()
-            hint = _unquoted(value) if quoted else ""
-            raise where.refuse(value, f"must be {allowed}{hint}", kind)
-        if not least <= value <= most:
-            raise where.refuse(value, f"must be {allowed}")
-        return int(value)
-
-    number = {"type": "integer", "minimum": least, "maximum": most}
-    return Rule(read, {"oneOf": [{"enum": list(words)}, number]}, allowed)
-
-
-masters = word_or_integer("all", "normal", least=1, most=1000)
-modes = word_or_integer("auto", least=0, most=1000)
-
 BY_MOTION = ("principal", "mmi", "mmi-nls")
 """Selections of derivatives that need the motion of the linear structure."""
 
 SELECTIONS = ("none", "all", *BY_MOTION)
-_SELECTED = ", ".join(f'"{name}"' for name in SELECTIONS)
 
 
-def _read_derivatives(value: Any, where: Where) -> str | tuple[str, ...]:
-    if value in SELECTIONS:
-        return str(value)
-    if not is_sequence(value):
-        allowed = f'must be {_SELECTED} or a list of labels such as "1V1S"'
-        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-        raise where.refuse(value, allowed, kind)
-    labels = tuple(_read_label(entry, where.at(index)) for index, entry in enumerate(value))
-    for index, label in enumerate(labels):
-        if label in labels[:index]:
-            raise where.at(index).refuse(value[index], "must name each derivative only once")
-    return labels
-
-
-derivatives = Rule(
-    _read_derivatives,
-    {
-        "oneOf": [
-            {"enum": list(SELECTIONS)},
-            {
-                "type": "array",
-                "items": {"type": "string", "pattern": f"^{LABEL}$"},
-                "uniqueItems": True,
-            },
-        ]
-    },
-    f'{_SELECTED.replace(",", " or")} or a list of labels such as "1V1S"',
-)
-
-
-def list_of(rule: Rule, least: int = 1) -> Rule:
-    """Make the rule of a list of different values; with `least` = 0 it may be empty."""
+def list_of(rule: Rule, least: int = 1, most: int | None = None, distinct: bool = True) -> Rule:
+    """Make the rule of a list of `least` to `most` values, which differ if `distinct`."""
+    count = f"at least {counted(least, 'value')}" if least else "values"
+    allowed = f"list of {rule.allowed}"
+    if most is not None:
+        count = f"{least} values" if least == most else f"{least} to {most} values"
+        allowed = f"list of {count}, each {rule.allowed}"
 
     def read(value: Any, where: Where) -> tuple[Any, ...]:
-        if not is_sequence(value) or len(value) < least:
-            count = "at least one value" if least else "values"
-            raise where.refuse(value, f"must be a list of {count}", ErrorKind.TYPE)
+        if not is_sequence(value) or not least <= len(value) <= (most or len(value)):
+            kind = ErrorKind.RANGE if most and is_sequence(value) else ErrorKind.TYPE
+            raise where.refuse(value, f"must be a list of {count}", kind)
         values = tuple(rule(entry, where.at(index)) for index, entry in enumerate(value))
-        for index, entry in enumerate(values):
+        for index, entry in enumerate(values if distinct else ()):
             if entry in values[:index]:
                 raise where.at(index).refuse(value[index], "must occur only once in the list")
         return values
 
-    schema = {"type": "array", "items": rule.schema, "minItems": least, "uniqueItems": True}
-    return Rule(read, schema, f"list of {rule.allowed}", rule.unit)
+    schema = array(rule.schema, least, most) | ({"uniqueItems": True} if distinct else {})
+    return Rule(read, schema, allowed, rule.unit)
+
+
+masters = either(choice("all", "normal"), integer(1, 1000))
+modes = either(choice("auto"), integer(0, 1000))
+_label = Rule(
+    _read_label,
+    {"type": "string", "pattern": f"^{LABEL}$"},
+    'two modes such as "1V1V" or "1V2S"',
+)
+derivatives = either(choice(*SELECTIONS), list_of(_label, least=0))
 
 
 def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> Rule:
@@ -511,11 +455,6 @@ def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> R
                 raise where.at(index).refuse(row, allowed, ErrorKind.TYPE)
         return tuple(tuple(float(entry) for entry in row) for row in value)
 
-    row = {
-        "type": "array",
-        **({} if first is None else {"prefixItems": [first]}),
-        "items": {"type": "number"},
-        "minItems": len(names),
-        "maxItems": len(names),
-    }
-    return Rule(read, {"type": "array", "items": row}, f"list of {row_of}", unit)
+    row = {} if first is None else {"prefixItems": [first]}
+    row |= array({"type": "number"}, len(names), len(names))
+    return Rule(read, array(row), f"list of {row_of}", unit)

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import Rule, Where, is_number, is_sequence
+from fenicsrom.scene.base.rules import Rule, Where, array, is_number, is_sequence
 
 T = TypeVar("T")
 
@@ -50,7 +50,8 @@ class OneOf:
         Raises:
             SceneError: no key selects an alternative, or a key belongs only to another alternative.
         """
-        kind = next((kind for tag, kind in self.tags.items() if tag in table), self.otherwise)
+        tag = next((tag for tag in self.tags if tag in table), None)
+        kind = self.otherwise if tag is None else self.tags[tag]
         if kind is None:
             first, *others = self.tags
             choices = f"one of {', '.join([first, *others[:-1]])} and {others[-1]}"
@@ -60,7 +61,8 @@ class OneOf:
             for key, _, _, default in keys(other):
                 if key in table and key not in allowed and not _is_zero(table[key], default):
                     listed = f"; allowed here: {', '.join(allowed)}" if allowed else ""
-                    sentence = f"not allowed {in_alternative(kind)}{listed}"
+                    other_key = f"with {tag}" if tag else f"without {' or '.join(self.tags)}"
+                    sentence = f"not allowed {other_key}{listed}"
                     raise where.at(key).refuse(table[key], sentence, ErrorKind.CONFLICT)
         return kind
 
@@ -68,11 +70,6 @@ class OneOf:
 def _is_zero(value: Any, default: Any) -> bool:
     """Whether a value is the number zero, and the default of its key."""
     return is_number(value) and value == default == 0.0
-
-
-def in_alternative(kind: type) -> str:
-    """Say where a key of an alternative is allowed: its class attribute `WHERE`."""
-    return str(getattr(kind, "WHERE"))  # noqa: B009  # every alternative has one
 
 
 @functools.cache
@@ -192,8 +189,7 @@ def tables_of(kind: type, least: int = 0) -> Rule:
             raise where.refuse(value, allowed, ErrorKind.TYPE)
         return tuple(read_table(kind, entry, where.at(index)) for index, entry in enumerate(value))
 
-    schema = {"type": "array", "items": {"kind": kind}, "minItems": least}
-    return Rule(read, schema, "list of tables")
+    return Rule(read, array({"kind": kind}, least), "list of tables")
 
 
 def plain(value: Any) -> Any:

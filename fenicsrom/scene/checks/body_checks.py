@@ -1,35 +1,38 @@
-"""Checks between keys of the body: its materials, supports and attachments."""
+"""Checks between keys of the body: its supports, attachments and follower pressures."""
 
 from __future__ import annotations
 
 from dataclasses import MISSING
 
 from fenicsrom.scene.base.problem import Problem, Problems
-from fenicsrom.scene.keys.materials import constant_problems
 from fenicsrom.scene.keys.places import AXES
 from fenicsrom.scene.keys.schema import Scene
 
 
-def material_problems(scene: Scene) -> Problems:
-    """Yield the problems of the materials."""
-    dimension = scene.geometry.dimension
-    for found in constant_problems(scene.material, scene.materials, dimension):
-        yield Problem(*found)
-    if not scene.materials and scene.material.is_isotropic:
+def beam_problems(scene: Scene) -> Problems:
+    """Yield what the beam of [reference] cannot be compared with."""
+    if scene.reference.beam is None:
         return
-    why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", True, f"must be false {why}")
+    reasons = {
+        "[[materials]]": scene.materials,
+        "a material that is not isotropic": not scene.material.is_isotropic,
+        "[[attachments]]": scene.attachments,
+        "a pressure with follower = true": scene.followers,
+    }
+    for reason, given in reasons.items():
+        if given:
+            yield Problem("reference.beam", True, f"must be false with {reason}")
+    for index, support in enumerate(scene.supports):
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None:
+                allowed = "not allowed with reference.beam, whose end is clamped"
+                yield Problem(f"supports[{index}].{name}", list(value), allowed)
 
 
 def support_problems(scene: Scene) -> Problems:
     """Yield the problems of the components that the supports clamp."""
     for index, support in enumerate(scene.supports):
         yield from _component_problems(scene, f"supports[{index}]", support.components)
-        for name in ("components", "normal"):
-            if (value := getattr(support, name)) is not None and scene.reference.beam is not None:
-                allowed = "not allowed with reference.beam, whose end is clamped"
-                yield Problem(f"supports[{index}].{name}", list(value), allowed)
         if support.normal is not None and support.components is not None:
             yield Problem(
                 f"supports[{index}].normal", support.normal, "not allowed with components"
@@ -58,10 +61,6 @@ def attachment_problems(scene: Scene) -> Problems:
             if per_area and point:
                 allowed = f"only allowed on a whole region; use {name}"
                 yield Problem(f"{key}.{name}_per_area", per_area, allowed)
-    if not scene.attachments:
-        return
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", True, "must be false with [[attachments]]")
 
 
 def follower_problems(scene: Scene) -> Problems:
@@ -73,8 +72,6 @@ def follower_problems(scene: Scene) -> Problems:
         yield Problem(key, True, "only allowed with geometrically_nonlinear = true")
     if "projection" in (scene.basis.elastic_force, *scene.compare.elastic_force):
         yield Problem(key, True, 'only allowed with elastic_force = "polynomial"')
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", True, f"must be false with {key}")
     if scene.output.stresses != "none":
         allowed = f'must be "none" with {key} = true, whose forces are not in the reactions'
         yield Problem("output.stresses", scene.output.stresses, allowed)

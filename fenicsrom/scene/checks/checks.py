@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from operator import mul
+from typing import Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.problem import Problem, Problems
-from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.base.rules import POINT_SCHEMA, Rule
+from fenicsrom.scene.base.tables import entries, plain
 from fenicsrom.scene.checks.body_checks import (
     attachment_problems,
+    beam_problems,
     follower_problems,
-    material_problems,
     support_problems,
 )
 from fenicsrom.scene.checks.curve_checks import (
@@ -23,6 +25,8 @@ from fenicsrom.scene.checks.curve_checks import (
     response_problems,
     statics_problems,
 )
+from fenicsrom.scene.checks.material_checks import material_problems
+from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.meshing import Meshing
 from fenicsrom.scene.keys.places import Place, Region
@@ -35,12 +39,14 @@ from fenicsrom.scene.keys.times import (
     NoStep,
     Periodic,
     StepsPerPeriod,
+    StepsPerRevolution,
 )
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
 INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
+WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -50,15 +56,17 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     A scene that is `unloaded` may be without loads, contacts and probe.
     """
     yield from _geometry_problems(scene.geometry)
-    yield from material_problems(scene)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
+    yield from material_problems(scene)
+    yield from beam_problems(scene)
     yield from _place_problems(scene)
     yield from support_problems(scene)
     yield from attachment_problems(scene)
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        yield from _abradable_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -97,33 +105,28 @@ def _regions(scene: Scene) -> list[tuple[str, Region]]:
     return [*supports, *_places(scene)]
 
 
-def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
-    """Yield every vector of a scene, or None, with its key."""
-    for key, region in _regions(scene):
-        for name in ("node", "nearest", "normal"):  # the normal of a support
-            yield f"{key}.{name}", getattr(region, name, None)
-        for index, corner in enumerate(region.box or ()):
-            yield f"{key}.box[{index}]", corner
-        if region.plane:
-            yield f"{key}.plane.point", region.plane.point
-            yield f"{key}.plane.normal", region.plane.normal
-    for index, load in enumerate(scene.loads):
-        yield f"loads[{index}].direction", load.direction
-    for index, contact in enumerate(scene.contacts):
-        yield f"contacts[{index}].normal", contact.normal
-        if contact.surface is not None:
-            yield f"contacts[{index}].surface.point", contact.surface.point
-            yield f"contacts[{index}].surface.axis", contact.surface.axis
-            yield f"contacts[{index}].surface.angle_from", contact.surface.angle_from
-    if scene.rotation:
-        yield "rotation.axis", scene.rotation.axis
-        yield "rotation.point", scene.rotation.point
+def _vectors(table: Any, prefix: str = "") -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Yield every vector in a table and in the tables inside it, with its key."""
+    kind: Any = type(table)
+    for name, (rule, _) in entries(kind).items():
+        value = getattr(table, name)
+        key = f"{prefix}{name}" if isinstance(rule, Rule) else prefix[:-1]
+        schema = rule.schema if isinstance(rule, Rule) else {}
+        if is_dataclass(value):
+            yield from _vectors(value, f"{key}.")
+        elif schema is POINT_SCHEMA and value is not None:
+            yield key, value
+        for index, entry in enumerate(value if isinstance(value, tuple) else ()):
+            if is_dataclass(entry):
+                yield from _vectors(entry, f"{key}[{index}].")
+            elif schema.get("items") is POINT_SCHEMA:
+                yield f"{key}[{index}]", entry
 
 
 def _vector_problems(scene: Scene) -> Problems:
     dimension = scene.geometry.dimension
     for key, vector in _vectors(scene):
-        if vector is not None and len(vector) != dimension:
+        if len(vector) != dimension:
             allowed = f"must have {dimension} components with geometry.dimension = {dimension}"
             yield Problem(key, vector, allowed)
 
@@ -159,6 +162,31 @@ def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
         yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
+    if contact.abradable is None:
+        return
+    if contact.preload:
+        allowed = f"not allowed with {key}.abradable: use an approach to press the layer"
+        yield Problem(f"{key}.preload", contact.preload, allowed)
+    if scene.time.scheme != "discrete-gradient":
+        allowed = f'must be "discrete-gradient" with {key}.abradable'
+        yield Problem("time.scheme", scene.time.scheme, allowed)
+    for name in ("response", "backbone"):
+        if getattr(scene, name) is not None:
+            allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
+            yield Problem(name, "a table", allowed)
+    surface, period = contact.surface, scene.period
+    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
+    turns = 0.0 if period is None else abs(spin) * period / (2.0 * math.pi)
+    if abs(turns - round(turns)) > WHOLE_TURNS * turns:
+        allowed = (
+            f"with {key}.abradable the surface must turn in whole numbers in the period of the "
+            f"loads, {period:.6g} s, in which it turns {turns:.6g} times; lengthen the period, for "
+            "example by engine_order = 1 with harmonics"
+        )
+        yield Problem(f"{key}.abradable", "a table", allowed, ErrorKind.RANGE)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
@@ -261,8 +289,35 @@ def _rotation_problems(scene: Scene) -> Problems:
         yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+    if rotation.history:
+        yield from _history_problems(scene, rotation)
     if rotation.speeds_rpm is not None:
         yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
+    """Yield what a run at a varying speed needs."""
+    key, times = "rotation.history", [time for time, _ in rotation.history]
+    if times[0] != 0.0:
+        yield Problem(f"{key}[0]", times[0], "the first time must be 0", ErrorKind.RANGE)
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield Problem(key, times, "times must increase", ErrorKind.RANGE)
+    speeds = [speed for _, speed in rotation.history]
+    if rotation.speeds_rpm is None:
+        allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
+        yield Problem("rotation.speeds_rpm", MISSING, allowed)
+    else:
+        first, *_, last = rotation.speeds_rpm
+        for k, speed in enumerate(speeds):
+            if not first <= speed <= last:
+                allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
+                yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
+    if not rotation.coriolis:
+        yield Problem("rotation.coriolis", False, "must be true with rotation.history")
+    if isinstance(scene.time.stepping, StepsPerRevolution) and min(speeds) <= 0.0:
+        steps = scene.time.steps_per_revolution
+        allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
+        yield Problem("time.steps_per_revolution", steps, allowed)
 
 
 def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
@@ -346,6 +401,9 @@ def _duration_problems(scene: Scene) -> Problems:
     time = scene.time
     transient = [index for index, load in enumerate(scene.loads) if load.transient]
     why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
+    varies = scene.rotation is not None and bool(scene.rotation.history)
+    if varies:
+        why = "the speed of rotation varies"
     if isinstance(time.span, Periodic):
         given = ("steady_tolerance", "steady")
         default = Periodic()
@@ -363,6 +421,9 @@ def _duration_problems(scene: Scene) -> Problems:
         case StepsPerPeriod(steps_per_period=steps):
             allowed = f"use step or tolerance, because {why}"
             yield Problem("time.steps_per_period", steps, allowed)
+        case StepsPerRevolution(steps_per_revolution=steps) if not varies:
+            allowed = "only allowed with rotation.history"
+            yield Problem("time.steps_per_revolution", steps, allowed)
         case FixedStep(step=step):
             if step > duration:
                 allowed = f"must be at most the duration of {duration:g}"
@@ -375,9 +436,10 @@ def _period_problems(scene: Scene) -> Problems:
     why = "because the loads repeat"
     if isinstance(time.span, Duration):
         yield Problem("time.duration", time.span.duration, f"use periods, {why}")
-    if isinstance(time.stepping, FixedStep):
+    if isinstance(time.stepping, FixedStep | StepsPerRevolution):
+        key = fields(time.stepping)[0].name
         allowed = f"use steps_per_period or tolerance, {why}"
-        yield Problem("time.step", time.stepping.step, allowed)
+        yield Problem(f"time.{key}", getattr(time, key), allowed)
     frequencies = [load.frequency for load in scene.loads]
     lowest = min(frequency for frequency in frequencies if frequency is not None)
     for index, frequency in enumerate(frequencies):

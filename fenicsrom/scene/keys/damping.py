@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import number
+from fenicsrom.scene.base.rules import either, integer, list_of, number
+
+MOST_MODES = 1000
+_RATIO = number(least=0.0, below=1.0)
+_RATIOS = either(_RATIO, list_of(_RATIO, 0, MOST_MODES, distinct=False))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +26,8 @@ class Damping:
     """
 
     stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
-    ratios: Annotated[float | tuple[float, ...], rules.ratios] = ()
-    modes: Annotated[int, rules.integer(1, rules.MOST_RATIOS)] = 10
+    ratios: Annotated[float | tuple[float, ...], _RATIOS] = ()
+    modes: Annotated[int, integer(1, MOST_MODES)] = 10
 
     @property
     def modal(self) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import integer, number
@@ -28,7 +28,6 @@ class PointForce:
         force: size of a force at a point, or on the mean displacement of a region.
     """
 
-    WHERE: ClassVar[str] = "with a force"
     direction: Direction
     force: Annotated[float, number(unit="N")]
 
@@ -42,7 +41,6 @@ class Traction:
         traction: size of a force per area on a region of facets.
     """
 
-    WHERE: ClassVar[str] = "with a traction"
     direction: Direction
     traction: Annotated[float, number(unit="Pa")]
 
@@ -58,7 +56,6 @@ class Pressure:
             normal and on the current area, as a fluid does.
     """
 
-    WHERE: ClassVar[str] = "with a pressure, which acts along the normal"
     pressure: Annotated[float, number(unit="Pa")]
     follower: Annotated[bool, rules.flag] = False
 
@@ -72,7 +69,6 @@ class Acceleration:
         acceleration: size of an acceleration of the whole body, a force per volume (gravity).
     """
 
-    WHERE: ClassVar[str] = "with an acceleration"
     direction: Direction
     acceleration: Annotated[float, number(unit="m/s²")]
 
@@ -87,7 +83,6 @@ class SupportAcceleration:
             displacements are relative to the supports.
     """
 
-    WHERE: ClassVar[str] = "with a support_acceleration"
     direction: Direction
     support_acceleration: Annotated[float, number(unit="m/s²")]
 
@@ -102,7 +97,6 @@ class SupportDisplacement:
             load with frequency or harmonics; displacements are relative to the supports.
     """
 
-    WHERE: ClassVar[str] = "with a support_displacement"
     direction: Direction
     support_displacement: Annotated[float, number(unit="m")]
 
@@ -193,8 +187,6 @@ Frequency = Annotated[
 class Static:
     """A load that is constant in time, a part of the equilibrium."""
 
-    WHERE: ClassVar[str] = "in a static load (without frequency, pulse or table)"
-
 
 @dataclass(frozen=True, kw_only=True)
 class Harmonic:
@@ -206,7 +198,6 @@ class Harmonic:
         phase: phase of the sine at t = 0.
     """
 
-    WHERE: ClassVar[str] = "in a harmonic load"
     frequency: Frequency
     phase: Annotated[float, number(unit="rad")] = 0.0
 
@@ -220,7 +211,6 @@ class Harmonics:
         harmonics: terms of the factor Σ amplitude · sin(2π order frequency t + phase).
     """
 
-    WHERE: ClassVar[str] = "in a load with harmonics"
     frequency: Frequency
     harmonics: Annotated[tuple[tuple[int, float, float], ...], rules.harmonics]
 
@@ -235,7 +225,6 @@ class Sweep:
         phase: phase of the sine at t = 0.
     """
 
-    WHERE: ClassVar[str] = "in a load with a sweep"
     frequency: Frequency
     sweep: Annotated[SweepTable, table_of(SweepTable)]
     phase: Annotated[float, number(unit="rad")] = 0.0
@@ -249,7 +238,6 @@ class Pulse:
         pulse: an impact, half a sine.
     """
 
-    WHERE: ClassVar[str] = "in a load with a pulse"
     pulse: Annotated[PulseTable, table_of(PulseTable)]
 
 
@@ -262,7 +250,6 @@ class Table:
             after the last row. When a scene is read, the rows of the file replace its path.
     """
 
-    WHERE: ClassVar[str] = "in a load with a table"
     table: Annotated[Path | tuple[tuple[float, float], ...], rules.series]
 
     @property

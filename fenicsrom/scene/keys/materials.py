@@ -12,45 +12,19 @@ Source: Jones, Mechanics of Composite Materials, 1999, section 2.3.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, dataclass
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated
 
-from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, Where, is_sequence, number
+from fenicsrom.scene.base.rules import Rule, either, list_of, number
 
 Moduli = tuple[float, ...]
+_MODULUS = number(above=0.0, unit="Pa")
 
 
-def _number_or_list(one: Rule, entry: Rule, least: int) -> Rule:
+def _each(rule: Rule, entry: Rule, least: int) -> Rule:
     """Make the rule of a number, or of a list of `least` to 3 numbers."""
-    count = "3 numbers" if least == 3 else f"{least} or 3 numbers"
-
-    def read(value: Any, where: Where) -> float | Moduli:
-        if not is_sequence(value):
-            return float(one(value, where))
-        if not least <= len(value) <= 3:
-            raise where.refuse(value, f"must be a number or a list of {count}")
-        return tuple(entry(item, where.at(index)) for index, item in enumerate(value))
-
-    several = {"type": "array", "items": entry.schema, "minItems": least, "maxItems": 3}
-    schema = {"oneOf": [one.schema, several]}
-    return Rule(read, schema, f"{one.allowed} or list of {count}", one.unit)
-
-
-def _read_axes(value: Any, where: Where) -> tuple[Moduli, ...]:
-    if not is_sequence(value) or len(value) not in (1, 2):
-        raise where.refuse(value, "must be a list of one or two vectors", ErrorKind.TYPE)
-    return tuple(rules.direction(axis, where.at(index)) for index, axis in enumerate(value))
-
-
-AXES_RULE = Rule(
-    _read_axes,
-    {"type": "array", "items": rules.direction.schema, "minItems": 1, "maxItems": 2},
-    "list of one or two vectors",
-)
+    return either(rule, list_of(entry, least, 3, distinct=False))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,14 +43,12 @@ class Elasticity:
         density: density.
     """
 
-    young: Annotated[
-        float | Moduli, _number_or_list(number(above=0.0, unit="Pa"), number(above=0.0), 2)
-    ]
-    poisson: Annotated[float | Moduli, _number_or_list(number(least=0.0, below=0.5), number(), 2)]
-    shear: Annotated[
-        float | Moduli | None, _number_or_list(number(above=0.0, unit="Pa"), number(above=0.0), 3)
-    ] = None
-    axes: Annotated[tuple[Moduli, ...] | None, AXES_RULE] = None
+    young: Annotated[float | Moduli, _each(_MODULUS, _MODULUS, 2)]
+    poisson: Annotated[float | Moduli, _each(number(least=0.0, below=0.5), number(), 2)]
+    shear: Annotated[float | Moduli | None, _each(_MODULUS, _MODULUS, 3)] = None
+    axes: Annotated[tuple[Moduli, ...] | None, list_of(rules.direction, 1, 2, distinct=False)] = (
+        None
+    )
     density: Annotated[float, number(above=0.0, unit="kg/m³")]
 
     @property
@@ -129,76 +101,3 @@ class GroupMaterial(Elasticity):
 
     group: Annotated[str, rules.name]
     thickness: Annotated[float | None, number(above=0.0, unit="m")] = None
-
-
-Found = Iterator[tuple[str, object, str, ErrorKind]]
-
-
-def constant_problems(material: Material, groups: Sequence[GroupMaterial], dimension: int) -> Found:
-    """Yield (key, value, allowed, kind) of the materials that are not allowed."""
-    yield from _problems_of_one(material, "material", dimension)
-    for index, group in enumerate(groups):
-        key = f"materials[{index}]"
-        yield from _problems_of_one(group, key, dimension)
-        if group.group in [other.group for other in groups[:index]]:
-            yield f"{key}.group", group.group, "must occur only once", ErrorKind.CONFLICT
-        if dimension == 3 and group.thickness is not None:
-            yield f"{key}.thickness", group.thickness, "only allowed in 2D", ErrorKind.CONFLICT
-
-
-def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Found:
-    """Yield the problems of the constants and axes of one material."""
-    conflict = ErrorKind.CONFLICT
-    if material.is_isotropic:
-        if isinstance(material.poisson, tuple):
-            allowed = "must be a number with one Young's modulus"
-            yield f"{key}.poisson", list(material.poisson), allowed, conflict
-        for name in ("shear", "axes"):
-            if (value := getattr(material, name)) is not None:
-                yield f"{key}.{name}", value, "not allowed with one Young's modulus", conflict
-        return
-    assert isinstance(material.young, tuple)
-    count = len(material.young)
-    words = {2: "two", 3: "three"}[count]
-    if not isinstance(material.poisson, tuple) or len(material.poisson) != count:
-        names = {2: "[nu12, nu23]", 3: "[nu12, nu13, nu23]"}[count]
-        allowed = f"must be {names} with {words} Young's moduli"
-        yield f"{key}.poisson", material.poisson, allowed, conflict
-    elif material.shear is None or isinstance(material.shear, tuple) != (count == 3):
-        names = {2: "the number G12", 3: "[G12, G13, G23]"}[count]
-        value = MISSING if material.shear is None else material.shear
-        yield f"{key}.shear", value, f"must be {names} with {words} Young's moduli", conflict
-    elif not _is_positive_definite(material):
-        allowed = (
-            "the elastic energy must be positive for every strain: |nu12| < sqrt(E1 / E2) and so "
-            "on, and the determinant of the compliance must be positive"
-        )
-        yield f"{key}.poisson", list(material.poisson), allowed, ErrorKind.RANGE
-    yield from _axes_problems(material.axes or (), f"{key}.axes", count, dimension)
-
-
-def _axes_problems(axes: tuple[Moduli, ...], key: str, count: int, dimension: int) -> Found:
-    """Yield the problems of the axes of a material with `count` Young's moduli."""
-    conflict = ErrorKind.CONFLICT
-    for index, axis in enumerate(axes):
-        if len(axis) != dimension:
-            allowed = f"must have {dimension} components with geometry.dimension = {dimension}"
-            yield f"{key}[{index}]", list(axis), allowed, conflict
-            return
-    if dimension == 2 and len(axes) == 2:
-        yield key, axes, "must be one vector in 2D", conflict
-    if dimension == 3 and count == 3 and len(axes) == 1:
-        yield key, axes, "must be two vectors with three Young's moduli in 3D", conflict
-    if len(axes) == 2 and abs(sum(a * b for a, b in zip(*axes, strict=True))) > PARALLEL:
-        yield key, axes, "the two vectors must not be parallel", ErrorKind.RANGE
-
-
-PARALLEL = 1.0 - 1e-6
-"""Larger cosines of the angle between two axes count as parallel: the angle is 0.08 degrees."""
-
-
-def _is_positive_definite(material: Elasticity) -> bool:
-    """Whether the compliance (1) is positive definite: its leading minors are positive."""
-    (e1, e2, e3), (nu12, nu13, nu23), _ = material.orthotropic_constants
-    a, b, c = nu12 * math.sqrt(e2 / e1), nu13 * math.sqrt(e3 / e1), nu23 * math.sqrt(e3 / e2)
-    return max(abs(a), abs(b), abs(c)) < 1.0 and 1.0 - a * a - b * b - c * c - 2.0 * a * b * c > 0.0

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import Rule, Where, integer, is_sequence, list_of, name, number
+from fenicsrom.scene.base.rules import either, integer, list_of, name, number, text_like
 from fenicsrom.scene.base.tables import table_of
 from fenicsrom.scene.keys.loads import ACTIONS
 
@@ -52,44 +50,7 @@ def parameter_of(key: str) -> Parameter:
     return Parameter(path[0] if path else "", int(path[1]) if len(path) > 1 else 0, last)
 
 
-def _key(pattern: str, allowed: str) -> Rule:
-    """Make the rule of a key of the scene that matches a pattern."""
-
-    def read(value: Any, where: Where) -> str:
-        if not isinstance(value, str) or not re.fullmatch(pattern, value):
-            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-            raise where.refuse(value, f"must be {allowed}", kind)
-        return value
-
-    return Rule(read, {"type": "string", "pattern": pattern}, allowed)
-
-
-PARAMETER = _key(PATTERN, ALLOWED)
-PEAK_OVER = _key(OVER_PATTERN, OVER_ALLOWED)
-
-
 MOST_FULL = 1000  # motions of the full model on a curve
-
-
-def _read_full(value: Any, where: Where) -> int | tuple[float, ...]:
-    if is_sequence(value):
-        return tuple(list_of(number())(value, where))
-    if isinstance(value, int) and not isinstance(value, bool):
-        return int(integer(1, MOST_FULL)(value, where))
-    allowed = f"must be a list of numbers, or an integer from 1 to {MOST_FULL}"
-    raise where.refuse(value, allowed, ErrorKind.TYPE)
-
-
-FULL = Rule(
-    _read_full,
-    {
-        "oneOf": [
-            list_of(number()).schema,
-            {"type": "integer", "minimum": 1, "maximum": MOST_FULL},
-        ]
-    },
-    f"list of number, or integer from 1 to {MOST_FULL}",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,16 +95,18 @@ class Response:
             too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
     """
 
-    parameter: Annotated[str, PARAMETER] = "frequency"
+    parameter: Annotated[str, text_like(PATTERN, ALLOWED)] = "frequency"
     first: Annotated[float, number(least=0.0)]
     last: Annotated[float, number(least=0.0)]
     points: Annotated[int, integer(2, 100_000)] = 3000
     families: Annotated[Families | None, table_of(Families)] = None
     branches: Annotated[int, integer(0, 10)] = 0
     isolated: Annotated[tuple[float, ...] | None, list_of(number())] = None
-    peak_over: Annotated[str | None, PEAK_OVER] = None
+    peak_over: Annotated[str | None, text_like(OVER_PATTERN, OVER_ALLOWED)] = None
     peak_range: Annotated[tuple[float, ...] | None, list_of(number(above=0.0), least=2)] = None
-    full: Annotated[int | tuple[float, ...] | None, FULL] = None
+    full: Annotated[
+        int | tuple[float, ...] | None, either(integer(1, MOST_FULL), list_of(number()))
+    ] = None
 
     @property
     def low(self) -> float:

@@ -6,7 +6,7 @@ The given keys select one kind of span and one kind of step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from fenicsrom.scene.base.rules import choice, integer, number
 from fenicsrom.scene.base.tables import OneOf, changed, from_keys
@@ -29,7 +29,6 @@ class Periodic:
             until the motion repeats, as the full model and the beam always do.
     """
 
-    WHERE: ClassVar[str] = "with periods"
     periods: Annotated[int, integer(1, 1_000_000)] = 100
     steady_tolerance: Annotated[float | None, number(least=0.0, below=1.0)] = None
     steady: Annotated[str, choice(*STEADY)] = "newton"
@@ -43,15 +42,12 @@ class Duration:
         duration: time to integrate, for loads that do not repeat.
     """
 
-    WHERE: ClassVar[str] = "with a duration"
     duration: Annotated[float, number(above=0.0, unit="s")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class EquilibriumOnly:
     """No run: all loads are static, so only the equilibrium is computed."""
-
-    WHERE: ClassVar[str] = "without a duration"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +58,6 @@ class FixedStep:
         step: fixed time step, with `duration`.
     """
 
-    WHERE: ClassVar[str] = "with a fixed step"
     step: Annotated[float, number(above=0.0, unit="s")]
 
 
@@ -74,8 +69,18 @@ class StepsPerPeriod:
         steps_per_period: fixed number of steps in a period, with loads that repeat.
     """
 
-    WHERE: ClassVar[str] = "with a fixed number of steps per period"
     steps_per_period: Annotated[int, integer(4, 1_000_000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepsPerRevolution:
+    """Steps of equal angles at a speed of rotation that varies.
+
+    Attributes:
+        steps_per_revolution: fixed number of steps in a revolution, with rotation.history.
+    """
+
+    steps_per_revolution: Annotated[int, integer(4, 1_000_000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +92,6 @@ class Tolerance:
             to the size of the motion.
     """
 
-    WHERE: ClassVar[str] = "with an adaptive step"
     tolerance: Annotated[float, number(above=0.0, below=1.0)]
 
 
@@ -95,11 +99,9 @@ class Tolerance:
 class NoStep:
     """No step, because only the equilibrium is computed."""
 
-    WHERE: ClassVar[str] = "without a step"
-
 
 Span = Periodic | Duration | EquilibriumOnly
-Stepping = FixedStep | StepsPerPeriod | Tolerance | NoStep
+Stepping = FixedStep | StepsPerPeriod | StepsPerRevolution | Tolerance | NoStep
 SPANS = OneOf(
     EquilibriumOnly,
     duration=Duration,
@@ -107,7 +109,13 @@ SPANS = OneOf(
     steady_tolerance=Periodic,
     steady=Periodic,
 )
-STEPPINGS = OneOf(NoStep, step=FixedStep, steps_per_period=StepsPerPeriod, tolerance=Tolerance)
+STEPPINGS = OneOf(
+    NoStep,
+    step=FixedStep,
+    steps_per_period=StepsPerPeriod,
+    steps_per_revolution=StepsPerRevolution,
+    tolerance=Tolerance,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,6 +176,12 @@ class Time:
     def steps_per_period(self) -> int | None:
         """The number of steps in a period; None if the step is chosen otherwise."""
         return self.stepping.steps_per_period if isinstance(self.stepping, StepsPerPeriod) else None
+
+    @property
+    def steps_per_revolution(self) -> int | None:
+        """The number of steps in a revolution; None if the step is chosen otherwise."""
+        found = self.stepping
+        return found.steps_per_revolution if isinstance(found, StepsPerRevolution) else None
 
     @property
     def tolerance(self) -> float | None:

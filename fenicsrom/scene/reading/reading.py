@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.base.tables import plain, read_table
 from fenicsrom.scene.base.toml import parse_toml
@@ -132,7 +132,7 @@ def parse_scene(
     """
     where = Where(source)
     if not isinstance(table, Mapping):
-        raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
+        raise refuse(source, "must be a table", ErrorKind.TYPE)
     scene = _checked(table, where, unloaded)
     if not (scene.units.is_si or scene.units.si):
         scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
@@ -172,7 +172,7 @@ def read_toml(source: str) -> dict[str, Any]:
     """
 
     def failure(reason: str, kind: ErrorKind) -> SceneError:
-        return SceneError(f"{source}: {reason}", kind=kind, source=source)
+        return refuse(source, reason, kind)
 
     try:
         return parse_toml(Path(source).read_text(encoding="utf-8-sig"))

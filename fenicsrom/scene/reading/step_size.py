@@ -11,7 +11,13 @@ from dataclasses import fields, replace
 from typing import Any
 
 from fenicsrom.scene.keys.schema import Scene
-from fenicsrom.scene.keys.times import FixedStep, Stepping, StepsPerPeriod, Tolerance
+from fenicsrom.scene.keys.times import (
+    FixedStep,
+    Stepping,
+    StepsPerPeriod,
+    StepsPerRevolution,
+    Tolerance,
+)
 from fenicsrom.scene.reading.overrides import override_table
 from fenicsrom.scene.reading.reading import parse_scene, scene_table
 
@@ -38,32 +44,28 @@ def with_time(scene: Scene, **changes: Any) -> Scene:
     return parse_scene(override_table(table, overrides, scene.source), scene.source, None)
 
 
-def refined(scene: Scene, factor: int = 2) -> Scene:
-    """The scene with its step divided by a factor (its tolerance by the factor cubed)."""
+def refined(scene: Scene, factor: float = 2) -> Scene:
+    """The scene with its step divided by a factor (its tolerance by the factor cubed).
+
+    With a factor below 1 the step is longer; no step exceeds the duration, and a period has at
+    least two.
+    """
     stepping: Stepping
     match scene.time.stepping:
         case Tolerance(tolerance=tolerance):
             stepping = Tolerance(tolerance=tolerance / factor**3)
         case StepsPerPeriod(steps_per_period=steps):
-            stepping = StepsPerPeriod(steps_per_period=steps * factor)
+            stepping = StepsPerPeriod(steps_per_period=max(int(steps * factor), 2))
+        case StepsPerRevolution(steps_per_revolution=steps):
+            stepping = StepsPerRevolution(steps_per_revolution=max(int(steps * factor), 2))
         case FixedStep(step=step):
-            stepping = FixedStep(step=step / factor)
+            assert scene.time.duration is not None
+            stepping = FixedStep(step=min(step / factor, scene.time.duration))
         case other:
             stepping = other
     return replace(scene, time=replace(scene.time, stepping=stepping))
 
 
 def coarser(scene: Scene) -> Scene:
-    """The scene with twice its step or eight times its tolerance; no step exceeds the duration."""
-    stepping: Stepping
-    match scene.time.stepping:
-        case Tolerance(tolerance=tolerance):
-            stepping = Tolerance(tolerance=8.0 * tolerance)
-        case StepsPerPeriod(steps_per_period=steps):
-            stepping = StepsPerPeriod(steps_per_period=max(steps // 2, 2))
-        case FixedStep(step=step):
-            assert scene.time.duration is not None
-            stepping = FixedStep(step=min(2.0 * step, scene.time.duration))
-        case other:
-            stepping = other
-    return replace(scene, time=replace(scene.time, stepping=stepping))
+    """The scene with twice its step or eight times its tolerance, as `refined` by a half."""
+    return refined(scene, 0.5)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, Where, choice, integer, is_sequence, number
+from fenicsrom.scene.base.rules import Rule, Where, array, choice, integer, is_sequence, number
 from fenicsrom.scene.base.tables import read_table, tables_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.reading.reading import parse_scene, read_toml
@@ -33,6 +33,7 @@ EXCLUDED = (
     "reference",
     "compare",
     "campbell",
+    "map",
     "statics",
 )
 """Tables that describe a body with a mesh, or that need the matrices of the body at every speed."""
@@ -66,9 +67,7 @@ def _read_coordinates(value: Any, where: Where) -> tuple[int, ...]:
 
 
 _NUMBER = integer(0, LARGEST_NUMBER)
-_coordinates = Rule(
-    _read_coordinates, {"type": "array", "items": _NUMBER.schema}, "list of integers from 0"
-)
+_coordinates = Rule(_read_coordinates, array(_NUMBER.schema), "list of integers from 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,9 +202,5 @@ def _check_node(node: InterfaceNode, dimension: int, where: Where) -> None:
             allowed = f"must have {dimension} entries with superelement.dimension = {dimension}"
             raise where.at(key).refuse(list(value), allowed, ErrorKind.CONFLICT)
     if (node.coordinates is None) == (node.grid is None):
-        raise SceneError(
-            f"{where.source}: {where.key}: one of coordinates and grid must be given",
-            kind=ErrorKind.CONFLICT,
-            key=f"{where.key}.coordinates",
-            source=where.source,
-        )
+        reason = "one of coordinates and grid must be given"
+        raise refuse(where.source, reason, ErrorKind.CONFLICT, f"{where.key}.coordinates")
