@@ -4,7 +4,6 @@ import errno
 import os
 import resource
 import signal
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,9 +16,7 @@ from dolfinx import mesh as dmesh  # noqa: E402
 from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E402
 from support import needs_mpirun, on_ranks  # noqa: E402
 
-from fenicsrom.online.stress.stress import von_mises  # noqa: E402
 from fenicsrom.post.paraview import vtk  # noqa: E402
-from fenicsrom.post.run.body_pictures import stress_surface  # noqa: E402
 
 MPI = pytest.importorskip("mpi4py.MPI")
 
@@ -237,21 +234,19 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_stress_surface_has_the_von_mises_stress_of_linear_components(cell):
-    """At the corners and at the points between them; the surface is that of the whole body."""
+def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
+    """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
+    from fenicsrom.post.paraview.vtk import refined_grid, write_vtu
+
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim
     points, cells = space.tabulate_dof_coordinates()[:, :d], np.asarray(space.dofmap.list)
-    slopes = np.random.default_rng(1).normal(size=(d, 6))
-    table = SimpleNamespace(
-        vertex_position=points,
-        cells=cells,
-        displacement=lambda q: 0.0 * points,
-        stress=lambda q, measure: points @ slopes,
-        at_vertices=lambda stress: stress,
-    )
-    found = stress_surface(table, SimpleNamespace(coordinates=None), "cauchy")
-    exact = von_mises(found.points[:, :d].astype(float) @ slopes)
-    np.testing.assert_allclose(found.point_data["size"], exact, rtol=1e-5, atol=1e-6)
-    area = LENGTH * HEIGHT if d == 2 else 4.0 * LENGTH * HEIGHT + 2.0 * HEIGHT**2
-    assert found.area == pytest.approx(area, rel=1e-6)
+    grid, mean = refined_grid(points, cells)
+    assert grid.cell_type == CELLS[cell][1] and mean.shape == (len(grid.points), len(points))
+    values = points @ np.arange(1.0, 1.0 + d)
+    np.testing.assert_allclose(mean @ values, grid.points[:, :d] @ np.arange(1.0, 1.0 + d))
+    write_vtu(tmp_path / "fine.vtu", grid, {"x": mean @ values})
+    read = pyvista.read(tmp_path / "fine.vtu")
+    sizes = np.abs(read.triangulate().compute_cell_sizes()["Area" if d == 2 else "Volume"])
+    assert sizes.sum() == pytest.approx(LENGTH * HEIGHT ** (d - 1))
+    assert len(np.unique(np.round(grid.points, 9), axis=0)) == len(grid.points)

@@ -23,6 +23,7 @@ from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True)
@@ -270,11 +271,61 @@ CELLS: dict[str, tuple[tuple[int, int], str]] = {
         "011 211 101 121 110 112 111",
     ),
 }
+NAMES = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}
 
 
 def reference_nodes(name: str) -> Values:
     """Reference coordinates (k, d) of the nodes of the quadratic cell, in VTK's order."""
     return np.array([[int(digit) for digit in node] for node in CELLS[name][1].split()]) / 2
+
+
+def corner_shapes(nodes: Values, corners: int) -> Values:
+    """Linear shape functions (k, corners) of a cell at reference coordinates (k, d).
+
+    The corners are in the order of dolfinx.
+    """
+    d = nodes.shape[1]
+    if corners == d + 1:
+        return np.column_stack([1.0 - nodes.sum(axis=1), nodes])
+    found = np.ones((nodes.shape[0], corners))
+    for corner in range(corners):
+        for axis in range(d):
+            x = nodes[:, axis]
+            found[:, corner] *= x if corner >> axis & 1 else 1.0 - x
+    return found
+
+
+def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
+    """The grid of quadratic cells on linear ones, and the means that give the values at its nodes.
+
+    The von Mises stress changes faster in a cell than linear cells can show.
+
+    Args:
+        points: (n, d) corners, m.
+        cells: (n_cells, corners) numbers of the corners, in the order of dolfinx.
+
+    Returns:
+        The grid, and the matrix (n_points, n).
+    """
+    from scipy.sparse import csr_array  # slow to import, and only solids with stresses need it
+
+    corners = cells.shape[1]
+    name = NAMES[points.shape[1], corners]
+    shapes = corner_shapes(reference_nodes(name), corners)
+    around = np.where(shapes > 0.0, cells[:, None], -1).reshape(-1, corners)
+    ordered, first, numbers = np.unique(
+        np.sort(around, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    weights = np.tile(shapes, (len(cells), 1))[first]
+    rows, columns = np.nonzero(weights)
+    mean = csr_array(
+        (weights[rows, columns], (rows, around[first][rows, columns])),
+        shape=(len(ordered), len(points)),
+    )
+    grid = Grid(
+        in_space(mean @ points), numbers.reshape(len(cells), len(shapes)), CELLS[name][0][1]
+    )
+    return grid, mean
 
 
 # Dimension of the cells and number of their corners -> VTK's type of the linear cell, and the
@@ -283,18 +334,16 @@ LINEAR_CELLS: dict[tuple[int, int], tuple[int, tuple[int, ...]]] = {
     (1, 2): (3, (0, 1)),
     (2, 3): (5, (0, 1, 2)),
     (2, 4): (9, (0, 1, 3, 2)),
-    (3, 4): (10, (0, 1, 2, 3)),
-    (3, 8): (12, (0, 1, 3, 2, 4, 5, 7, 6)),
 }
 
 
 def linear_grid(points: Values, cells: Values, dimension: int) -> Grid:
-    """The grid of linear cells whose corners are in the order of dolfinx.
+    """The grid of lines or faces whose corners are in the order of dolfinx.
 
     Args:
         points: (n_points, d) m.
         cells: (n_cells, corners) point numbers.
-        dimension: dimension of the cells.
+        dimension: dimension of the cells, 1 or 2.
     """
     cell_type, order = LINEAR_CELLS[dimension, cells.shape[1]]
     return Grid(in_space(points), cells[:, order], cell_type)

@@ -28,7 +28,7 @@ from fenicsrom.post.paraview.fields import (
     moving_field,
     shapes,
 )
-from fenicsrom.post.paraview.vtk import Grid, in_space, linear_grid
+from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.setup.setup_figure import held_points, setup_figure, setup_view, symbols
 from fenicsrom.post.setup.setup_marks import Mark, gathered_marks
 from fenicsrom.scene import Scene, scene_heading
@@ -223,29 +223,21 @@ def _stressed(
     """The state of the largest von Mises stress at the points of a surface."""
     from scipy.spatial import cKDTree
 
-    state = stress_surface(table, found.largest, found.measure)
-    _, nearest = cKDTree(state.points).query(surface.points)
-    displacement, size = (state.point_data[name][nearest] for name in ("displacement", SIZE))
-    peak = float(state.point_data[SIZE].max()) or 1.0
+    grid, values = stress_state(table, found.largest, found.measure)
+    _, nearest = cKDTree(grid.points).query(surface.points)
+    peak = float(values[SIZE].max()) or 1.0
     name = f"von Mises stress, {found.largest.state}"
-    entry = turning.loaded(name, displacement, length)
+    entry = turning.loaded(name, values["displacement"][nearest], length)
     note = f"colour: 0 to {1e-6 * peak:.4g} MPa"
-    return replace(entry, colours=size / peak, note=note)
+    return replace(entry, colours=values[SIZE][nearest] / peak, note=note)
 
 
-def stress_surface(table: StressTable, peak: Peak, measure: str) -> PolyData:
-    """The boundary with the displacement and the von Mises stress of a state as point arrays.
-
-    The von Mises stress changes faster in a cell than linear cells can show. The triangles are
-    therefore divided once; the components of the stress are linear in each of them.
-    """
-    points, q = table.vertex_position, peak.coordinates
-    fields = {"displacement": in_space(table.displacement(q))}
-    fields["stress"] = table.at_vertices(table.stress(q, measure))
-    grid = linear_grid(points, table.cells, points.shape[1])
-    found: PolyData = surface_of(grid, fields).subdivide(1, "linear")
-    found.point_data[SIZE] = von_mises(found.point_data["stress"])
-    return found
+def stress_state(table: StressTable, peak: Peak, measure: str) -> tuple[Grid, dict[str, Array]]:
+    """A grid with the displacement and the von Mises stress of a state, by their names."""
+    grid, mean = refined_grid(table.vertex_position, table.cells)
+    stress = table.at_vertices(table.stress(peak.coordinates, measure))
+    moved = in_space(mean @ table.displacement(peak.coordinates))
+    return grid, {"displacement": moved, SIZE: von_mises(mean @ stress)}
 
 
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
@@ -260,10 +252,11 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     place = ", ".join(f"{x:.4g}" for x in peak.position)
     title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
 
+    state = stress_state(table, peak, measure)
     return Picture(
         "Von Mises stress",
         "stress.png",
-        lambda: stress_figure(stress_surface(table, peak, measure), "displacement", title),
+        lambda: stress_figure(surface_of(*state), "displacement", title),
         in_space=True,
     )
 
