@@ -41,6 +41,7 @@ COMMANDS = {
     "backbone_2d": "backbone",
     "arch_snap": "statics",
     "blade_rub": "run",
+    "blade_run_up": "run",
     "blade_abradable": "run",
     "blade_composite": "run",
     "blade_response": "response",
@@ -457,6 +458,21 @@ def draw_front(axes: Axes, folder: Path) -> None:
     axes.legend(lines, names, fontsize=7, loc="upper center", bbox_to_anchor=(0.58, 0.86))
 
 
+def run_up_picture(folder: Path) -> Figure:
+    """Draw amplitude, normal force and shaft torque of each revolution over the speed."""
+    rows = np.genfromtxt(folder / "run_up.csv", delimiter=",", names=True)
+    drawn = (
+        ("amplitude, mm", 1e3 * rows["amplitude_m"], "#0072B2"),
+        ("normal force, N", rows["peak_normal_force_N"], "#D55E00"),
+        ("shaft torque, N m", rows["shaft_torque_Nm"], "#009E73"),
+    )
+    figure, axes = plt.subplots(1, 3, figsize=(8.4, 2.4), layout="constrained")
+    for axis, (name, values, colour) in zip(axes, drawn, strict=True):
+        axis.plot(rows["speed_rpm"], values, color=colour, marker=".", markersize=3)
+        axis.set(title=name, xlabel="speed, rpm")
+    return figure
+
+
 def compare_picture(folder: Path) -> Figure:
     """Draw error against run time of all bases of a comparison."""
     figure, axes = plt.subplots(figsize=(4.4, 2.9), layout="constrained")
@@ -504,6 +520,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["arch_snap"] = path_picture(runs / "arch_snap")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
+        figures["blade_run_up"] = run_up_picture(runs / "blade_run_up")
         figures["blade_abradable"] = wear_picture(runs / "blade_abradable")
         figures["blade_composite"] = rub_picture(runs / "blade_composite")
         figures["paraview"] = paraview_picture(runs / "blade_rub")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 pytest.importorskip("dolfinx")
 
@@ -17,8 +18,10 @@ from support import beam_scene, make_solid, refusal
 import fenicsrom
 from fenicsrom.assess.rotation.range_body import RangeBody
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
+from fenicsrom.online.contact.turning import speed_at, speed_history
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
@@ -286,3 +289,148 @@ def test_blade_of_the_demo_at_all_speeds_matches_the_solid() -> None:
     np.testing.assert_allclose(
         whirling, [43.5367, 133.4849, 219.8294, 303.5002], rtol=0, atol=1.5e-3
     )
+
+
+RUN_UP = (
+    "rotation.history=[[0.0, 1500.0], [0.1, 2500.0]]",
+    "time={duration=0.1, steps_per_revolution=240}",
+)
+
+
+def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
+    tiny: tuple[StoredModel, Path],
+) -> None:
+    stored = tiny[0].with_overrides(RUN_UP)
+    whole, model = tiny[0].whole, stored.model
+    assert whole is not None and stored.size < 0.6 * whole.model.size
+    assert stored.candidates is not None and stored.candidates.size > stored.size
+    start = whole.equilibrium(1500.0 / RPM)
+    np.testing.assert_allclose(
+        model.contact_offset, whole.model.contact_rows @ start, rtol=0, atol=1e-12
+    )
+    for rpm in (1500.0, 1800.0, 2500.0):
+        omega = rpm / RPM
+        held = speed_history([[0.0, omega]])
+        slow = model._replace(
+            turning=model.turning._replace(history=held),
+            load_histories=model.load_histories._replace(history=held),
+        )
+        slow.set_interval(0.0, 0.0)
+        zero, one = np.zeros(slow.size), np.ones(1)
+        y = zero
+        for _ in range(8):  # Newton's method for the equilibrium at this speed
+            force, tangent = slow.elastic_over_step(zero, y, zero, 0.0, one, one)
+            y = y - np.linalg.solve(tangent.matrix, force)
+        q = whole.equilibrium(omega)
+        moved = model.contact_displacement(y) - whole.model.contact_rows @ q
+        assert np.max(np.abs(moved)) < 2e-6
+        _, tangent = slow.elastic_over_step(zero, y, zero, 0.0, one, one)
+        found = scipy.linalg.eigh(tangent.matrix, model.mass, eigvals_only=True)[:3]
+        exact = scipy.linalg.eigh(whole.tangent(omega, q), whole.model.mass, eigvals_only=True)
+        np.testing.assert_allclose(found, exact[:3], rtol=1e-3)
+        rows = model.contact_rows
+        ours = rows @ np.linalg.solve(tangent.matrix, rows.T)
+        rows = whole.model.contact_rows
+        theirs = rows @ np.linalg.solve(whole.tangent(omega, q), rows.T)
+        assert np.linalg.norm(ours - theirs) < 0.05 * np.linalg.norm(theirs)
+
+
+def test_run_at_a_constant_history_matches_the_model_at_this_speed(
+    tiny: tuple[StoredModel, Path],
+) -> None:
+    gap = "contacts.0.gap=1.3e-3"  # a nearer casing makes the motion sensitive
+    steady = at_speed(tiny[0], 2000.0, gap, "time.steady='march'").simulate()
+    held = "rotation.history=[[0.0, 2000.0]]", "time={duration=0.09, steps_per_revolution=100}"
+    stored = tiny[0].with_overrides([gap, *held])
+    found = stored.simulate()
+    np.testing.assert_allclose(found.time, steady.time, atol=1e-12)
+    apart = np.max(np.abs(found.displacement - steady.displacement))
+    assert apart < 0.01 * amplitude(steady).max()
+    assert peak_normal_force(found) == pytest.approx(peak_normal_force(steady), rel=0.02)
+    measured = run_up(stored, found)
+    assert measured is not None and measured.time.size == 3
+    np.testing.assert_allclose(RPM * measured.speed, 2000.0, rtol=1e-9)
+    assert abs(measured.balance) < 1e-11 * measured.contact_work
+
+
+def test_run_up_with_rub_balances_and_writes_its_revolutions(
+    tiny: tuple[StoredModel, Path], tmp_path: Path
+) -> None:
+    changes = (*RUN_UP, "contacts.0.gap=0.7e-3")
+    stored = tiny[0].with_overrides(changes)
+    motion = stored.simulate(keep_coordinates=True)
+    found = run_up(stored, motion)
+    assert found is not None and found.peak_force.max() > 10.0
+    assert motion.relative_imbalance < 1e-10
+    assert abs(found.balance) < 1e-9 * found.contact_work
+    # the casing stands still: what it does to the blade comes from the shaft
+    heat = motion.friction_dissipation[-1]
+    assert 0.5 * heat < found.contact_work < 2.0 * heat
+    # a stored model of a run-up moves as before
+    path = tmp_path / "run_up.npz"
+    save_model(path, stored)
+    again = load_model(path).simulate()
+    np.testing.assert_allclose(again.displacement, motion.displacement, rtol=0, atol=1e-12)
+    options = [part for change in changes for part in ("--set", change)]
+    folder = tmp_path / "out"
+    assert main(["run", "--from", str(tiny[1]), *options, "--output", str(folder)]) in (0, 1)
+    rows = np.genfromtxt(folder / "run_up.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(rows["amplitude_m"], found.amplitude, rtol=1e-6)
+    summary = json.loads((folder / "summary.json").read_text())["run_up"]
+    assert summary["shaft_work"] == pytest.approx(found.shaft_work, rel=1e-6)
+    assert (folder / "run_up.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("override", "kind", "key"),
+    [
+        ("rotation.history=[[0.1, 1500.0]]", ErrorKind.RANGE, "rotation.history[0]"),
+        ("rotation.history=[[0, 1500], [0, 1600]]", ErrorKind.RANGE, "rotation.history"),
+        ("rotation.history=[[0, 1500], [1, 7000]]", ErrorKind.RANGE, "rotation.history[1]"),
+        ("time.steps_per_revolution=100", ErrorKind.CONFLICT, "time.steps_per_revolution"),
+    ],
+)
+def test_history_of_the_speed_refuses_bad_values(override: str, kind: ErrorKind, key: str) -> None:
+    with refusal(kind, key):
+        blade(override)
+
+
+def test_history_of_the_speed_names_what_it_needs() -> None:
+    with refusal(ErrorKind.MISSING, "rotation.speeds_rpm"):
+        read_scene(DEMO, (*UNSTRESSED, "rotation.history=[[0, 900]]"))
+    with refusal(ErrorKind.CONFLICT, "rotation.coriolis"):
+        blade(*RUN_UP, "rotation.coriolis=false")
+    with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):
+        blade(*RUN_UP, "rotation.history=[[0, 0], [0.1, 1500]]")
+    with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):
+        blade(*RUN_UP, "time.steps_per_revolution=12")
+    with refusal(ErrorKind.CONFLICT, "time.steady_tolerance"):
+        blade("rotation.history=[[0, 1500], [0.1, 2500]]")
+
+
+@pytest.mark.slow
+def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
+    """Test D: the blade of the demo without contact, from 900 to 1500 rpm in 2 s, against another
+    program on matrices of the same solid."""
+    scene = blade(
+        "basis.modes=4",
+        "contacts=[]",
+        'probe={group="tip_nodes"}',
+        "loads.0.pressure=500",
+        "rotation.history=[[0.0, 900.0], [2.0, 1500.0]]",
+        f"time={{duration=2.0, step={2.0 / 12000.0}}}",
+    )
+    stored = fenicsrom.build_model(scene)
+    motion = stored.simulate()
+    found = run_up(stored, motion)
+    assert found is not None
+    assert found.amplitude.max() == pytest.approx(7.504e-3, abs=2e-6)
+    last = 1e3 * motion.displacement[-1, 0]
+    np.testing.assert_allclose(last, (0.4078, -6.4266, 11.8867), rtol=0, atol=2e-3)
+    assert np.max(np.abs(motion.imbalance)) < 1e-12 * np.max(motion.work)
+    silent = stored.model.turning._replace(euler=0.0 * stored.model.turning.euler)
+    without = replace(stored, model=stored.model._replace(turning=silent))
+    other = run_up(without, without.simulate())
+    assert other is not None
+    assert other.amplitude.max() == pytest.approx(6.904e-3, abs=5e-5)
+    assert speed_at(silent.history, 1.16) * RPM == pytest.approx(1248.0)

@@ -45,7 +45,9 @@ class RunUp:
         contact_work: work that the contacts take from the shaft, J.
         load_work: work that the loads take from the shaft, J.
         momentum: (2,) angular momentum at the start and at the end, kg m²/s.
-        energy_rise: rise of the kinetic, elastic and centrifugal energy, seen at rest, J.
+        energy_rise: rise of the kinetic and elastic energy of the body, seen at rest, J.
+        balance: what the works of shaft, loads and contacts and the dissipated energies leave of
+            this rise, J: the imbalance of the time steps in the frame that stands still.
     """
 
     time: Array
@@ -60,6 +62,7 @@ class RunUp:
     load_work: float
     momentum: Array
     energy_rise: float
+    balance: float
 
 
 def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
@@ -73,7 +76,7 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         return None
     time, steps = motion.time, np.diff(motion.time)
     omega, angle = (np.array([f(turning.history, t) for t in time]) for f in (speed_at, angle_at))
-    momentum, by_loads = motion.turning[:, 0], motion.turning[:, 2]
+    momentum, inertia, by_loads = motion.turning.T
     by_contacts = _contact_moment(stored.model.points, stored.scene.rotation, motion)
     loads = steps * _middle(by_loads)
     contacts = steps * by_contacts
@@ -82,10 +85,14 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
     moved = motion.displacement - _at_rest(whole, omega, motion)
     distance = np.linalg.norm(moved, axis=2).max(axis=1)
     force = motion.force[:, :, 0].max(axis=1, initial=0.0)
-    # the energy seen at rest is that in the frame, with L and J in place of the centrifugal part
+    rest = np.array([rest_energy(turning, speed) for speed in omega])
     turned = omega * momentum - 0.5 * omega**2 * turning.inertia
-    known = np.array([rest_energy(turning, speed) for speed in omega[[0, -1]]])
-    energy = (motion.kinetic + motion.elastic + turned)[[0, -1]] + known
+    rise = np.diff(motion.kinetic + motion.elastic + rest + turned).sum()
+    # the work (4) of `online.model.turning`, with the mean of v . (g + G q/2)
+    euler = np.sum(np.diff(omega) * _middle(momentum - omega * inertia))
+    parametric = 0.5 * np.sum(np.diff(omega**2) * _middle(inertia - turning.inertia))
+    spent = motion.contact_energy + motion.friction_dissipation + motion.damping_dissipation
+    done = np.sum(np.diff(motion.work - spent)) + euler + parametric + rest[-1] - rest[0]
 
     ends = np.arange(np.floor(angle[0] / (2 * np.pi)) + 1.0, np.ceil(angle[-1] / (2 * np.pi)) + 1)
     rows = np.unique(np.searchsorted(angle, 2 * np.pi * ends - 1e-9).clip(max=time.size - 1))
@@ -107,7 +114,8 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         float(works[1].sum()),
         float(works[2].sum()),
         momentum[[0, -1]],
-        float(energy[1] - energy[0]),
+        float(rise),
+        float(works[0].sum() - works[1].sum() - works[2].sum() + done - rise),
     )
 
 

@@ -91,7 +91,7 @@ class _Snapshot(NamedTuple):
 
     Attributes:
         tangent: (n, n) at the equilibrium.
-        equilibrium: (n, 1) from that at the start of a run.
+        equilibrium: (n, 1)
         modes: (n, v) normal modes.
         attached: (n, m) attachment modes of the masters.
         derivatives: (n, v (v + 1) / 2) modal derivatives.
@@ -246,8 +246,8 @@ class RangeModel:
         reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
         return subspace_model(self.model, reduced, q0, z, velocity)
 
-    def _snapshot(self, omega: float, q0: Array) -> _Snapshot:
-        """What the model shows at a speed in rad/s; its equilibrium from another one q0 (n,)."""
+    def _snapshot(self, omega: float) -> _Snapshot:
+        """What the model shows at a speed in rad/s."""
         q, n = self.equilibrium(omega), self.model.size
         tangent = self.tangent(omega, q)
         modes = scipy.linalg.eigh(tangent, self.model.mass, subset_by_index=(0, self.modes - 1))[1]
@@ -255,7 +255,7 @@ class RangeModel:
         bent = [changes[i] @ modes[:, j] for i in range(self.modes) for j in range(i + 1)]
         solved = np.linalg.solve(tangent, np.column_stack([np.eye(n, self.masters), *bent]))
         return _Snapshot(
-            tangent, (q - q0)[:, None], modes, solved[:, : self.masters], solved[:, self.masters :]
+            tangent, q[:, None], modes, solved[:, : self.masters], solved[:, self.masters :]
         )
 
     def over(self, history: Array, omega: float) -> AtSpeed:
@@ -274,7 +274,7 @@ class RangeModel:
         """
         model, n, q0 = self.model, self.model.size, self.equilibrium(history[0, 1])
         squares = np.linspace(np.min(history[:, 1]) ** 2, np.max(history[:, 1]) ** 2, SNAPSHOTS)
-        shown = [self._snapshot(float(speed), q0) for speed in np.sqrt(squares)]
+        shown = [self._snapshot(float(speed)) for speed in np.sqrt(squares)]
         first: dict[str, Array] = {}
         further: dict[str, Array] = {}
         for kind, accuracy in RUN_UP.items():
@@ -291,7 +291,7 @@ class RangeModel:
         turning = self._turning(history, q0, z)
         rest = []
         for square, one in zip(map(float, squares), shown, strict=True):
-            q = z.T @ model.mass @ one.equilibrium[:, 0]
+            q = z.T @ model.mass @ (one.equilibrium[:, 0] - q0)
             rest.append(rest_row(turning, whole.elastic, square, q))
         whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
         found = self.tangent(omega, self.equilibrium(omega))

@@ -59,7 +59,8 @@ def run_up_sentences(found: RunUp | None) -> list[str]:
         f"Shaft: work {found.shaft_work:.5g} J, angular momentum {found.momentum[0]:.5g} to "
         f"{found.momentum[1]:.5g} kg m²/s. The energy of the body rises by "
         f"{found.energy_rise:.5g} J; contacts take {found.contact_work:.5g} J from the shaft, "
-        f"loads {found.load_work:.5g} J.",
+        f"loads {found.load_work:.5g} J. The balance of these works closes to "
+        f"{abs(found.balance) / max(abs(found.shaft_work), 1e-300):.1e} of the work of the shaft.",
     ]
 
 
