@@ -71,10 +71,5 @@ COMMAND = Command(
     "export",
     "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
     export,
-    (
-        MODEL,
-        FORMAT,
-        SET,
-        FILE,
-    ),
+    (MODEL, FORMAT, SET, FILE),
 )

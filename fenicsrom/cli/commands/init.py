@@ -82,14 +82,5 @@ COMMAND = Command(
     "init",
     "write a starter scene for a mesh file",
     init,
-    (
-        MESH,
-        SCALE,
-        SIZE,
-        UNITS,
-        ROOT,
-        TIP,
-        TEMPLATE,
-        FILE,
-    ),
+    (MESH, SCALE, SIZE, UNITS, ROOT, TIP, TEMPLATE, FILE),
 )
