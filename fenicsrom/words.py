@@ -23,6 +23,11 @@ def are(number: int) -> str:
     return "is" if number == 1 else "are"
 
 
+def two_digits(number: float) -> str:
+    """Write a positive number with two digits, or as a whole number: 0.031, 4.7, 104."""
+    return f"{number:.2g}" if number < 99.5 else f"{number:.0f}"
+
+
 def brief(*shown: str) -> Callable[[type[T]], type[T]]:
     """Give a record a `repr` of at most ten lines, and a table for notebooks.
 

@@ -1,15 +1,16 @@
 """Response curves of random scenes: how many are complete, and whether their points are right.
 
-    python3 demos/evidence/random_curves.py [--count 40] [--seed 1] [--output FILE]
+    python3 demos/evidence/random_curves.py [--count 40] [--seed 1] [--output FOLDER]
 
 Each scene is a beam, planar or spatial, linear or not, with one to ten contact points at random
 places, in random directions, with random preloads or gaps, stiffnesses and friction, and one or two
 loads. The parameter of its curve is the frequency over the lowest resonance, the size of the first
 load, a preload or a friction coefficient. Every tenth point is confirmed by half the time step,
-which must change its amplitude by less than `CHANGE`; the middle one of the stable ones also
-by a march of up to 500 periods that starts 0.1 % beside it and must come nearer. A curve ends at
-the latest after `SECONDS` of CPU time. Its special points, which change no point, are not
-located. It is one line of the table.
+which must move the curve by less than `CHANGE`; the middle one of the stable ones also by a march
+of up to 500 periods that starts 0.1 % beside it and must come nearer. A curve ends at the latest
+after `SECONDS` of CPU time. Its special points, which change no point, are not located. It is one
+line of the table, and one file of the folder. A curve whose file is there is not computed again, so
+the table may be made in several runs.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -119,16 +120,31 @@ def _contact(rng: np.random.Generator, d: int, length: float, height: float) -> 
     return found | {"preload": float(10.0 ** rng.uniform(0.0, 2.0))}
 
 
-def confirmed(path: Continuation, point: CurvePoint, settings: Any) -> bool:
-    """Whether half the step confirms the amplitude of a motion."""
+def shift(path: Continuation, point: CurvePoint, settings: Any) -> float | None:
+    """How far half the step moves the curve at a point; None if the other curve is not found.
+
+    The motion with half the step is sought at the same parameter, and if this fails or moves it by
+    more than `CHANGE`, in the plane normal to the curve: where the curve is steep, a small change
+    of the parameter is a large one of the amplitude.
+
+    Returns:
+        The larger one of the relative changes of the amplitude and of the parameter.
+    """
     steps = 2 * settings.steps_per_period
     problem = path.family(point.parameter)._replace(time=settings.changed(steps_per_period=steps))
     fine = Shooting(problem)
-    s = fine.scaled(point.z)
-    near = Continuation(fine, path.family, 0.0, point.parameter, s)
-    other = near.at_parameter(s, point.parameter)
-    top = float(point.amplitude.max())
-    return other is not None and abs(float(other.amplitude.max()) - top) <= CHANGE * top
+    here = replace(point, s=fine.scaled(point.z))
+    near = Continuation(fine, path.family, path.low, path.high, here.s)
+    along = np.append(0.0 * here.s, 1.0)
+    found = []
+    for normal in (along, near.direction(here)):
+        other = near.correct(near.place(here), normal)
+        if other is not None:
+            change = abs(other.amplitude.max() / point.amplitude.max() - 1.0)
+            found.append(float(max(change, abs(other.parameter / point.parameter - 1.0))))
+            if found[-1] <= CHANGE:
+                break
+    return min(found, default=None)
 
 
 def attracts(path: Continuation, point: CurvePoint) -> bool:
@@ -209,7 +225,12 @@ def examine(seed: int) -> dict[str, Any]:
         return found | {"end": f"no start: {error}", "complete": False}
     curve = followed.curve
     tenth = curve.points[::10]
-    right = sum(confirmed(followed.path, point, scene.time) for point in tenth)
+    shifts = [shift(followed.path, point, scene.time) for point in tenth]
+    missed = [
+        [point.parameter, point.verdict, change]
+        for point, change in zip(tenth, shifts, strict=True)
+        if change is None or change > CHANGE
+    ]
     stable = [point for point in curve.points if point.stable]
     return found | {
         "end": curve.reason,
@@ -218,7 +239,8 @@ def examine(seed: int) -> dict[str, Any]:
         "unstable": sum(not point.stable for point in curve.points),
         "marches": [sum(point.marches[k] for point in curve.points) for k in (0, 1)],
         "seconds": round(followed.seconds, 2),
-        "confirmed": f"{right} of {len(tenth)}",
+        "compared": len(tenth),
+        "missed": missed,
         "attracts": all(attracts(followed.path, point) for point in stable[len(stable) // 2 :][:1]),
         "reached": round(curve.points[-1].parameter, 4),
     }
@@ -231,15 +253,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
-    lines, complete = [], 0
+    rows = []
     for seed in range(options.seed, options.seed + options.count):
-        found = examine(seed)
-        complete += found["complete"]
-        lines.append(json.dumps(found))
-        print(lines[-1], flush=True)
-        if options.output:
-            options.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"{complete} of {len(lines)} curves are complete")
+        file = options.output / f"{seed}.json" if options.output else None
+        if file and file.exists():
+            rows.append(json.loads(file.read_text(encoding="utf-8")))
+        else:
+            rows.append(examine(seed))
+            if file:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(json.dumps(rows[-1]) + "\n", encoding="utf-8")
+        print(json.dumps(rows[-1]), flush=True)
+    print(f"{sum(row['complete'] for row in rows)} of {len(rows)} curves are complete")
+    compared = sum(row.get("compared", 0) for row in rows)
+    missed = sum(len(row.get("missed", ())) for row in rows)
+    print(f"half the step confirms {compared - missed} of {compared} points")
 
 
 if __name__ == "__main__":

@@ -164,6 +164,19 @@ def test_unsteady_motion_is_compared_with_a_quarter_of_the_step_unless_that_soon
     assert estimates.step_errors(model, scene, motion).amplitude == pytest.approx(error)
 
 
+@pytest.mark.parametrize(("periods", "checked"), [(110, 55), (80, 50), (30, 30)])
+def test_motion_that_does_not_settle_is_checked_for_half_of_its_periods(
+    periods: int, checked: int
+) -> None:
+    model, scene = double_well(0.35)
+    scene = with_time(scene, periods=periods, steady="march")
+    motion = simulate(model, scene)
+    other = estimates.nested_motion(model, scene, motion)
+    assert is_unsteady(motion) and motion.periods == periods
+    assert other is not None and other.periods == checked
+    assert estimates.distances(motion, other).amplitude < 1e-12
+
+
 def test_rule_refuses_an_estimate_above_its_limit() -> None:
     """Also of a transient; a motion that does not settle has a wider limit."""
     one, both, scene = two_modes("periodic")

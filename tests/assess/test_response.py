@@ -115,6 +115,16 @@ def test_force_curve_with_families_passes_the_same_motions(found: Response) -> N
     assert damped.amplitude.max() < 0.999 * same.amplitude.max()
 
 
+def test_curve_over_the_frequency_of_an_engine_order_says_that_the_speed_stays() -> None:
+    turning = (
+        "loads.0={group='load', direction=[0.0, 1.0], force=1e-3, engine_order=1}",
+        f"rotation={{speed_rpm={60.0 * LOW}}}",
+        f"response.last={1.01 * LOW}",
+    )
+    (warning,) = response(oscillator(*turning)).warnings
+    assert "engine order" in warning and f"{60.0 * LOW:g} rpm" in warning
+
+
 def test_interrupt_keeps_the_part_that_is_done() -> None:
     from fenicsrom.assess.curves import curve_progress as module
 

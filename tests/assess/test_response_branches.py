@@ -18,7 +18,7 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
-from fenicsrom.assess.curves.trust import BETWEEN, SPREAD, richer_model, spread
+from fenicsrom.assess.curves.trust import BETWEEN, LARGEST, SHARE, SPREAD, richer_model, spread
 from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -146,13 +146,19 @@ def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
     return compared(stored, 30.0).curves[0]
 
 
-def compared(stored: StoredModel, stiffness: float) -> Response:
-    """The curves of an oscillator, compared with a model that has a second one beside it."""
+def compared(stored: StoredModel, stiffness: float, own: float = 1.0) -> Response:
+    """The curves of an oscillator, compared with a model that has a second one beside it.
+
+    Args:
+        stored: the oscillator.
+        stiffness: of the second one.
+        own: stiffness of the first one in this model.
+    """
     one = stored.model
     cubic = np.zeros((3, 3))
     cubic[0, 0] = one.elastic.cubic[0, 0]
     quadratic = np.zeros((3, 2))
-    elastic = ElasticPolynomial(np.zeros(2), np.diag([1.0, stiffness]), quadratic, cubic)
+    elastic = ElasticPolynomial(np.zeros(2), np.diag([own, stiffness]), quadratic, cubic)
     points = (one.points, np.zeros((0, 2)), np.zeros(0))
     loads = np.array([[1.0], [0.0]])
     probe = np.array([[1.0, 0.0], [0.0, 0.0]])
@@ -188,13 +194,20 @@ def test_richer_basis_that_adds_nothing_has_no_error() -> None:
             assert check.basis_error is not None and check.basis_error < 1e-5
 
 
+def test_basis_that_must_grow_is_compared_at_the_named_points_only() -> None:
+    for accuracy, others in (("1e-9", False), ("1.0", True)):
+        stored = oscillator("time.steps_per_period=50", f"basis.accuracy={accuracy}")
+        where = {check.where for check in compared(stored, 30.0, 0.999).curves[0].checks}
+        assert LARGEST in where and (BETWEEN in where) == others
+
+
 def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
     """The richer model has a direction that the motion leaves at rest, and that diverges."""
     stored = oscillator("time.steps_per_period=50")
     found = compared(stored, -0.01)
     (curve,) = found.curves
     spread = [check for check in curve.checks if check.where == BETWEEN and check.point.stable]
-    assert 8 <= len(spread) <= SPREAD
+    assert 8 <= len(spread) <= min(SPREAD, len(curve.points) / SHARE + 1)
     for check in spread:
         assert check.point.stable and check.richer_verdict == "fold"
         assert check.basis_error is not None and check.basis_error < 1e-5

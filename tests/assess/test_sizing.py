@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model, refusal
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.curve_size import larger_model
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
@@ -67,8 +68,8 @@ def stored_with(*overrides: str, **tables: Any) -> StoredModel:
     )
 
 
-def run(stored: StoredModel) -> Motion:
-    return simulate(stored.model, stored.scene, keep_coordinates=True)
+def run(stored: StoredModel, near: tuple[Array, ...] | None = None) -> Motion:
+    return simulate(stored.model, stored.scene, near=near, keep_coordinates=True)
 
 
 def fit(stored: StoredModel) -> Sized:
@@ -184,7 +185,35 @@ def test_motion_that_does_not_settle_is_judged_by_a_march_and_takes_all_at_once(
     assert is_unsteady(motion) and stored.scene.time.steady == "newton"
     found = sized(stored, motion, run)
     assert found is not None and found.stored.size == 1 + int(0.7 * 9)
-    assert asked == ["march", "march"] and found.sizes == []
+    assert asked == ["march"] and found.sizes == []
+
+
+def test_direction_that_hardly_moves_takes_no_coordinates_and_is_told() -> None:
+    """It misses its whole motion, which is 0.02 % of all."""
+    stored = stored_with()
+    probe = np.array([[0.0, 2e-2, *[0.0] * 8], [1.0, *[0.0] * 9]])
+    whole = stored.resized(10).model._replace(probe=probe)
+    found = fit(replace(stored, model=nested_model(whole, [0]), candidates=whole))
+    assert found.stored.size == 1 and found.errors.amplitude <= 1e-3 and not found.warning
+    assert found.errors.largest == found.errors.directions[0] > 1e-3
+
+
+def test_motion_of_all_coordinates_is_found_once_and_starts_the_larger_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stored, searched = stored_with(), []
+
+    def nearby(model: Any, scene: Scene, motion: Motion, *rest: Any, **more: Any) -> Motion | None:
+        searched.append(model.size)
+        return nested_motion(model, scene, motion, *rest, **more)
+
+    monkeypatch.setattr(sizing, "nested_motion", nearby)
+    found = fit(stored)
+    assert found.stored.size == 4 and searched == [10, 4]
+    alone = run(found.stored)
+    assert found.motion.search is not None and alone.search is not None
+    assert found.motion.search.iterations < alone.search.iterations
+    assert found.motion.periods == alone.periods and distances(found.motion, alone).largest < 1e-9
 
 
 def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:

@@ -6,7 +6,6 @@ centre nodes) and of the 1D beam, by average acceleration with 200 steps a perio
 period open, slipping and sticking."""
 
 import contextlib
-import functools
 import runpy
 from pathlib import Path
 
@@ -84,18 +83,12 @@ def test_linear_beam_matches_the_recomputed_paper(name):
     assert along < 2e-3 * across  # nothing couples bending to the axis but the preload's onset
 
 
-@functools.cache
-def full(name):
-    """Scene, solid and motion of the full model, integrated once."""
-    scene = demo(name, *PAPER)
-    solid = body(scene)
-    return scene, solid, simulate(full_model(solid), scene)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", RECOMPUTED)
+@pytest.mark.parametrize("name", ["open_2d", "stick_slip_2d"])
 def test_full_model_matches_the_recomputed_paper(name):
-    check(full(name)[2], RECOMPUTED[name][0], RECOMPUTED[name][2])
+    scene = demo(name, *PAPER)
+    motion = simulate(full_model(body(scene)), scene)
+    check(motion, RECOMPUTED[name][0], RECOMPUTED[name][2])
 
 
 # basis, most coordinates, largest error in % at 111.29 N and at 333.3 N (None: not demanded)
@@ -110,8 +103,11 @@ BASES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "load"), [("slip_liftoff_2d", 0), ("high_load_2d", 1)])
-def test_reduced_models_match_the_full_model(name, load):
-    _, solid, reference = full(name)
+def test_full_model_matches_the_recomputed_paper_and_reduced_models_match_it(name, load):
+    scene = demo(name, *PAPER)
+    solid = body(scene)
+    reference = simulate(full_model(solid), scene)
+    check(reference, RECOMPUTED[name][0], RECOMPUTED[name][2])
     for method, modes, derivatives, size, *limits in BASES:
         if limits[load] is None:
             continue
@@ -132,14 +128,12 @@ def test_reduced_models_match_the_full_model(name, load):
 @pytest.mark.slow
 def test_basis_without_derivatives_locks():
     """Craig-Bampton with 14 modes and no derivatives locks: 87 % of the amplitude is lost."""
-    _, solid, reference = full("slip_liftoff_2d")
     wanted = ['basis.method="craig-bampton"', "basis.modes=14", 'basis.derivatives="none"']
     scene = demo("slip_liftoff_2d", *PAPER, *wanted)
-    model, basis = reduced(solid, scene)
+    model, basis = reduced(body(scene), scene)
     assert basis.size == 16
-    assert errors_percent(simulate(model, scene), reference)[
-        "amplitude_tangential"
-    ] == pytest.approx(87.0, abs=1.0)
+    across, _ = across_and_along(simulate(model, scene))
+    assert 1.0 - across / RECOMPUTED["slip_liftoff_2d"][0][0] == pytest.approx(0.87, abs=0.01)
 
 
 @pytest.mark.slow

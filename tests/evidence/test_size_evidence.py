@@ -15,7 +15,7 @@ def run_with(error: float, estimate: float, **others: Any) -> dict[str, Any]:
     """A run with its true error and its estimate."""
     found = {"settled": True, "full_settled": True, "warned": False, "points": 2, "step": 1e-5}
     found |= {"size": 10, "paired": 20, "paired_step": 4e-5, "full_step": 1e-3}
-    return found | {"error": error, "estimate": estimate} | others
+    return found | {"error": error, "estimate": estimate, "worst_error": 2.0 * error} | others
 
 
 RUNS = [
@@ -34,6 +34,7 @@ def test_statistics_count_errors_that_nobody_warns_of() -> None:
     counts = [found[key] for key in ("runs", "compared", "not periodic", "without a result")]
     assert counts == [7, 5, 1, 1]
     assert found["above it without a warning"] == 1 and found["warned"] == 1
+    assert found["largest error of a direction"] == 2.0 * found["largest error"] == 0.06
     assert found["below the accuracy"] == pytest.approx(0.6)
     assert found["median effectivity"] == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
     assert (found["median size"], found["largest size"]) == (14.0, 18.0)
@@ -44,7 +45,7 @@ def test_statistics_count_errors_that_nobody_warns_of() -> None:
 def test_scenes_depend_on_their_seed_and_number_only() -> None:
     first, again, other = (basis_size.random_scene(2, *pair) for pair in ((1, 3), (1, 3), (1, 4)))
     assert first == again and first != other
-    assert 1 <= len(first.contacts) <= 8 and True
+    assert 1 <= len(first.contacts) <= 8
 
 
 def test_runs_are_read_back_and_drawn(tmp_path: Path) -> None:

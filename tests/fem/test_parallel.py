@@ -113,7 +113,7 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
 @needs_mpirun
 def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> None:
     overrides = [
-        "geometry.parameters.elements_along=10",
+        "geometry.parameters.elements_along=6",
         "time.steps_per_period=100",
         "output.pictures=false",
         "response={first=3.15, last=3.25, full=[3.2]}",

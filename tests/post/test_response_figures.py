@@ -19,7 +19,13 @@ from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back
 from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_rows import rows
-from fenicsrom.post.curves.response_tables import event_table, run_table, trust_table
+from fenicsrom.post.curves.response_tables import (
+    event_table,
+    result_table,
+    run_table,
+    sentences,
+    trust_table,
+)
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -280,3 +286,11 @@ def test_stretches_share_a_bifurcation() -> None:
 def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
     for table in (event_table(found), run_table(found), trust_table(found)):
         assert table[0][0] == "loads.0.force, N"
+
+
+def test_largest_amplitude_of_an_incomplete_curve_is_the_one_so_far() -> None:
+    found = response_of(0.1)
+    assert "so far" not in f"{sentences(found)}{result_table(found)}"
+    found.curves[0].pieces[0].reason = "number of points"
+    assert "amplitude so far" in sentences(found)[0]
+    assert result_table(found)[1][0].endswith(" so far")

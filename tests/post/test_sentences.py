@@ -22,6 +22,7 @@ from fenicsrom.post.run.sentences import (
     basis_sentences,
     estimate_rows,
     motion_warnings,
+    speed_sentence,
     step_sentence,
 )
 from fenicsrom.records import Study
@@ -117,6 +118,14 @@ def test_motion_that_ends_before_its_surface_has_arrived_is_warned_of(
     scene = beam_scene(2, ("contacts.0.approach=[[0.0, 0.0], [2.0, 1e-3]]",))
     found = motion_warnings("reduced", motion, scene)
     assert [line.startswith("contacts.0.approach: ") for line in found] == [True] * told
+
+
+def test_run_times_are_written_without_powers_of_ten() -> None:
+    motions: Any = {"reduced": SimpleNamespace(seconds=1.5), "full": SimpleNamespace(seconds=156.0)}
+    said = speed_sentence(motions)
+    assert said is not None and said.endswith(
+        "1.5 s, that of the full model 156 s: 104 times as long."
+    )
 
 
 def test_reduced_model_that_is_slower_than_the_solid_is_named() -> None:

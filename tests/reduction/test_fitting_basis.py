@@ -69,6 +69,7 @@ def modes_of(*overrides: str, **tables: Any) -> tuple[BeamStructure, ComponentMo
         ),
         (("contacts.0.approach=[[0, 0], [0.1, 1e-3], [0.2, 0]]",), 5.0),
         (("response={first=3.0, last=8.0}",), 8.0),
+        (("response={first=8.0, last=3.0}",), 8.0),
         (("response={first=1.0, last=2.0}",), 3.2),
     ],
 )

@@ -39,6 +39,7 @@ from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
+from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.scene.reading.units import in_words
 
 CLASSES = {
@@ -151,7 +152,7 @@ def response(
         outcome.curve for _, outcome in sorted(outcomes.items()) if outcome.curve.points
     ]
     _leave_out_unresolved(found)
-    found.warnings += _light_modes(stored)
+    found.warnings += [*_light_modes(stored), *_one_speed(scene)]
     _warn_of_errors(found)
     _warn_of_peaks(found, stored)
     found.seconds = working_time() - begin
@@ -195,6 +196,17 @@ def _light_modes(stored: StoredModel) -> list[str]:
     advice = "expect narrow resonances, or give each mode its ratio in [damping]."
     reason = f"Harmonics of the loads excite lightly damped modes{stuck}"
     return [f"{reason}: {'; '.join(found)}; {advice}"] if found else []
+
+
+def _one_speed(scene: Scene) -> list[str]:
+    """A sentence on a curve over the frequency of an engine order, along which the speed stays."""
+    ordered = any(isinstance(load.frequency, OrderFrequency) for load in scene.loads)
+    if scene.rotation is None or not ordered or response_table(scene).parameter != "frequency":
+        return []
+    return [
+        "The frequency of an engine order changes along the curve, but the stiffness by rotation "
+        f"stays that of {scene.rotation.speed_rpm:g} rpm: only the motion at this speed is right."
+    ]
 
 
 def _warn_of_errors(found: Response) -> None:

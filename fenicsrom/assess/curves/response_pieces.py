@@ -17,6 +17,7 @@ from fenicsrom.assess.curves.peaks import follow_peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
+from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import Continuation
@@ -73,7 +74,10 @@ def follow_curve(
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)
         walk("checking the curve with half the step and a richer basis")
-        curve.checks = checks(curve.pieces, family, other, lambda: walk(""))
+        basis = stored.scene.basis
+        grows = basis.adapts and basis.size is None
+        limit = basis.accuracy / BASIS_SAFETY if grows else np.inf
+        curve.checks = checks(curve.pieces, family, other, lambda: walk(""), limit)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)

@@ -26,7 +26,7 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.online.curves.curve import CurvePoint
 
 EXTRA = 12
-"""Largest number of these points of a curve: half of those that are spread over it."""
+"""Largest number of these points of a curve."""
 
 NEAR = 0.05
 """Distance of |mu| from 1. A vibration at the frequency of the load with a damping ratio below
@@ -82,21 +82,23 @@ def divide_gaps(
     sizes: dict[int, float],
     between: Callable[[CurvePoint, CurvePoint], CurvePoint | None],
     compare: Callable[[CurvePoint], float],
+    most: int = EXTRA,
 ) -> None:
-    """Compare up to `EXTRA` more points where a stretch may be hidden.
+    """Compare more points where a stretch may be hidden.
 
     Args:
         pieces: the parts of the curve.
         sizes: identity of a compared point -> |mu| of the richer basis, NaN if it is not known.
         between: computes a stable point of the curve between two neighbours; None if there is none.
         compare: compares a point and gives |mu| of the richer basis, NaN if it is not known.
+        most: largest number of these points.
     """
     rows = [
         [_Place(p, float(at), sizes.get(id(p))) for p, at in zip(piece.points, along, strict=True)]
         for piece, along in zip(pieces, lengths_along(pieces), strict=True)
     ]
     closed: set[tuple[int, int]] = set()
-    for _ in range(EXTRA):
+    for _ in range(most):
         gap = _most_urgent(rows, closed)
         if gap is None:
             return

@@ -23,7 +23,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.stability_search import NEAR, divide_gaps, lengths_along
+from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
@@ -44,8 +44,9 @@ from fenicsrom.words import counted
 LARGEST = "largest amplitude"
 BETWEEN = "between"
 NEAR_CHANGE = "near instability"
-SPREAD = 24  # points of a curve, evenly over its stable parts, besides those that are named
+SPREAD = 24  # most points of a curve, evenly over its stable parts, besides those that are named
 UNSTABLE = 12  # likewise over its unstable parts
+SHARE = 6  # points of a curve for each of these: a richer motion costs as much as several points
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
@@ -153,9 +154,11 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
 def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
     """Up to `SPREAD` stable points, at equal distances along the stable parts.
 
-    Without `stable` these are up to `UNSTABLE` unstable points.
+    Without `stable` these are up to `UNSTABLE` unstable points. Of each kind there is at most one
+    for `SHARE` points of the curve.
     """
-    count = SPREAD if stable else UNSTABLE
+    share = -(-sum(len(piece.points) for piece in pieces) // SHARE)
+    count = min(SPREAD if stable else UNSTABLE, share)
     chosen, lengths = [], []
     for piece, along in zip(pieces, lengths_along(pieces), strict=True):
         for (before, point), length in zip(pairwise(piece.points), np.diff(along), strict=True):
@@ -186,6 +189,7 @@ def checks(
     family: Family,
     richer: Richer | None = None,
     ask: Callable[[], None] = lambda: None,
+    limit: float = np.inf,
 ) -> list[Check]:
     """Estimate the errors of a curve at selected points.
 
@@ -194,6 +198,8 @@ def checks(
         family: its problems by the parameter.
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
+        limit: change by a richer basis at the named points above which no other point is compared,
+            because the curve will be followed again with more coordinates.
     """
     found: list[Check] = []
     changing = _next_to_change(pieces)
@@ -205,19 +211,20 @@ def checks(
         found.append(_check(where, point, family, richer, judged))
         return found[-1].richer_multiplier
 
-    listed = selected(pieces)
-    known = {id(point) for _, point in listed}
+    sizes = {id(point): compare(where, point) for where, point in selected(pieces)}
+    if any((check.basis_error or 0.0) > limit for check in found):
+        return found
     for name, point in [*spread(pieces), *spread(pieces, stable=False)]:
         near = not point.stable or _size(point) > 1.0 - NEAR
-        if id(point) not in known and (near or richer is not None):
-            listed.append((name, point))
-    sizes = {id(point): compare(where, point) for where, point in listed}
+        if id(point) not in sizes and (near or richer is not None):
+            sizes[id(point)] = compare(name, point)
     if richer is not None:
         divide_gaps(
             pieces,
             sizes,
             lambda a, b: _between(a, b, family),
             lambda point: compare(NEAR_CHANGE, point),
+            min(EXTRA, len(sizes) // 2),
         )
     return found
 

@@ -40,6 +40,7 @@ NEARBY = 0.1
 # 0.1 % by a hundredth. As the iteration converges quadratically, most lack far less.
 NEARBY_STEP = 1e-5
 CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
+ENOUGH_PERIODS = 50  # of a motion that does not settle, for its root mean squares
 # the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
 # 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
@@ -215,7 +216,21 @@ def check_motion(
                 return simulate(model, scene, keep_coordinates=True)
             if other.newton_from is not None and other.steady:
                 return other
-    return simulate(model, scene, keep_coordinates=True)
+    return simulate(model, _as_long(scene, motion), keep_coordinates=True)
+
+
+def _as_long(scene: Scene, motion: Motion) -> Scene:
+    """The scene of a check from rest.
+
+    The root mean squares of a motion that does not settle are known after half of its periods,
+    unless these are fewer than `ENOUGH_PERIODS`.
+    """
+    if not is_unsteady(motion):
+        return scene
+    assert isinstance(scene.time.span, Periodic)
+    periods = scene.time.span.periods
+    span = replace(scene.time.span, periods=max(periods // 2, min(periods, ENOUGH_PERIODS)))
+    return replace(scene, time=replace(scene.time, span=span))
 
 
 def _nearby_motion(
@@ -292,8 +307,8 @@ def nested_motion(
 ) -> Motion | None:
     """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
 
-    A motion that does not settle is compared by its root mean squares with a march of as many
-    periods, in which Newton's method does not look for a periodic motion.
+    A motion that does not settle is compared by its root mean squares with a march, in which
+    Newton's method does not look for a periodic motion.
 
     Args:
         model: the model, under the loads and the damping of the scene.
@@ -310,7 +325,7 @@ def nested_motion(
     try:
         if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
             alike = marched(scene) if is_unsteady(motion) else scene
-            other = simulate(model, alike, keep_coordinates=True)
+            other = simulate(model, _as_long(alike, motion), keep_coordinates=True)
         else:
             *state, sliders = end_of(motion)
             if near is not None and near.coordinates is not None and near.velocity is not None:
@@ -402,7 +417,10 @@ def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
         still = at_rest(motion) and at_rest(other)
         return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
     if motion.period is not None:
-        return [_shaped(points, rms(motion), rms(other, _start(motion)))]
+        # a check of fewer periods is compared with as many, unless the run was resumed
+        shorter = is_unsteady(other) and not _start(motion)
+        until = float(other.time[-1]) if shorter else np.inf
+        return [_shaped(points, rms(motion, until=until), rms(other, _start(motion)))]
     late = other.time >= _start(motion)
     span = tuple(np.ptp(x, axis=0) / 2.0 for x in (motion.displacement, other.displacement[late]))
     return [

@@ -1,7 +1,8 @@
 """The size of a reduced model by the estimate of its error: as small as the accuracy asks.
 
 A stored model holds N coordinates, of which it uses the first n. The motion of all N coordinates
-judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`). Where the estimate is above
+judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`): all directions together,
+because a direction that hardly moves would take many coordinates. Where the estimate is above
 `basis.accuracy`, the energies of the other coordinates in the motion of the larger model,
 
     ½ K_ii mean(e_i²) relative to ½ mean(qᵀ K q),    (1)
@@ -22,11 +23,13 @@ from functools import cached_property
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.measures import has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
@@ -57,7 +60,7 @@ class NestedSize:
     Attributes:
         size: number of coordinates.
         seconds: run time of the steps of the run with this size, s.
-        error: estimated relative error due to the basis, the largest of all directions.
+        error: estimated relative error due to the basis, of all directions together.
     """
 
     size: int
@@ -106,15 +109,17 @@ class Sized:
             if n != stored.size:
                 chosen = [known.index(label) for label in part.labels]
                 near = nested_motion(part.model, scene, motion, chosen, near=other)
-            error = np.inf if near is None else basis_errors(near, other).largest
+            error = np.inf if near is None else basis_errors(near, other).amplitude
             if near is not None and np.isfinite(error):
                 rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
         return rows
 
 
-def sized(
-    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion]
-) -> Sized | None:
+Run = Callable[[StoredModel, tuple[Array, ...] | None], Motion]
+"""Integrates a larger model as the run does, with the start `near` of `integrate`."""
+
+
+def sized(stored: StoredModel, motion: Motion, run: Run) -> Sized | None:
     """Let a model take coordinates until the error due to its basis is small enough.
 
     Only a basis with derivatives along principal directions takes coordinates.
@@ -136,29 +141,50 @@ def sized(
     if stored.scene.basis.size is not None:
         return _of_size(stored, motion, run, stored.scene.basis.size)
     scene, energies = stored.scene, dict[str, float]()
-    limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
     spare = spare_coordinates(stored)
+    other = nested_motion(stored.candidates, scene, motion)
     while True:
-        other = nested_motion(stored.candidates, scene, motion)
+        limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
         errors = basis_errors(motion, other)
-        if errors.largest <= limit:
+        if errors.amplitude <= limit:
             return Sized(stored, motion, other, errors, energies)
         larger = None
         if other is not None:
             found = candidate_energies(stored, other)
             most = len(stored.further) - spare
-            larger = _enlarged(stored, motion, other, list(found)[: max(most, 0)], limit)
+            larger, near = _enlarged(stored, motion, other, list(found)[: max(most, 0)], limit)
         if larger is None:
-            warning = unreached(stored, errors.largest, limit)
+            warning = unreached(stored, errors.amplitude, limit)
             return Sized(stored, motion, other, errors, energies, warning)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
-        stored, motion = larger, run(larger)
+        stored, (motion, other) = larger, _again(larger, motion, other, run, near)
+
+
+def _again(
+    stored: StoredModel,
+    before: Motion,
+    other: Motion | None,
+    run: Run,
+    near: tuple[Array, ...] | None = None,
+) -> tuple[Motion, Motion | None]:
+    """The motion of a model of another size, and that of all coordinates, which may be the same.
+
+    Args:
+        stored: the model.
+        before: the motion of the model before.
+        other: the motion of all coordinates next to this one.
+        run: as `sized`.
+        near: as `integrate`.
+    """
+    motion = run(stored, near)
+    elsewhere = near is None and motion.newton_from is not None
+    if elsewhere or has_settled(motion) != has_settled(before):
         assert stored.candidates is not None
+        other = nested_motion(stored.candidates, stored.scene, motion)
+    return motion, other
 
 
-def _of_size(
-    stored: StoredModel, motion: Motion, run: Callable[[StoredModel], Motion], size: int
-) -> Sized:
+def _of_size(stored: StoredModel, motion: Motion, run: Run, size: int) -> Sized:
     """The model with so many coordinates; other arguments and errors as `sized`."""
     stored.require_size()
     assert stored.candidates is not None
@@ -166,9 +192,7 @@ def _of_size(
     chosen = with_size(stored, other, size)
     energies = {} if other is None else candidate_energies(stored, other)
     if chosen is not stored:
-        motion = run(chosen)
-        assert chosen.candidates is not None
-        other = nested_motion(chosen.candidates, chosen.scene, motion)
+        motion, other = _again(chosen, motion, other, run)
     joined = {label: energies[label] for label in chosen.labels if label in energies}
     return Sized(chosen, motion, other, basis_errors(motion, other), joined)
 
@@ -205,9 +229,9 @@ def fitted(
         warnings: receives a sentence if the accuracy is not reached.
     """
 
-    def run(larger: StoredModel) -> Motion:
+    def run(larger: StoredModel, near: tuple[Array, ...] | None) -> Motion:
         log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
-        return simulate(larger.model, larger.scene, keep_coordinates=True, stop=stop)
+        return simulate(larger.model, larger.scene, near=near, keep_coordinates=True, stop=stop)
 
     try:
         found = sized(stored, motion, run)
@@ -274,10 +298,11 @@ def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:
 
 def _enlarged(
     stored: StoredModel, motion: Motion, other: Motion, labels: list[str], limit: float
-) -> StoredModel | None:
+) -> tuple[StoredModel | None, tuple[Array, ...] | None]:
     """The smallest larger model whose motion is near enough to that of all coordinates.
 
-    Where none is, the one with the least error, or the largest where no trial has a motion nearby.
+    With it comes the start of this motion, if Newton's method found it. Where no model is near
+    enough, it is the one with the least error, or the largest where no trial has a motion nearby.
     A motion that does not settle takes all coordinates that can join. None if no coordinate can.
 
     Args:
@@ -288,20 +313,29 @@ def _enlarged(
         limit: largest accepted error.
     """
     if not labels:
-        return None
+        return None, None
     if is_unsteady(motion):  # each trial would run as long as the run
-        return stored.resized((*stored.labels, *labels))
-    best, least, known = None, np.inf, (*stored.labels, *stored.further)
+        return stored.resized((*stored.labels, *labels)), None
+    best, begin, least = None, None, np.inf
+    known = (*stored.labels, *stored.further)
     for joining in growing(labels):
         trial = stored.resized((*stored.labels, *joining))
         chosen = [known.index(label) for label in trial.labels]
         near = nested_motion(trial.model, stored.scene, motion, chosen, near=other)
-        error = np.inf if near is None else basis_errors(near, other).largest
+        error = np.inf if near is None else basis_errors(near, other).amplitude
         if error <= least:
-            best, least = trial, error
+            best, begin, least = trial, _start(near, motion), error
         if error <= limit:
             break
-    return best
+    return best, begin
+
+
+def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:
+    """The start of a periodic motion that was found near a motion; None if there is none."""
+    if near is None or motion.newton_from is None or near.coordinates is None:
+        return None
+    assert near.velocity is not None
+    return near.coordinates[-1], near.velocity[-1], end_of(motion)[2]
 
 
 def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:

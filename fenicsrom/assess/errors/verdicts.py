@@ -36,6 +36,7 @@ from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.step_size import refined, step_key
+from fenicsrom.words import two_digits
 
 # largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
@@ -129,7 +130,7 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
 
 def in_percent(error: float) -> str:
     """A relative error in percent, with two digits or as a whole number."""
-    return f"{100.0 * error:.2g} %" if error < 0.995 else f"{100.0 * error:.0f} %"
+    return f"{two_digits(100.0 * error)} %"
 
 
 def other_scheme(scene: Scene) -> str:

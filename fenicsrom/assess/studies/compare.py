@@ -349,7 +349,9 @@ def _sized(
         further=extended.labels[found.basis.size :],
     )
     chosen = sized(
-        stored, motion, lambda larger: simulate(larger.model, scene, keep_coordinates=True)
+        stored,
+        motion,
+        lambda larger, near: simulate(larger.model, scene, near=near, keep_coordinates=True),
     )
     if chosen is None or chosen.stored is stored:
         return found.basis, found.model, motion

@@ -118,15 +118,18 @@ def is_unsteady(motion: Motion) -> bool:
     return motion.period is not None and not has_settled(motion)
 
 
-def rms(motion: Motion, since: float = 0.0) -> Array:
+def rms(motion: Motion, since: float = 0.0, until: float = np.inf) -> Array:
     """Root mean square of a motion about its mean, of each point and direction, (P d,), m.
 
     Args:
         motion: the motion.
         since: start of the interval for a motion without period, s; the second half of a periodic
             motion is used.
+        until: end of the motion, if it is not the end of the record, s.
     """
-    late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
+    until = min(until, float(motion.time[-1]))
+    late = motion.time >= (since if motion.period is None else 0.5 * until)
+    late &= motion.time <= until
     time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
     length = max(time[-1] - time[0], 1e-300)
     mean = np.trapezoid(x, time, axis=0) / length

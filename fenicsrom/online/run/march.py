@@ -76,6 +76,7 @@ def integrate(
     problem: Problem,
     *,
     start: tuple[Array, ...] | None = None,
+    near: tuple[Array, ...] | None = None,
     resume: Checkpoint | None = None,
     keep_coordinates: bool = False,
     compiled: bool = True,
@@ -94,6 +95,9 @@ def integrate(
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
             points; by default the run starts at rest in the equilibrium under static loads and
             preload (`fenicsrom.online.step.equilibrium`).
+        near: displacement, velocity and sliders at the start of a period of a motion that is known
+            to be near the periodic one: the first attempt of Newton's method starts there instead
+            of where the march is.
         resume: continue from this checkpoint; the result equals that of an uninterrupted run, bit
             for bit.
         keep_coordinates: whether to keep the coordinates of the last period.
@@ -120,6 +124,7 @@ def integrate(
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
     run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)
+    run.near = near
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     spans = settings.periods if period is not None else 1
@@ -249,7 +254,8 @@ def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> No
     problem, fractions = run.problem, None
     if problem.time.tolerance:
         fractions = fractions_of(run.history[-1], problem.period)
-    found = attempt(problem, run.checkpoint(done), done, run.search, fractions, stop)
+    begin, run.near = run.near or run.checkpoint(done), None
+    found = attempt(problem, begin, done, run.search, fractions, stop)
     run.search = found.search
     if found.state is None:
         return

@@ -107,6 +107,7 @@ class MarchRun:
         seconds: run time so far, compilation excluded.
         search: what Newton's method found; None before its first attempt.
         reference: rows of the period before the start, of a run that starts in a periodic motion.
+        near: start of the first attempt of Newton's method, as `integrate`.
     """
 
     problem: Problem
@@ -122,6 +123,7 @@ class MarchRun:
     seconds: float = 0.0
     search: PeriodicSearch | None = None
     reference: Record | None = None
+    near: tuple[Array, ...] | None = None
 
     @property
     def found(self) -> bool:

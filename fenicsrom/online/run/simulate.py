@@ -45,7 +45,7 @@ def simulate(
         scene: the scene.
         start: a motion whose end is the state at t = 0, or this state as displacement and velocity
             (n,) and sliders (P, d); by default the run starts at rest in the equilibrium.
-        options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
+        options: `near`, `resume`, `keep_coordinates`, `progress` and `checkpoint` of
             `fenicsrom.online.run.march.integrate`.
 
     Raises:

@@ -45,7 +45,7 @@ def result_table(found: Response) -> list[list[Any]]:
         top = largest_point(found, curve)
         errors = (curve.step_error, curve.basis_error)
         line: list[Any] = [
-            f"{1e3 * float(top.amplitude[:, direction].max()):.5g}",
+            f"{1e3 * float(top.amplitude[:, direction].max()):.5g}{_so_far(curve)}",
             f"{top.parameter:.6g}",
             top.verdict,
             *("unknown" if error is None else f"{100.0 * error:.2g}" for error in errors),
@@ -64,7 +64,7 @@ def sentences(found: Response) -> list[str]:
         amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
         lines = [
             f"{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
-            f"amplitude {amplitude:.5g} mm at "
+            f"amplitude{_so_far(curve)} {amplitude:.5g} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         ]
         if unstable := [point for point in points if not point.stable]:
@@ -77,12 +77,21 @@ def sentences(found: Response) -> list[str]:
                 "position of its slider is not unique."
             )
         lines += optimum_sentences(found, curve)
-        ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
-        lines += [f"The curve is incomplete: {reason}." for reason in sorted(ends)]
+        lines += [f"The curve is incomplete: {reason}." for reason in _gaps(curve)]
         for line in lines:
             titles.setdefault(line, []).append(curve_title(found.scene, curve.value))
     said = [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
     return [*said, *filter(None, [found.mesh_check.sentence()])]
+
+
+def _gaps(curve: ResponseCurve) -> list[str]:
+    """The reasons why parts of a curve are not complete."""
+    return sorted({piece.reason for piece in curve.pieces} - set(COMPLETE))
+
+
+def _so_far(curve: ResponseCurve) -> str:
+    """What follows the largest amplitude: "" if the curve is incomplete."""
+    return " so far" if _gaps(curve) else ""
 
 
 def joined_titles(found: Response, begins: Sequence[str]) -> str:

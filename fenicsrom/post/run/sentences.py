@@ -29,7 +29,7 @@ from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
 from fenicsrom.scene.reading.step_size import refined, step_key
-from fenicsrom.words import counted
+from fenicsrom.words import counted, two_digits
 
 if TYPE_CHECKING:
     from fenicsrom.assess.errors.estimates import MotionErrors
@@ -259,10 +259,11 @@ def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
         return None
     full, reduced = motions["full"].seconds, motions["reduced"].seconds
     said = (
-        f"The motion of the reduced model took {reduced:.2g} s, that of the full model {full:.2g} s"
+        f"The motion of the reduced model took {two_digits(reduced)} s, that of the full model "
+        f"{two_digits(full)} s"
     )
     if reduced < full:
-        return f"{said}: {full / max(reduced, 1e-9):.2g} times as long."
+        return f"{said}: {two_digits(full / max(reduced, 1e-9))} times as long."
     return f"{said}: the reduced model is slower than the solid; {FASTER}."
 
 

@@ -119,7 +119,7 @@ def highest_frequency(scene: Scene) -> float:
             found.append(1.0 / _wave_period(contact.surface, scene.rotation))
     scale, response = 1.0, scene.response
     if response is not None and response.parameter == "frequency" and scene.period is not None:
-        scale = max(response.last * scene.period, 1.0)
+        scale = max(response.high * scene.period, 1.0)
     return scale * max(found)
 
 

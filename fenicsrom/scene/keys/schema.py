@@ -241,8 +241,9 @@ class Basis:
             forces under which the body is most flexible); by default "all" for up to 4 contacts at
             points, as many interface modes as directions for up to 8 (not with derivatives along
             pairs of modes), otherwise 10.
-        accuracy: largest accepted estimate of the error of the displacements due to the basis;
-            with derivatives = "principal" the basis takes coordinates until it is reached.
+        accuracy: largest accepted estimate of the error of the displacements due to the basis, of
+            all directions together; with derivatives = "principal" the basis takes coordinates
+            until it is reached.
         size: number of coordinates of the model, contact displacements included, instead of
             `accuracy`: the first ones, then those with the largest energies. By default the
             accuracy decides. Only with derivatives = "principal" and elastic_force = "polynomial".
