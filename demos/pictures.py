@@ -40,6 +40,7 @@ COMMANDS = {
     "backbone_2d": "backbone",
     "arch_snap": "statics",
     "blade_rub": "run",
+    "blade_abradable": "run",
     "blade_composite": "run",
     "blade_response": "response",
 }
@@ -310,6 +311,20 @@ def rub_picture(folder: Path) -> Figure:
 # ------------------------------------------------------------------ diagrams
 
 
+def wear_picture(folder: Path) -> Figure:
+    """Draw the worn depth over the angle of the casing and the position along its axis."""
+    rows = np.genfromtxt(folder / "wear.csv", delimiter=",", names=True)
+    along, angle = np.unique(rows["position_m"]), np.unique(rows["angle_deg"])
+    order = np.lexsort((rows["angle_deg"], rows["position_m"]))
+    depth = rows["depth_m"][order].reshape(along.size, angle.size)
+    figure, axes = plt.subplots(figsize=(6.4, 2.5), layout="constrained")
+    mesh = axes.pcolormesh(angle, 1e3 * along, 1e6 * depth, cmap="viridis", shading="nearest")
+    axes.set(xlabel="angle of the casing, degrees", ylabel="along the axis, mm")
+    axes.set_xticks(np.arange(0.0, 361.0, 45.0))
+    figure.colorbar(mesh, ax=axes, label="worn depth, µm")
+    return figure
+
+
 def campbell_picture(folder: Path) -> Figure:
     """Draw the frequencies over the speed, the engine orders and the critical speeds."""
     data = json.loads((folder / "campbell.json").read_text())
@@ -486,6 +501,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["arch_snap"] = path_picture(runs / "arch_snap")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
+        figures["blade_abradable"] = wear_picture(runs / "blade_abradable")
         figures["blade_composite"] = rub_picture(runs / "blade_composite")
         figures["paraview"] = paraview_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")

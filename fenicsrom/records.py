@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.words import brief
 
@@ -16,7 +18,9 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.mesh_check import MeshCheck
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Sized
+    from fenicsrom.assess.rotation.run_up import RunUp
     from fenicsrom.errors import AccuracyError, ConvergenceError
+    from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.store.archive import StoredModel
@@ -45,6 +49,7 @@ class Rerun:
             or the model does not have them.
         left_out: sentences "NAME: REASON" on what was not computed.
         files: the written files, the report first.
+        run_up: the motion by revolutions; None at a constant speed of rotation.
     """
 
     stored: StoredModel
@@ -56,6 +61,47 @@ class Rerun:
     stresses: Stresses | None = None
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+    run_up: RunUp | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the run."""
+        return self.stored.scene
+
+    @property
+    def model(self) -> ReducedModel:
+        """The reduced model."""
+        return self.stored.model
+
+    @property
+    def points(self) -> ContactPoints:
+        """The contact points."""
+        return self.stored.model.points
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """Natural frequencies, Hz."""
+        return self.stored.frequencies_hz
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """The tables of the stresses and reactions."""
+        return self.stored.recovery
+
+    @property
+    def motions(self) -> dict[str, Motion]:
+        """The motion by the name of its model."""
+        return {"reduced": self.motion}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Number of unknowns of the model."""
+        return {"reduced": self.stored.size}
+
+    @property
+    def failed(self) -> tuple[str, Exception] | None:
+        """The name of the model whose integration or check failed, and its error."""
+        return None if self.unfinished is None else ("reduced", self.unfinished)
 
 
 @brief("scene", "labels", "modes", "model", "motions", "errors", "unfinished", "left_out", "files")
@@ -129,6 +175,22 @@ class Study:
         """Warnings for the user; those of the mesh and the solid come first."""
         found: list[str] = self.solid.warnings
         return found
+
+    @property
+    def points(self) -> ContactPoints:
+        """The contact points."""
+        found: ContactPoints = self.solid.points
+        return found
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """Natural frequencies, Hz; none without modes."""
+        return np.zeros(0) if self.modes is None else self.modes.frequencies_hz
+
+    @property
+    def failed(self) -> tuple[str, Exception] | None:
+        """The name of the model whose integration or check failed, and its error."""
+        return self.unfinished
 
     @property
     def recovery(self) -> Recovery | None:

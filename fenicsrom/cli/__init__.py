@@ -26,7 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from fenicsrom.cli.parser import make_parser
 
             options = make_parser().parse_args(words, options)
-            if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
+            alone = options.name not in ("sweep", "map")
+            if getattr(options, "stored", None) and alone and is_idle():
                 return 0
             return int(options.command(options))
     except SceneError as error:

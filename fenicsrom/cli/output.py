@@ -69,7 +69,12 @@ def output_path(options: argparse.Namespace) -> Path:
 
 
 VARIATIONS = {"axis": "--axis", "over": "--over", "together": "--zip"}  # options that vary a scene
-STATES = {"run": "checkpoint.npz", "response": "response_state", "sweep": "runs"}
+STATES = {
+    "run": "checkpoint.npz",
+    "response": "response_state",
+    "sweep": "runs",
+    "map": "map_lines",
+}
 
 
 def _origin(options: argparse.Namespace, folder: Path) -> Any:
@@ -78,8 +83,8 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
-    if resume is True:  # a sweep continues in its own folder
-        resume = folder / STATES["sweep"]
+    if resume is True:  # a sweep and a map continue in their own folder
+        resume = folder / STATES[options.name]
     elif resume:
         resume = Path(resume)
     varied = [
@@ -114,7 +119,7 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
                 "; to compute all, run the command again"
             )
         return "nothing to continue from was kept; run the command again"
-    flag = options.name == "sweep"
+    flag = options.name in ("sweep", "map")
     words = list(options.arguments)
     for name in ("--output",) if flag else ("--resume", "--output"):
         while name in words:

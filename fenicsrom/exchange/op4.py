@@ -27,6 +27,7 @@ FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")
 DIGITS = 16  # digits behind the point: 17 significant digits keep every float64
 WIDTH = DIGITS + 7
 PER_LINE = 80 // WIDTH
+LEAST = 1e-99  # a smaller number has an exponent of three digits, for which there is no room
 DOUBLE = 2
 SQUARE, RECTANGULAR, SYMMETRIC = 1, 2, 6
 LONGEST_STRING = 65536  # a string header of the sparse form holds row + 65536 (length + 1)
@@ -58,6 +59,7 @@ def write_op4(path: Path, matrices: Mapping[str, Array]) -> None:
 def _column(number: int, row: int, values: Array) -> Iterator[str]:
     """The lines of the numbers of a column from a row on."""
     yield f"{number:8d}{row:8d}{values.size:8d}"
+    values = np.where(np.abs(values) < LEAST, 0.0, values)
     for start in range(0, values.size, PER_LINE):
         yield "".join(f"{v:{WIDTH}.{DIGITS}E}" for v in values[start : start + PER_LINE])
 

@@ -27,6 +27,8 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.compare_report import report as compose
         case "EquilibriumPath":
             from fenicsrom.post.curves.equilibrium_report import report as compose
+        case "InteractionMap":
+            from fenicsrom.post.studies.interaction_report import report as compose
         case "Matrix":
             from fenicsrom.post.studies.stability_report import report as compose
         case "Response":
@@ -35,7 +37,7 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.sweep_report import report as compose
         case name:
             raise TypeError(
-                f"{name}: must be what response, backbone, statics, campbell, compare, sweep or "
-                "stability returns"
+                f"{name}: must be what response, backbone, statics, campbell, interaction_map, "
+                "compare, sweep or stability returns"
             )
     return compose(found)

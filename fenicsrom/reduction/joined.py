@@ -55,6 +55,9 @@ class Turning(Structure, Protocol):
     def spin(self, omega: float) -> None:
         """Move to the equilibrium at another speed, rad/s."""
 
+    def load_moments(self, block: Array) -> Array:
+        """The moment of each unit load about the axis: at rest, and along a block (local, k)."""
+
     def unload(self) -> None:
         """Take the undeformed body at rest in place of the equilibrium."""
 
@@ -185,6 +188,9 @@ def _projected(
         force,
         softening,
         coriolis,
+        structure.inner(r, frame.unit_euler_force[:, None])[:, 0],
+        np.array([frame.inertia]),
+        structure.load_moments(r),
         np.array([one.omega for one in at]),
         np.asarray(np.linalg.solve(model.mass, structure.mass_inner(r, known)).T, np.float64),
         first.omega.size,

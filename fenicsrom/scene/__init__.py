@@ -34,6 +34,7 @@ from fenicsrom.scene.keys.materials import Elasticity, GroupMaterial, Material
 from fenicsrom.scene.keys.places import Place, Plane, Region, Support
 from fenicsrom.scene.keys.response import Families, Parameter, Response, parameter_of
 from fenicsrom.scene.keys.schema import (
+    Abradable,
     Basis,
     BeamSection,
     Campbell,

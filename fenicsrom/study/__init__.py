@@ -14,6 +14,7 @@ from fenicsrom.study.analyses import campbell, compare, stability, statics
 from fenicsrom.study.backbones import backbone
 from fenicsrom.study.curves import response
 from fenicsrom.study.execution import build_model, execute, modes, offline, run, setup_picture
+from fenicsrom.study.maps import interaction_map
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
@@ -33,6 +34,7 @@ __all__ = [
     "check",
     "compare",
     "execute",
+    "interaction_map",
     "modes",
     "never",
     "offline",

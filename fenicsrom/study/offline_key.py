@@ -22,6 +22,7 @@ ONLINE_TABLES = (
     "output",
     "compare",
     "campbell",
+    "map",
     "damping",
     "response",
     "backbone",

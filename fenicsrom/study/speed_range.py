@@ -34,6 +34,7 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     from fenicsrom.assess.errors.mesh_check import of_solid
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
+    from fenicsrom.online.run.simulate import load_histories
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.store.provenance import provenance
     from fenicsrom.reduction.joined import range_model
@@ -64,7 +65,8 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
     whole = range_model(solid, scene.basis, np.pi / 30.0 * np.array(speeds))
-    whole = replace(whole, mesh_errors=np.array(judged.frequencies))
+    model = whole.model._replace(load_histories=load_histories(scene))
+    whole = replace(whole, model=model, mesh_errors=np.array(judged.frequencies))
     found = StoredModel(
         whole.model,
         scene,

@@ -76,7 +76,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
     from fenicsrom.post.run.sentences import unchecked_sentence
-    from fenicsrom.post.run.summary import write_rerun_numbers
+    from fenicsrom.post.run.summary import write_numbers
 
     try:
         stop_where_asked(stop)
@@ -90,13 +90,14 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     except KeyboardInterrupt:
         if "checks" not in watch.seconds:
             found.warnings.append(unchecked_sentence(found.errors))
-        write_rerun_numbers(found, folder, whole=True)
+        write_numbers(found, folder, whole=True)
         raise
 
 
 def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
     """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
+    from fenicsrom.assess.rotation.run_up import run_up
     from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.post.run.sentences import (
         UNJUDGED,
@@ -109,6 +110,7 @@ def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
         found.left_out = rerun_left_out(found.stored, found.motion)
+    found.run_up = run_up(found.stored, found.motion)
     found.warnings += motion_warnings("reduced", found.motion, found.stored.scene)
     if found.stored.candidates is None:
         superelement = found.stored.method == SUPERELEMENT
@@ -210,50 +212,22 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
-    from fenicsrom.post.run.report import write_rerun_report
-    from fenicsrom.post.run.summary import write_checkpoint, write_rerun_numbers
+    from fenicsrom.post.run.pictures import write_rerun_pictures
+    from fenicsrom.post.run.report import write_run_report
+    from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
     stored = found.stored
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(found, folder)
+        files = write_numbers(found, folder)
     written: list[Drawn] = []
     try:
         stop_where_asked(stop)
         if stored.scene.output.pictures:
             with watch("pictures"):
-                written = _draw(found, folder)
-        report = write_rerun_report(found, written, folder)
+                written = write_rerun_pictures(found, folder)
+        report = write_run_report(found, written, folder)
     except KeyboardInterrupt:
         write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
         raise
     found.files += [report, *files, *(one.path for one in written)]
-
-
-def _draw(found: Rerun, folder: Path) -> list[Drawn]:
-    """Draw the motion and the stresses."""
-    from fenicsrom.post.base.directions import direction_names
-    from fenicsrom.post.base.picture import draw_pictures
-    from fenicsrom.post.run.pictures import (
-        motion_pictures,
-        size_pictures,
-        working,
-        write_stress_picture,
-    )
-
-    stored = found.stored
-    names = direction_names(stored.scene, stored.model.points)
-    pictures = motion_pictures(
-        {"reduced": found.motion},
-        names=names,
-        work=working(stored.scene),
-        points=stored.model.points,
-    )
-    pictures += size_pictures(found.sized)
-    written = draw_pictures(pictures, folder, found.warnings)
-    if found.stresses is not None:
-        assert found.stored.recovery is not None
-        written += write_stress_picture(
-            found.stored.recovery, found.stresses, folder, found.warnings
-        )
-    return written

@@ -91,12 +91,8 @@ def stress_picture(run: Run) -> None:
     """Draw the largest von Mises stress."""
     from fenicsrom.post.run.pictures import write_stress_picture
 
-    study = run.study
-    if run.comm.rank == 0 and study.stresses is not None:
-        assert study.recovery is not None
-        study.pictures += write_stress_picture(
-            study.recovery, study.stresses, _output(run), study.warnings
-        )
+    if run.comm.rank == 0:
+        run.study.pictures += write_stress_picture(run.study, _output(run))
 
 
 def animation(run: Run) -> None:
@@ -111,12 +107,12 @@ def report(run: Run) -> None:
     """Write the report, and the summary again if there are new warnings about the pictures."""
     from fenicsrom.post.base.writers import write_summary
     from fenicsrom.post.run.pictures import turning_pages
-    from fenicsrom.post.run.report import write_study_report
+    from fenicsrom.post.run.report import write_run_report
     from fenicsrom.post.run.summary import SUMMARY, summary
 
     study, folder = run.study, _output(run)
     pages = turning_pages(study) if study.scene.output.pictures else []
     if run.comm.rank == 0:
         write_summary(folder / SUMMARY, summary(study))
-        report = write_study_report(study, folder, pages)
+        report = write_run_report(study, study.pictures, folder, pages)
         study.files = [report, *study.files, *(one.path for one in study.pictures)]

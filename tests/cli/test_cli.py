@@ -416,7 +416,7 @@ def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
     if stage == "pictures":
         monkeypatch.setattr(pictures, "write_pictures", full)
     else:
-        monkeypatch.setattr(report, "write_study_report", full)
+        monkeypatch.setattr(report, "write_run_report", full)
     on = ["--set", f"output.pictures={str(stage == 'pictures').lower()}"]
     assert main(["run", str(SCENE), "--output", str(tmp_path), *QUICK, *on]) == 1
     assert json.loads((tmp_path / "summary.json").read_text())["response"]["reduced"]

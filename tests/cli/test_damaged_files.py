@@ -256,7 +256,7 @@ def test_model_with_other_version_or_pickle_is_refused(stored: Path, tmp_path: P
     assert refusal.value.kind is ErrorKind.FORMAT
     assert refusal.value.source == str(tmp_path / "version.npz")
     named = re.findall(r"fenicsrom reduced model \d", str(refusal.value))
-    assert named == ["fenicsrom reduced model 9", "fenicsrom reduced model 7"]  # found, readable
+    assert named == ["fenicsrom reduced model 9", "fenicsrom reduced model 8"]  # found, readable
 
     class Attack:
         def __reduce__(self) -> tuple[object, tuple[str]]:
@@ -500,7 +500,7 @@ def test_damaged_mesh_is_refused_or_read(
     assert answer.startswith(("refused ", "mesh ")), answer
 
 
-SIZES = ["1e300", "-1e300", "1e16", "1e-300", "0"]
+SIZES = ["1e300", "-1e300", "1e16", "1e-300", "0", "nan", "inf"]
 SHEET = """
 DefineConstant[ size = 1 ];
 Point(1) = {0, 0, 0, 0.5}; Point(2) = {size, 0, 0, 0.5};
@@ -538,7 +538,7 @@ def test_geometry_of_absurd_size_is_refused(
 @pytest.mark.parametrize(
     ("size", "sentence"),
     [
-        ("1.E300", "an extent of 0"),
+        ("1.E300", "an extent of "),
         ("1.E19", "at most 1e+15"),
         ("1.E-300", ""),
         ("0.", ""),

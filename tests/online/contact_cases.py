@@ -14,6 +14,7 @@ from fenicsrom.online.contact.law import (
     commit_contact_state,
     contact_force,
 )
+from fenicsrom.online.contact.rings import Ring, coated
 from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,
@@ -27,6 +28,7 @@ from fenicsrom.online.contact.surfaces import (
     Contacts,
     frame,
 )
+from fenicsrom.scene import Abradable
 
 Array = NDArray[np.float64]
 
@@ -127,10 +129,22 @@ def casing(
     )
 
 
+def worn_casing(d: int, **values: Any) -> Contacts:
+    """A turning casing with a worn abradable layer of 20 nodes, whose stiffness is twice that of
+    its contact spring."""
+    made = casing(d, spin=2e-3, **values)
+    layer = Abradable(thickness=5e-3, modulus=1e6, yield_stress=2e4, hardening=1e5, area=2e-4)
+    ring = Ring(0, (0,), 0, 20, 0.0, 0.3, 0.02, 1e-3, layer)
+    made = coated(made, [ring], np.array([2e-4]))
+    made.coating.worn[:] = np.random.default_rng(3).uniform(0.0, 1e-4, 20)
+    return made
+
+
 SURFACES = [
     pytest.param(lambda d: RUB if d == 2 else RUB3, id="plane"),
     pytest.param(lambda d: casing(d), id="casing"),
     pytest.param(lambda d: casing(d, inside=False), id="shaft"),
     pytest.param(lambda d: casing(d, waves=True, spin=2e-3), id="oval casing that turns"),
+    pytest.param(worn_casing, id="worn casing"),
     pytest.param(lambda d: casing(d, kind=SPHERE) if d == 3 else casing(d), id="sphere"),
 ]

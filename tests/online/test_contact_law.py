@@ -29,6 +29,7 @@ from fenicsrom.online.contact.state import (
 from fenicsrom.online.contact.surfaces import (
     PLANE,
     Contacts,
+    planes,
 )
 
 Array = NDArray[np.float64]
@@ -260,12 +261,13 @@ def test_two_points_of_half_weight_equal_one_point() -> None:
     rng = np.random.default_rng(9)
     for a, line in SCHEMES:
         whole = casing(3, waves=True, spin=0.7)
+        twice = planes(*np.zeros((5, 2)), dimension=3)
         half = Contacts(
             *(
-                np.repeat(v, 2, axis=0) if k not in ("times", "order") else v
-                for k, v in whole._asdict().items()
+                np.repeat(v, 2, axis=0) if k not in ("times", "order", "coating") else new
+                for (k, v), new in zip(whole._asdict().items(), twice, strict=True)
             )
-        )
+        )._replace(times=whole.times, order=whole.order)
         half = half._replace(
             **{
                 k: 0.5 * getattr(half, k)

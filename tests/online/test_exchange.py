@@ -363,6 +363,13 @@ def test_op4_file_keeps_every_bit(tmp_path: Path) -> None:
     assert_matrices(read_op4(tmp_path / "a.op4"), 0.0)
 
 
+def test_op4_file_of_numbers_that_rounding_left_is_read_back(tmp_path: Path) -> None:
+    """An exponent of three digits would shift the numbers behind it."""
+    given = np.array([[2.0, 0.0], [-3e-107, 4.0]])
+    write_op4(tmp_path / "a.op4", {"KAAX": given, "MAAX": np.eye(2)})
+    np.testing.assert_array_equal(op4_matrices(tmp_path / "a.op4")["KAAX"], np.diag([2.0, 4.0]))
+
+
 def test_dmig_entries_keep_eleven_digits(tmp_path: Path) -> None:
     write_dmig(tmp_path / "a.bdf", MATRICES, 3)
     found = read_dmig(tmp_path / "a.bdf")

@@ -35,7 +35,7 @@ from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.checkpoints import load_start, save_checkpoint
 from fenicsrom.post.run.figures import plot_energy
-from fenicsrom.post.run.report import write_rerun_report
+from fenicsrom.post.run.report import write_run_report
 from fenicsrom.post.run.sentences import periodic_sentence
 from fenicsrom.post.run.summary import write_history
 from fenicsrom.records import Rerun
@@ -411,7 +411,7 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
     stored: Any = SimpleNamespace(size=4, scene=beam_scene(2), model=model)
-    page = write_rerun_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
+    page = write_run_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]
     stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]

@@ -142,7 +142,8 @@ def test_penetration_at_large_radius_keeps_small_displacement() -> None:
 
 
 def test_no_contacts_has_no_points() -> None:
-    assert all(values.shape[0] == 0 for values in no_contacts())
+    *values, coating = no_contacts()
+    assert all(array.shape[0] == 0 for array in (*values, *coating))
     assert contact_energy(no_contacts(), zero_contact_state(0, 2)) == 0.0
 
 

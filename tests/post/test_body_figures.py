@@ -14,21 +14,28 @@ from fenicsrom.post.base import optional, picture
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import magnification
 from fenicsrom.post.body import body_figures
-from fenicsrom.post.body.body_surface import NODE, areas, surface_of
-from fenicsrom.post.body.body_view import face_on, is_seen, view_at, view_of
+from fenicsrom.post.body.body_view import (
+    NODE,
+    areas,
+    face_on,
+    is_seen,
+    surface_of,
+    view_at,
+    view_of,
+)
 from fenicsrom.post.body.group_drawing import MORE_COLOURS, group_figure
 from fenicsrom.post.body.rendering import painted, render
-from fenicsrom.post.paraview.vtk_files import Grid, reference_nodes
-from fenicsrom.post.setup.setup_figure import setup_figure
-from fenicsrom.post.setup.setup_marks import ARROW, CLAMPED, Mark
-from fenicsrom.post.setup.setup_symbols import (
+from fenicsrom.post.paraview.vtk import Grid, reference_nodes
+from fenicsrom.post.setup.setup_figure import (
     COLOURS,
     LOADED,
     load_tips,
     region_parts,
+    setup_figure,
     surroundings,
     symbols,
 )
+from fenicsrom.post.setup.setup_marks import ARROW, CLAMPED, Mark
 
 LONG, WIDE, THIN = 10, 4, 0.1
 NONE = np.zeros(0, dtype=bool)

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("pyvista")
 
-from fenicsrom.post.body.body_surface import (
+from fenicsrom.post.body.body_view import (
     NODE,
     areas,
     cell_edges,
@@ -14,7 +14,7 @@ from fenicsrom.post.body.body_surface import (
     is_flat,
     surface_of,
 )
-from fenicsrom.post.paraview.vtk_files import CELLS, Grid, in_space, reference_nodes
+from fenicsrom.post.paraview.vtk import CELLS, Grid, in_space, reference_nodes
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 SURFACE = {

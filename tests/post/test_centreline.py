@@ -7,7 +7,7 @@ pytest.importorskip("dolfinx.fem")
 
 from spaces import CELLS, HEIGHT, LENGTH, space_on
 
-from fenicsrom.post.body.centreline import centreline
+from fenicsrom.post.run.pictures import centreline
 
 
 @pytest.mark.parametrize("cell", CELLS)

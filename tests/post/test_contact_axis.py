@@ -15,7 +15,6 @@ from mpi4py import MPI
 
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-from fenicsrom.online.motion.measures import point_summaries
 from fenicsrom.post.base.style import new_figure
 from fenicsrom.post.run.contact_axis import ContactAxis, contact_axis
 from fenicsrom.post.run.figures import plot_points
@@ -46,9 +45,7 @@ def test_analytic_line_load_does_not_alternate_along_the_edge_of_a_blade() -> No
     figure = plot_rub_map(motion, solid.points)
     shown = figure.axes[0].collections[0].get_array()
     np.testing.assert_allclose(shown, np.tile(load[:, None], shown.shape[1]))
-    figure = plot_points(
-        {"reduced": motion}, {"reduced": point_summaries(motion)}, (), solid.points
-    )
+    figure = plot_points({"reduced": motion}, (), solid.points)
     (curve,) = figure.axes[0].lines
     np.testing.assert_allclose(curve.get_xydata(), np.transpose([line.at, load]))
     numbers = [text.get_text() for text in figure.axes[0].texts]

@@ -15,8 +15,7 @@ from test_figures import illegible
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.cli import main
 from fenicsrom.online.stress.deformation import Deformation
-from fenicsrom.post.curves.equilibrium_figures import figure
-from fenicsrom.post.curves.equilibrium_report import rows, sentences, special_table, summary
+from fenicsrom.post.curves.equilibrium_report import figure, rows, sentences, special_table, summary
 
 DEMO = Path(__file__).parents[2] / "demos" / "arch_snap.toml"
 COARSE = ("--set", "geometry.parameters.elements_along=16")

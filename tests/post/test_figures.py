@@ -145,8 +145,7 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
         "full": side_by_side(*cases),
         "beam": jenkins(dimension),
     }
-    points = {name: measures.point_summaries(case) for name, case in motions.items()}
-    figure = figures.plot_points(motions, points)
+    figure = figures.plot_points(motions)
     peak, share, friction_dissipation, *loops = figure.axes
     np.testing.assert_allclose(
         peak.lines[0].get_xydata(), np.transpose([range(1, 7), [30, 40, 80, 50, 40, 30]]), rtol=1e-3

@@ -28,7 +28,7 @@ def folders(tmp_path: Path) -> list[Path]:
     mode = "linear_amplitude_m,frequency_Hz,amplitude_x_m\n1e-3,1.5,1e-3\n2e-3,1.4,2e-3\n"
     (found[1] / "backbone.csv").write_text(mode)
     (found[1] / "backbone.json").write_text(json.dumps({"warnings": []}))
-    motion = {"amplitude_m": {"x": 0.001, "tangential": [0.004]}, "peak_normal_force_N": 7.0}
+    motion = {"amplitude_m": {"normal": 0.001, "tangential": [0.004]}, "peak_normal_force_N": 7.0}
     (found[2] / "summary.json").write_text(json.dumps({"response": {"reduced": motion}}))
     moved = np.array([[[0.0, 0.0]], [[0.001, 0.004]]])
     np.savez(

@@ -15,8 +15,15 @@ from fenicsrom.assess.curves.response_results import FullPoint, Response, Respon
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
-from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back, state_map
-from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
+from fenicsrom.post.curves.response_details import (
+    FARTHEST,
+    NO_MOTION,
+    contact_map,
+    folds_back,
+    harmonics_figure,
+    multiplier_figure,
+    state_map,
+)
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_rows import rows
 from fenicsrom.post.curves.response_tables import (
@@ -24,7 +31,6 @@ from fenicsrom.post.curves.response_tables import (
     result_table,
     run_table,
     sentences,
-    trust_table,
 )
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
@@ -284,7 +290,7 @@ def test_stretches_share_a_bifurcation() -> None:
 
 
 def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
-    for table in (event_table(found), run_table(found), trust_table(found)):
+    for table in (event_table(found), run_table(found)):
         assert table[0][0] == "loads.0.force, N"
 
 

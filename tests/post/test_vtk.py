@@ -97,24 +97,18 @@ def test_curved_cell_has_middle_nodes_on_curve(tmp_path):
     np.testing.assert_allclose(found[8], corners.mean(axis=0), atol=1e-12)
 
 
-def test_field_of_wrong_size_or_degree_is_refused(tmp_path):
-    space = space_on("triangle")
-    with pytest.raises(ValueError, match=r"shape \(7,\)"):
-        vtk.write_fields(tmp_path, "modes", space, {"u": np.zeros(7)})
+def test_field_of_wrong_degree_is_refused(tmp_path):
     with pytest.raises(ValueError, match="degree 1 or 2"):
         cubic = space_on("triangle", 3)
         vtk.write_fields(tmp_path, "modes", cubic, {"u": of_space(cubic, 2)})
     assert not os.listdir(tmp_path)
 
 
-@pytest.mark.parametrize("as_callable", [True, False])
-def test_written_motion_is_series_of_grids(tmp_path, as_callable):
+def test_written_motion_is_series_of_grids(tmp_path):
     space = space_on("tetrahedron")
     times = [0.0, 0.1, 0.25]
     states = np.outer(1 + np.arange(3), of_space(space, 2))
-    path = vtk.write_motion(
-        tmp_path, "motion", space, times, states.__getitem__ if as_callable else states
-    )
+    path = vtk.write_motion(tmp_path, "motion", space, times, states.__getitem__)
     assert path == tmp_path / "motion" / "motion.pvd" and len(os.listdir(path.parent)) == 4
     reader = pyvista.get_reader(path)
     assert reader.time_values == times
@@ -163,7 +157,7 @@ def test_written_points_are_series_of_point_sets(tmp_path):
 def test_interrupted_motion_leaves_older_one(tmp_path, stop):
     space = space_on("triangle")
     zero = np.zeros(len(of_space(space, 2)))
-    vtk.write_motion(tmp_path, "motion", space, [0.0], [zero])
+    vtk.write_motion(tmp_path, "motion", space, [0.0], lambda number: zero)
 
     def frame(number):
         if number == 1:
@@ -189,7 +183,7 @@ def test_fields_on_full_disk_leave_no_file(tmp_path):
         with pytest.raises(OSError, match=r"modes\.vtu"):
             vtk.write_fields(tmp_path, "modes", space, {"1V": u})
         with pytest.raises(OSError, match="motion"):
-            vtk.write_motion(tmp_path, "motion", space, [0.0], [u])
+            vtk.write_motion(tmp_path, "motion", space, [0.0], lambda number: u)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, handler)
@@ -242,7 +236,7 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 @pytest.mark.parametrize("cell", CELLS)
 def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
-    from fenicsrom.post.paraview.vtk_files import refined_grid, write_vtu
+    from fenicsrom.post.paraview.vtk import refined_grid, write_vtu
 
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim

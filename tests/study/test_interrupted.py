@@ -18,7 +18,6 @@ from fenicsrom.online.run import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import load_start
 from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
-from fenicsrom.study import stored as stored_runs
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
@@ -78,7 +77,7 @@ def test_run_that_is_interrupted_in_its_pictures_keeps_its_motion(
 ) -> None:
     model = stored(*SPANS["period"], "output.pictures=true")
     with monkeypatch.context() as patched:
-        patched.setattr(stored_runs, "_draw", interrupt)
+        patched.setattr("fenicsrom.post.run.pictures.write_rerun_pictures", interrupt)
         with pytest.raises(KeyboardInterrupt):
             study.rerun(model, tmp_path)
     kept = load_start(tmp_path / "checkpoint.npz", model.model, model.scene)
@@ -120,7 +119,7 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
     resume = ["--resume", str(tmp_path / "checkpoint.npz")]
     with monkeypatch.context() as patched:  # then in the report
-        patched.setattr("fenicsrom.post.run.report.write_study_report", interrupt)
+        patched.setattr("fenicsrom.post.run.report.write_run_report", interrupt)
         assert main([*call, str(tmp_path), *resume]) == 130
     assert main([*call, str(tmp_path), *resume]) == 0
     kept = json.loads((tmp_path / "summary.json").read_text())

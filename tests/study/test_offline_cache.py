@@ -101,6 +101,7 @@ MOTION = {
     "loads.2.history",
     "contacts.0.preload",
     "contacts.0.gap",
+    "contacts.0.abradable",
     "contacts.0.approach",
     "contacts.0.normal_stiffness",
     "contacts.0.tangential_stiffness",

@@ -113,7 +113,7 @@ WORK = {
     "fenicsrom.post.run.pictures.write_pictures": "pictures",
     "fenicsrom.post.run.pictures.write_stress_picture": "stress picture",
     "fenicsrom.post.run.pictures.write_animation": "animation",
-    "fenicsrom.post.run.report.write_study_report": "report",
+    "fenicsrom.post.run.report.write_run_report": "report",
 }
 SHORT = ["time.periods=2", "output.pictures=false"]
 STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]

@@ -23,7 +23,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, changed_scene, load_model, save_model
 from fenicsrom.online.stress.deformation import Deformation
-from fenicsrom.post.studies import sweep_figures, sweep_report
+from fenicsrom.post.studies import sweep_report
 from fenicsrom.scene.reading.variations import make_axes
 from fenicsrom.study import sweeps
 
@@ -113,7 +113,7 @@ def test_tables_and_pictures_of_a_sweep_have_units(model: Path, tmp_path: Path) 
     head, first, *_ = sweep_report.table(found)
     assert head[1:4] == ["loads.0.frequency Hz", "loads.0.force N", "x mm"]
     assert first[head.index("steady")] is True
-    drawn = sweep_figures.figure(found)
+    drawn = sweep_report.figure(found)
     assert drawn.axes[-1].get_xlabel() == "loads.0.frequency, Hz"
     (legend,) = drawn.legends
     assert legend.get_title().get_text() == "force in N"

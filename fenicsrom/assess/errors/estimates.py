@@ -185,7 +185,7 @@ def check_motion(
     If Newton's method found the motion, the check takes its own periodic motion nearby. Where there
     is none, the check starts where the motion ended, and marches until Newton's method finds the
     motion to which it tends. Otherwise, and where this does not succeed within `CHECK_PERIODS`, the
-    check runs like the motion, from rest.
+    check runs like the motion, from rest; so it does where a surface wears, which has a history.
 
     Args:
         model: the model of the check.
@@ -199,7 +199,7 @@ def check_motion(
         ConvergenceError: the smallest step did not converge, or there is no motion nearby.
         AccuracyError: the energy balance is off.
     """
-    if motion.newton_from is not None and motion.steady:
+    if motion.newton_from is not None and motion.steady and not scene.wears:
         nearby = _nearby_motion(model, scene, motion, start)
         if nearby is not None:
             return nearby

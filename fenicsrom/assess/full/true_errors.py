@@ -61,7 +61,7 @@ def full_distances(vectors: Array, solid: Any, scene: Scene, motion: Motion) -> 
     from fenicsrom.fem.full.full import full_model
 
     start = None
-    if motion.newton_from is not None and not motion.buckled:
+    if motion.newton_from is not None and not motion.buckled and not scene.wears:
         q, v, sliders = end_of(motion)
         start = vectors @ q, vectors @ v, sliders
         scene = with_time(scene, periods=FULL_PERIODS)
@@ -91,7 +91,8 @@ def settled_full_motion(
     """
     from fenicsrom.assess.full.full_periodic import full_periodic_motion
 
-    if full.steady or motion.newton_from is None or not motion.steady or full.period is None:
+    is_found = motion.newton_from is not None and motion.steady and not scene.wears
+    if full.steady or not is_found or full.period is None:
         return full, ""
     assert motion.search is not None
     shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods)

@@ -131,7 +131,7 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
     """
     begin = clock.perf_counter()
     try:
-        stored = _model(run.model, file_digest(run.model)).with_scene(run.scene)
+        stored = model_of(run.model, file_digest(run.model)).with_scene(run.scene)
         found = _measured(stored, report)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
@@ -175,7 +175,7 @@ def kept(run: SweepRun) -> dict[str, Any] | None:
 
 
 @functools.lru_cache(maxsize=4)
-def _model(path: Path, digest: str) -> StoredModel:
+def model_of(path: Path, digest: str) -> StoredModel:
     """The stored model of a file, read once for each content in each process."""
     return load_model(path)
 
@@ -234,6 +234,8 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     else:
         axes = zip("xyz", first, strict=False)
         found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
+    if motion.end is not None and motion.end.worn is not None:
+        found["largest_worn_depth_m"] = float(np.max(motion.end.worn))
     search = motion.search
     known = search is not None and search.multipliers.size > 0
     return {

@@ -17,6 +17,7 @@ from fenicsrom.cli.termination import is_terminated
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESUME = Argument(
@@ -34,9 +35,6 @@ def run(options: argparse.Namespace) -> int:
     comm, scene = start(options)
     if scene.speeds_rpm is not None:
         return _of_range(options, comm, scene)
-    from fenicsrom.post.base.directions import direction_names
-    from fenicsrom.post.run import motion_table, sentences
-
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
         found = study.run(
@@ -48,10 +46,7 @@ def run(options: argparse.Namespace) -> int:
             fresh=options.fresh,
         )
         if comm.rank == 0:
-            names = direction_names(scene, found.solid.points)
-            table = motion_table.response_table(found.motions, found.sizes, names, scene)
-            lines = sentences.study_sentences(found)
-            print_results(scene, table, found.warnings, lines, found.files)
+            _show(found)
         return end(comm, found.unfinished[1] if found.unfinished else None)
 
 
@@ -94,17 +89,20 @@ def _rerun(
 
     Other arguments as `fenicsrom.study.rerun`.
     """
-    with importing():
-        from fenicsrom.post.base.directions import direction_names
-        from fenicsrom.post.run import motion_table, sentences
-
     found = study.rerun(stored, folder, resume=resume, stop=is_terminated, given=given)
-    scene, sizes = stored.scene, {"reduced": found.stored.size}
-    names = direction_names(scene, stored.model.points)
-    table = motion_table.response_table({"reduced": found.motion}, sizes, names, scene)
-    lines = sentences.rerun_sentences(found)
-    print_results(scene, table, found.warnings, lines, [*found.files, *more])
+    _show(found, more)
     return end(None, found.unfinished)
+
+
+def _show(found: Study | Rerun, more: Sequence[Path] = ()) -> None:
+    """Print the results of a run, with more written files."""
+    from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.run import motion_table, sentences
+
+    names = direction_names(found.scene, found.points)
+    table = motion_table.response_table(found.motions, found.sizes, names, found.scene)
+    lines = sentences.run_sentences(found)
+    print_results(found.scene, table, found.warnings, lines, [*found.files, *more])
 
 
 COMMAND = Command(

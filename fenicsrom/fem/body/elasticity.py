@@ -194,6 +194,7 @@ class ElasticBody:
             self.inertia.matrix,
             lambda form: self._vector(compiled_form(form)),
             self.point_masses,
+            lambda form: float(self.comm.allreduce(fem.assemble_scalar(compiled_form(form)))),
         )
 
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:

@@ -11,13 +11,19 @@ with
 
     v · G w = 2 Ω ∫ ρ v · (e × w),    (3)
 
-which is skew, so the force does no work. The integrals contain
-concentrated masses, too. For a beam: Wright et al., J. Appl. Mech. 49, 1982.
+which is skew, so the force does no work. Where the speed varies, the Euler force
+−dΩ/dt (g + ½ G u/Ω) acts, with
+
+    v · g = ∫ ρ v · (e × (X − a)),    J₀ = ∫ ρ |P (X − a)|²,    (4)
+
+and J₀ the moment of inertia about the axis. The integrals contain concentrated masses, too. For a
+beam: Wright et al., J. Appl. Mech. 49, 1982.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,6 +56,7 @@ class RotatingFrame:
         inertia_matrix: Callable[[Array], PETSc.Mat],
         assemble_vector: Callable[[Any], Array],
         point_masses: Array,
+        integral: Callable[[Any], float],
     ):
         """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
 
@@ -61,6 +68,7 @@ class RotatingFrame:
             inertia_matrix: `fenicsrom.fem.body.inertia.Inertia.matrix`.
             assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
             point_masses: (local,) concentrated mass at each unknown, zero where it is clamped.
+            integral: integrates a UFL form over all ranks.
         """
         d = space.mesh.geometry.dim
         test = ufl.TestFunction(space)
@@ -81,6 +89,10 @@ class RotatingFrame:
         self.unit_centrifugal_force = self.point_force + assemble_vector(
             density(self.out_of_axis(self.arm, test))
         )
+        self._arms = np.asarray(nodes - point.value).reshape(-1)
+        self._euler_form = density(0.5 * self.coriolis(self.arm, test))
+        self._inertia_form = density(self.out_of_axis(self.arm, self.arm))
+        self._assemble_vector, self._integral = assemble_vector, integral
         self._comm = space.mesh.comm
         self.set_speed(rotation.omega)
 
@@ -113,6 +125,34 @@ class RotatingFrame:
     def point_coriolis_times(self, block: Array) -> Array:
         """The part of G / Ω times a block (local, k) by concentrated masses."""
         return self._of_masses(self._turning, block)
+
+    @cached_property
+    def unit_euler_force(self) -> Array:
+        """G of (4) (local,), kg m."""
+        held = self._of_masses(0.5 * self._turning, self._arms)
+        return np.asarray(held + self._assemble_vector(self._euler_form))
+
+    @cached_property
+    def inertia(self) -> float:
+        """J₀ of (4), kg m²."""
+        held = self._comm.allreduce(float(self._arms @ self.point_force))
+        return self._integral(self._inertia_form) + held
+
+    def moments(self, forces: Array, block: Array) -> Array:
+        """The moments about the axis of forces at the nodes, on this rank.
+
+        Args:
+            forces: (local, l), N.
+            block: (local, k) displacements.
+
+        Returns:
+            (l, 1 + k) the moments at rest, and their derivatives along the displacements, N m.
+        """
+        turning = 0.5 * self._turning
+        places = np.column_stack([self._arms, block])
+        nodes = places.reshape(-1, len(turning), places.shape[1])
+        turned = np.einsum("ij,njk->nik", turning, nodes).reshape(places.shape)
+        return np.asarray(forces.T @ turned)
 
     def set_speed(self, omega: float) -> None:
         """Set the angular velocity, rad/s."""

@@ -156,6 +156,9 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     with suppress(Exception):  # a plain exception of gmsh: the box is empty
         box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
     extent = float(np.ptp(box, axis=0).max())
+    limits = (*(-FARTHEST,) * 3, *(FARTHEST,) * 3)
+    if len(gmsh.model.getEntities(0)) > len(gmsh.model.getEntitiesInBoundingBox(*limits, 0)):
+        extent = np.inf  # a coordinate is too large, or not a number
     if not 0.0 < extent <= FARTHEST:
         allowed = f"must be above 0, and at most {FARTHEST:g}"
         raise refuse(source, f"the geometry has an extent of {extent:g}: {allowed}", ErrorKind.MESH)

@@ -524,6 +524,20 @@ class Solid(ElasticBody):
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
+    def load_moments(self, block: Array) -> Array:
+        """The moment of each unit load about the axis of rotation, with the loads on supports.
+
+        Args:
+            block: (local, k) displacements.
+
+        Returns:
+            (loads, 1 + k) the moments on the undeformed body, and their derivatives by the block.
+        """
+        assert self.rotation is not None
+        forces = [self.load_vector(load, f"loads[{k}]") for k, load in enumerate(self.loads)]
+        found = self.rotation.moments(np.array(forces).reshape(-1, self.local).T, block)
+        return np.asarray(self.comm.allreduce(found))
+
     def unload(self) -> None:
         """Take the undeformed body at rest in place of the equilibrium, for polynomials about it.
 

@@ -10,6 +10,7 @@ does not depend on the choice, except for rounding.
 from __future__ import annotations
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.coating import is_coated
 from fenicsrom.online.contact.law import trial_normal_force
 from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts
@@ -28,7 +29,7 @@ def choose_candidates(
     """Choose the points that touch at the start of a step or may touch at its end.
 
     A point may touch if it would with a trial normal force that changes twice as much as in the
-    first guess.
+    first guess. A point before an abradable layer may touch in the middle of a step.
 
     Args:
         contacts: the parameters of P points.
@@ -45,7 +46,7 @@ def choose_candidates(
         before = start.trial_normal_force[p]
         after = trial_normal_force(contacts, p, end.x[p], interval.end)
         stays_open = max(before, after) + abs(after - before) <= 0.0
-        scratch.is_candidate[p] = all_points or not stays_open
+        scratch.is_candidate[p] = all_points or is_coated(contacts, p) or not stays_open
     return list_candidates(scratch)
 
 

@@ -191,6 +191,11 @@ def friction_limits(
         force_by_end: derivative of `force` by y1.
         blending: b.
     """
+    if before <= 0.0 and after <= 0.0:  # a worn surface that touches in the middle of the step
+        limit, limit_by_end = mu * force, mu * force_by_end
+        return FrictionLimits(
+            1.0 + 0.0 * force, 0.0 * force, limit, limit_by_end, limit, limit_by_end
+        )
     mean, mean_by_end = mean_normal_force(before, after)
     fraction, fraction_by_end = contact_fraction(before, after, blending)
     ratio = force / mean if mean > 0.0 else 0.0

@@ -39,6 +39,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.coating import (
+    coated_end_force,
+    coated_mean_force,
+    depth,
+    is_coated,
+)
 from fenicsrom.online.contact.friction import (
     blended_normal_force,
     friction_force,
@@ -60,7 +66,6 @@ from fenicsrom.online.contact.surfaces import (
     Contacts,
     advect_with_surface,
     gap_discrete_gradient,
-    penetration,
     surface_turn,
 )
 from fenicsrom.online.kernels.compiled import compiled, kernel, part
@@ -69,7 +74,40 @@ from fenicsrom.online.kernels.compiled import compiled, kernel, part
 @part
 def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> float:
     """Equation (1) for point p at x (d,), N."""
-    return contacts.preload[p] + contacts.normal_stiffness[p] * penetration(contacts, p, x, time)
+    return contacts.preload[p] + contacts.normal_stiffness[p] * depth(contacts, p, x, time)
+
+
+@part
+def force_over_step(
+    contacts: Contacts,
+    interval: Interval,
+    p: int,
+    x0: Array,
+    before: float,
+    after: float,
+    blending: float,
+) -> tuple[float, float]:
+    """Mean normal force of point p over a step of the discrete gradient, blended with the end's.
+
+    Args:
+        contacts: the parameters.
+        interval: the step.
+        p: the point.
+        x0: (d,) displacement at the start, m.
+        before: y0, N.
+        after: y1, N.
+        blending: b.
+
+    Returns:
+        The force in N, and its derivative by `after`.
+    """
+    if not is_coated(contacts, p):
+        return blended_normal_force(before, after, blending)
+    mean, mean_by_end = coated_mean_force(contacts, interval, p, x0, after)
+    end, end_by_end = coated_end_force(contacts, interval, p, after)
+    if not end > 0.0:
+        end, end_by_end = 0.0 * end, 0.0 * end
+    return mean + blending * (end - mean), mean_by_end + blending * (end_by_end - mean_by_end)
 
 
 @kernel
@@ -249,7 +287,9 @@ def contact_force(
     after = trial_normal_force(contacts, p, end.x[p], interval.end)
     end.trial_normal_force[p] = after
     if interval.discrete_gradient:
-        force, force_by_end = blended_normal_force(before, after, scratch.blending[p])
+        force, force_by_end = force_over_step(
+            contacts, interval, p, start.x[p], before, after, scratch.blending[p]
+        )
     else:
         force = a * positive(before) + theta * positive(after)
         force_by_end = theta if after > 0.0 else 0.0
@@ -285,12 +325,17 @@ def commit_contact_state(
     """Write the state of point p at the end of a step; `contact_force` has found its mean force.
 
     Returns:
-        The energy dissipated by friction, the work of the moving surface on body and springs, and
-        the energy of impacts that the step does not resolve (`implicit_blending`), J.
+        The energy dissipated by friction, the work of the moving surface on body and springs (of a
+        coated surface, all work of its normal force), and the energy of impacts that the step does
+        not resolve (`implicit_blending`), J.
     """
     kt, d = contacts.tangential_stiffness[p], len(scratch.space)
     x1, slider, force, point = end.x[p], end.slider[p], end.friction[p], scratch.point
     n, stretch = point.normal, point.slip_stretch
+    coated = interval.discrete_gradient and is_coated(contacts, p)
+    if coated:
+        force_at_end, _ = coated_end_force(contacts, interval, p, end.trial_normal_force[p])
+        end.trial_normal_force[p] = force_at_end
     pressed = positive(end.trial_normal_force[p])
     size = 1.0
     if contacts.kind[p] == PLANE:
@@ -323,14 +368,16 @@ def commit_contact_state(
     change = end.trial_normal_force[p] - start.trial_normal_force[p]
     normal = scratch.mean_normal_force[p]
     turned = surface_turn(contacts, p, interval.begin, interval.end)
-    if contacts.times.size > 0 or (contacts.order.size > 0 and turned != 0.0):
-        surface += normal * change / contacts.normal_stiffness[p]
+    moves = contacts.times.size > 0 or (contacts.order.size > 0 and turned != 0.0)
+    if moves or coated:
+        if not coated:
+            surface += normal * change / contacts.normal_stiffness[p]
         for k in range(d):
             surface -= (scratch.mean_force[p, k] - scratch.mean_friction[p, k]) * (
                 x1[k] - start.x[p, k]
             )
     impact = 0.0
-    if interval.discrete_gradient:
+    if interval.discrete_gradient and not coated:
         mean, _ = mean_normal_force(start.trial_normal_force[p], end.trial_normal_force[p])
         impact = (normal - mean) * change / contacts.normal_stiffness[p]
     return dissipated, surface, impact
@@ -374,10 +421,15 @@ def _friction_energies(
 
 @kernel
 def contact_energy(contacts: Contacts, here: ContactState) -> float:
-    """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
+    """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J.
+
+    The normal springs of coated points belong to the layer: their work is that of the surface.
+    """
     total = 0.0
     for p in range(here.x.shape[0]):
-        total += 0.5 * positive(here.trial_normal_force[p]) ** 2 / contacts.normal_stiffness[p]
+        if not is_coated(contacts, p):
+            pressed = positive(here.trial_normal_force[p])
+            total += 0.5 * pressed**2 / contacts.normal_stiffness[p]
         for k in range(here.x.shape[1]):
             total += 0.5 * here.friction[p, k] ** 2 / contacts.tangential_stiffness[p]
     return total

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
-from fenicsrom.scene.keys.excitation import surface_spin
+from fenicsrom.online.contact.turning import history_of
+from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
 
 NO_DIRECTION = 1e-3
 """The middle of points that is nearer to an axis, relative to their distance, has no direction."""
@@ -74,6 +76,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         }
     )
     found = found._replace(
+        history=history_of(scene.rotation),
         times=times,
         approach=np.zeros((count, times.size)),
         order=np.array(orders),
@@ -96,7 +99,11 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         found.axes[p, : len(axes)] = axes @ local.T
         found.centre[p] = local @ (np.array(surface.point) - points.position[p])
         found.side[p] = 1.0 if surface.inside else -1.0
-        found.spin[p] = surface_spin(surface, scene.rotation)
+        if found.history.size:
+            found.spin[p] = surface.spin or 0.0
+            found.turns[p] = surface_turns(surface, scene.rotation)
+        else:
+            found.spin[p] = surface_spin(surface, scene.rotation)
         for order, height, phase in surface.waves:
             found.height[p, orders.index(order)] += height
             found.phase[p, orders.index(order)] = phase
@@ -104,11 +111,12 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         if contact.surface is not None:
             mine = np.flatnonzero(points.contact == k)
             found.radius[mine] = _surface_radius(scene, k, points.position[mine])
-    return found
+    rings = rings_of(scene, points, found)
+    return coated(found, rings, pressing_areas(scene, points)) if rings else found
 
 
 def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
-    """The axes of the surface of a contact; the angle of its waves starts at the first one.
+    """The axes of the surface of a contact; the angle of waves and wear starts at the first one.
 
     The surface gives its direction, or it leads to the middle of all points with this surface.
 
@@ -117,7 +125,7 @@ def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
     """
     surface, d = contact.surface, points.position.shape[1]
     axes = axes_of(surface, d)
-    if not surface.waves:
+    if not surface.waves and (contact.abradable is None or surface.kind == "sphere"):
         return axes
     if surface.angle_from is not None:
         z = axes @ np.array(surface.angle_from)
@@ -129,7 +137,7 @@ def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
             key = f"contacts[{scene.contacts.index(contact)}].surface.angle_from"
             raise SceneError(
                 f"{scene.source}: {key} is missing: the contact points surround the axis, so the "
-                "angle of the waves has no start; give a direction across the axis",
+                "angle around it has no start; give a direction across the axis",
                 kind=ErrorKind.MISSING,
                 key=key,
                 source=scene.source,

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.compliance import Compliance, form_delassus, is_formed
 from fenicsrom.online.contact.friction import (
-    blended_normal_force,
     friction_limits,
     kept_part,
     positive,
 )
-from fenicsrom.online.contact.law import contact_force, trial_normal_force
+from fenicsrom.online.contact.law import contact_force, force_over_step, trial_normal_force
 from fenicsrom.online.contact.semismooth_newton import semismooth_newton
 from fenicsrom.online.contact.state import ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
@@ -151,7 +150,8 @@ def _bisect_normal_force(
                 x[k] -= delassus[row + k, row + j] * total
         after = trial_normal_force(contacts, p, x, interval.end)
         if interval.discrete_gradient:
-            found, _ = blended_normal_force(start.trial_normal_force[p], after, scratch.blending[p])
+            before, blending = start.trial_normal_force[p], scratch.blending[p]
+            found, _ = force_over_step(contacts, interval, p, start.x[p], before, after, blending)
         else:
             found = theta * positive(after)
         if step == 0:

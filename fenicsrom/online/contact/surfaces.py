@@ -15,6 +15,30 @@ from fenicsrom.online.kernels.compiled import kernel, part
 PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance depends on
 
 
+class Coating(NamedTuple):
+    """The abradable layers in front of P contact points (`fenicsrom.online.contact.coating`).
+
+    Attributes:
+        thickness: (P,) h, m.
+        yield_force: (P,) A sigma_Y, N.
+        hardening: (P,) A K/h, N/m.
+        viscosity: (P,) A eta/h, N s/m.
+        first: (P,) the node in `worn` where the ring of the point starts.
+        cells: (P,) number of nodes of the ring: 1 before a surface at rest, 0 without a layer.
+        angle: (P,) of the point on its ring at t = 0, rad.
+        worn: (nodes,) worn depth w of all rings, m; empty if no point has a layer.
+    """
+
+    thickness: Array
+    yield_force: Array
+    hardening: Array
+    viscosity: Array
+    first: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    angle: Array
+    worn: Array
+
+
 class Contacts(NamedTuple):
     """The parameters of P contact points in d dimensions, and of the surface opposite each point.
 
@@ -47,6 +71,7 @@ class Contacts(NamedTuple):
         order: (h,) orders of the waves.
         height: (P, h) their heights, m.
         phase: (P, h) their phases, rad.
+        coating: the abradable layers; `normal_stiffness` is then that of contact spring and layer.
     """
 
     preload: Array
@@ -66,6 +91,7 @@ class Contacts(NamedTuple):
     order: Array
     height: Array
     phase: Array
+    coating: Coating
 
 
 def frame(normal: Array) -> Array:
@@ -341,6 +367,16 @@ def planes(
         order=np.zeros(0),
         height=np.zeros((count, 0)),
         phase=np.zeros((count, 0)),
+        coating=Coating(
+            thickness=np.zeros(count),
+            yield_force=np.zeros(count),
+            hardening=np.zeros(count),
+            viscosity=np.zeros(count),
+            first=np.zeros(count, dtype=np.int64),
+            cells=np.zeros(count, dtype=np.int64),
+            angle=np.zeros(count),
+            worn=np.zeros(0),
+        ),
     )
 
 

@@ -7,6 +7,8 @@ engine order of the form sin(n Ω(t) t) would have the wrong frequency n (Ω + t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,6 +27,31 @@ def speed_history(rows: ArrayLike) -> Array:
     time, speed = np.asarray(rows, dtype=np.float64).reshape(-1, 2).T
     turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))
     return np.column_stack([time, speed, np.concatenate([np.zeros(time.size)[:1], turned])])
+
+
+def history_of(rotation: Any) -> Array:
+    """The history (k, 3) of the [rotation] of a scene, or none."""
+    if rotation is None or not rotation.history:
+        return NO_HISTORY
+    return speed_history(np.array(rotation.history) * [1.0, np.pi / 30.0])
+
+
+def times_of_angles(history: Array, angle: float, end: float) -> Array:
+    """The times (k,) in s between 0 and `end` at which θ is a multiple of an angle in rad.
+
+    Multiples at a corner of the speed are left out.
+    """
+    found = []
+    for row in range(len(history)):
+        begin, speed, turned = map(float, history[row])
+        until = min(end, history[row + 1, 0]) if row + 1 < len(history) else end
+        if until <= begin:
+            break
+        first, last = np.array([turned, angle_at(history, until)]) / angle
+        x = angle * np.arange(np.floor(first) + 1.0, np.ceil(last)) - turned
+        growth = growth_after(history, row)
+        found.append(begin + 2.0 * x / (speed + np.sqrt(speed**2 + 2.0 * growth * x)))
+    return np.concatenate(found)
 
 
 @part

@@ -23,7 +23,7 @@ class Drift(NamedTuple):
 
     Attributes:
         contacts: of the parameters of the contacts.
-        sines: (s, 8) of the sines of the load histories.
+        sines: (s, 9) of the sines of the load histories.
         damping: of the mass-proportional damping alpha, 1/s.
         period: of the period relative to the period: every time of the motion t changes by t times
             it.

@@ -9,7 +9,9 @@ frequency may ramp:
     theta'(x) = omega exp(growth x)                   for x <= ramp, of a logarithmic one
     theta'(x) = constant                              for x > ramp
 
-A static load is a sine of frequency zero at its crest. Several harmonics are several sines. A swept
+In an engine order of a body whose speed varies, the angle of the body takes the place of the time:
+omega is then the order, and start and end are angles. A static load is a sine of frequency zero at
+its crest. Several harmonics are several sines. A swept
 sine ramps to its last frequency and stays there. An impact is half a period in its window. A table
 is interpolated linearly and keeps its first and last value outside of its times.
 """
@@ -24,29 +26,34 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.turning import NO_HISTORY, angle_at
 from fenicsrom.online.kernels.compiled import compiled, kernel
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Static, Table
+from fenicsrom.scene.keys.loads import OrderFrequency
 
 # the columns of a sine
-AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH = range(8)
+AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH, TURNS = range(9)
 
 
 class LoadHistories(NamedTuple):
     """The time factors of some loads.
 
     Attributes:
-        sines: (s, 8) amplitude (in the unit of the load), omega (rad/s), phase (rad), start and end
-            of the window (s), length of the ramp (s), slope (rad/s^2), growth (1/s); load after
-            load.
+        sines: (s, 9) amplitude (in the unit of the load), omega (rad/s), phase (rad), start and end
+            of the window (s), length of the ramp (s), slope (rad/s^2), growth (1/s), and 1 of an
+            engine order of the history, else 0; load after load.
         table: (r, 2) times in s, ascending within a load, and factors (in the unit of the load);
             load after load.
         spans: (loads, 4) for each load, its first sine and the one after its last, and its first
             row of the table and the one after its last.
+        history: (k, 3) times, speeds and angles of the body (`online.contact.turning`); none at a
+            constant speed.
     """
 
     sines: Array
     table: Array
     spans: NDArray[np.int64]
+    history: Array = NO_HISTORY
 
 
 def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHistories:
@@ -55,9 +62,21 @@ def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHi
     return _joined([([_sine(*map(float, row))], []) for row in zip(*columns, strict=True)])
 
 
-def of_loads(loads: Sequence[Load]) -> LoadHistories:
-    """The time factors of a scene's loads, in their units (N, Pa, m/s^2)."""
-    return _joined([_parts(load) for load in loads])
+def of_loads(loads: Sequence[Load], history: Array = NO_HISTORY) -> LoadHistories:
+    """The time factors of a scene's loads, in their units (N, Pa, m/s^2).
+
+    Args:
+        loads: the loads.
+        history: as in `LoadHistories`; the engine orders follow it.
+    """
+    found = _joined([_parts(load) for load in loads])
+    if history.size:
+        for load, (first, last, _, _) in zip(loads, _spans(found), strict=True):
+            if isinstance(load.frequency, OrderFrequency):
+                by_turn = load.frequency.order / (2.0 * math.pi * load.frequency)
+                found.sines[first:last, OMEGA] *= by_turn
+                found.sines[first:last, TURNS] = 1.0
+    return found._replace(history=history)
 
 
 def _sine(
@@ -72,7 +91,7 @@ def _sine(
     growth: float = 0.0,
 ) -> list[float]:
     """One row of `LoadHistories.sines`."""
-    return [amplitude, omega, phase, start, end, ramp, slope, growth]
+    return [amplitude, omega, phase, start, end, ramp, slope, growth, 0.0]
 
 
 def _parts(load: Load) -> tuple[list[list[float]], list[tuple[float, float]]]:
@@ -107,7 +126,7 @@ def _joined(
     ends = np.cumsum(counts, axis=0)
     spans = np.stack([ends - counts, ends], axis=2).reshape(-1, 4)
     sines = np.array([sine for found, _ in parts for sine in found], dtype=np.float64).reshape(
-        -1, 8
+        -1, 9
     )
     return LoadHistories(
         sines,
@@ -128,6 +147,8 @@ def write_factors(load_histories: LoadHistories, time: float, out: Array) -> Non
         value = 0.0
         for i in range(spans[k, 0], spans[k, 1]):
             x = time - sines[i, START]
+            if sines[i, TURNS] > 0.0:
+                x = angle_at(load_histories.history, time)
             if x < 0.0 or time > sines[i, END]:
                 continue
             angle, omega = sines[i, PHASE], sines[i, OMEGA]
@@ -186,10 +207,10 @@ def quarter_period(load_histories: LoadHistories) -> float:
     Adaptive steps of at most this length cannot sample a load at its zeros alone.
     """
     sines = load_histories.sines[np.isinf(load_histories.sines[:, END])]
-    ends = (sines[:, OMEGA] + sines[:, SLOPE] * sines[:, RAMP]) * np.exp(
-        sines[:, GROWTH] * sines[:, RAMP]
-    )
-    fastest = float(np.max(np.maximum(sines[:, OMEGA], ends), initial=0.0))
+    omega = sines[:, OMEGA].copy()
+    omega[sines[:, TURNS] > 0.0] *= np.max(load_histories.history[:, 1], initial=0.0)
+    ends = (omega + sines[:, SLOPE] * sines[:, RAMP]) * np.exp(sines[:, GROWTH] * sines[:, RAMP])
+    fastest = float(np.max(np.maximum(omega, ends), initial=0.0))
     return 0.5 * math.pi / fastest if fastest > 0.0 else math.inf
 
 

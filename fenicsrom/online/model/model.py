@@ -25,6 +25,15 @@ from fenicsrom.online.model.pressure import (
     work_of_pressure,
     write_pressure_factors,
 )
+from fenicsrom.online.model.turning import (
+    Turning,
+    add_turning,
+    add_turning_at_end,
+    no_turning,
+    turning_work,
+    write_momentum,
+    write_speeds,
+)
 from fenicsrom.online.model.workspace import Workspace
 
 
@@ -58,6 +67,7 @@ class ReducedModel(NamedTuple):
             viscous damping; (0, 0) of a model without.
         pressure: coefficients of the follower pressures; their forces are part of those that
             `elastic_over_step` and `elastic_at` give.
+        turning: the forces of a varying speed; their sum is part of the same forces.
         work: arrays for the results.
     """
 
@@ -73,6 +83,7 @@ class ReducedModel(NamedTuple):
     probe_offset: Array
     velocity_matrix: Array
     pressure: PressurePolynomial
+    turning: Turning
     work: Workspace
 
     @property
@@ -111,6 +122,8 @@ class ReducedModel(NamedTuple):
         """Let only the static follower pressures act in the operations that follow."""
         factors = static_factors(self.load_histories)
         self.work.pressure_factors[:] = factors[self.pressure.numbers]
+        if self.turning.history.shape[0] > 0:
+            write_speeds(self.turning, 0.0, 0.0, self.work.speeds)
 
     # The operations of `fenicsrom.online.model.operations.Model`, which compiled code calls too.
 
@@ -118,12 +131,20 @@ class ReducedModel(NamedTuple):
         """Set the start and the end of the step, in s, for the operations that follow."""
         if self.pressure.numbers.shape[0] > 0:
             write_pressure_factors(self.pressure, self.load_histories, begin, end, self.work)
+        if self.turning.history.shape[0] > 0:
+            write_speeds(self.turning, begin, end, self.work.speeds)
 
     def pressure_work(self, q0: Array, dq: Array) -> float:
-        """Work of the follower pressures, without their constant part, over a step, J."""
+        """Work of the follower pressures, without their constant part, over a step, J.
+
+        That of a varying speed is added.
+        """
+        found = 0.0
         if self.pressure.numbers.shape[0] > 0:
-            return work_of_pressure(self.pressure, self.work, q0, dq)
-        return 0.0
+            found += work_of_pressure(self.pressure, self.work, q0, dq)
+        if self.turning.history.shape[0] > 0:
+            found += turning_work(self.turning, self.work.speeds, q0, dq, self.work.points[0])
+        return found
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -145,6 +166,19 @@ class ReducedModel(NamedTuple):
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure(self.pressure, self.work, q0, dq, points, weights)
+        if self.turning.history.shape[0] > 0:
+            add_turning(
+                self.turning,
+                self.work.speeds,
+                self.velocity_matrix,
+                q0,
+                dq,
+                coefficient,
+                weights,
+                self.work.force,
+                self.work.tangent,
+                self.work.velocity,
+            )
         return self.work.force, Tangent(self.work.tangent, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
@@ -160,6 +194,8 @@ class ReducedModel(NamedTuple):
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure_at_end(self.pressure, self.work, q)
+        if self.turning.history.shape[0] > 0:
+            energy += add_turning_at_end(self.turning, self.work.speeds[1], q, self.work.force)
         return self.work.force, energy
 
     def solve_effective(
@@ -181,8 +217,8 @@ class ReducedModel(NamedTuple):
         work, unit = self.work, self.work.compliance.unit
         factorise_effective(
             self.mass,
-            self.velocity_matrix,
-            self.elastic.cubic.shape[0] == 0,
+            work.velocity if self.turning.history.shape[0] > 0 else self.velocity_matrix,
+            self.elastic.cubic.shape[0] == 0 and self.turning.history.shape[0] == 0,
             mass_coefficient,
             velocity_coefficient,
             tangent.matrix,
@@ -223,8 +259,11 @@ class ReducedModel(NamedTuple):
         return self.work.mass_product
 
     def velocity_times(self, v: Array) -> Array:
-        """D v (n,)."""
-        write_times(self.velocity_matrix, v, self.work.velocity_product)
+        """D v (n,), with the mean Coriolis force of the step at a varying speed."""
+        velocity = self.velocity_matrix
+        if self.turning.history.shape[0] > 0:
+            velocity = self.work.velocity
+        write_times(velocity, v, self.work.velocity_product)
         return self.work.velocity_product
 
     def dot(self, a: Array, b: Array) -> float:
@@ -236,6 +275,12 @@ class ReducedModel(NamedTuple):
         write_factors(self.load_histories, time, self.work.factors)
         write_times(self.loads, self.work.factors, self.work.load_vector)
         return self.work.load_vector
+
+    def write_momentum(self, time: float, q: Array, v: Array, out: Array) -> None:
+        """Write angular momentum, moment of inertia and moment of the loads at a time to out."""
+        write_factors(self.load_histories, time, self.work.factors)
+        omega = self.work.speeds[1]
+        write_momentum(self.turning, omega, q, v, self.work.factors, out)
 
 
 def reduced_model(
@@ -251,11 +296,13 @@ def reduced_model(
     probe_offset: Array,
     velocity_matrix: Array | None = None,
     pressure: PressurePolynomial | None = None,
+    turning: Turning | None = None,
 ) -> ReducedModel:
     """A `ReducedModel` with its workspace; arguments as its attributes."""
     n, m = mass.shape[0], contact_rows.shape[0]
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
+    turning = no_turning() if turning is None else turning
     arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
     tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
@@ -279,6 +326,14 @@ def reduced_model(
             np.ascontiguousarray(pressure.linear, dtype=np.float64),
             np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
         ),
+        turning._replace(
+            inertia=float(turning.inertia),
+            **{
+                name: np.ascontiguousarray(array, dtype=np.float64)
+                for name, array in turning._asdict().items()
+                if name != "inertia"
+            },
+        ),
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T),
             points=np.zeros((2, n)),
@@ -298,6 +353,8 @@ def reduced_model(
             pressure_factors=np.zeros((2, pressure.numbers.size)),
             pressure_vectors=np.zeros((2, n)),
             pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
+            speeds=np.zeros(3),
+            velocity=np.zeros_like(tidy[6]),
         ),
     )
 
@@ -316,5 +373,6 @@ compile_methods(
         "velocity_times",
         "dot",
         "load",
+        "write_momentum",
     ),
 )

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.turning import Turning
 
 
 def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
@@ -47,4 +49,18 @@ def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
             pressure.linear[:, at[:, None], at],
             bent[:, at if bent.shape[1] else []][:, :, at[:, None], at],
         ),
+        turning=_nested_turning(whole.turning, at),
+    )
+
+
+def _nested_turning(turning: Turning, at: NDArray[np.int64]) -> Turning:
+    """The data of a varying speed in some coordinates (n,)."""
+    if not turning.history.size:
+        return turning
+    return turning._replace(
+        centrifugal=turning.centrifugal[at],
+        softening=turning.softening[np.ix_(at, at)],
+        coriolis=turning.coriolis[np.ix_(at, at)],
+        euler=turning.euler[at],
+        moments=turning.moments[:, np.concatenate([[0], 1 + at])],
     )

@@ -29,7 +29,10 @@ class Model(Protocol):
         """Set the start and the end of the step, in s: the factors of the follower pressures."""
 
     def pressure_work(self, q0: Array, dq: Array) -> float:
-        """Work of the follower pressures, without their constant part, over a step."""
+        """Work of the follower pressures, without their constant part, over a step.
+
+        A model that turns at a varying speed adds the work of this change.
+        """
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -79,3 +82,6 @@ class Model(Protocol):
 
     def load(self, time: float) -> Array:
         """Load vector at a time."""
+
+    def write_momentum(self, time: float, q: Array, v: Array, out: Array) -> None:
+        """Write angular momentum, moment of inertia and moment of the loads, at a varying speed."""

@@ -6,8 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.surfaces import Contacts
+
+WEAR_ROUNDING = 1e-9
+"""Growth of a worn depth, relative to the largest one, that is rounding."""
 
 
 class Problem(NamedTuple):
@@ -52,3 +56,25 @@ class Problem(NamedTuple):
         last = np.ascontiguousarray(contacts.approach[:, -1:])
         moved = contacts._replace(times=contacts.times[-1:].copy(), approach=last)
         return self._replace(contacts=moved)
+
+    def with_own_wear(self, worn: Array | None = None) -> Problem:
+        """The problem with its own copy of the worn depths, or of others (nodes,), in m.
+
+        A march changes them.
+        """
+        coating = self.contacts.coating
+        coating = coating._replace(worn=(coating.worn if worn is None else worn).copy())
+        return self._replace(contacts=self.contacts._replace(coating=coating))
+
+    def with_yield(self, factor: float) -> Problem:
+        """The problem with layers of so many times the yield stress; infinitely many: elastic."""
+        coating = self.contacts.coating
+        coated = coating.cells > 0
+        strength = np.where(coated, coating.yield_force, 1.0) * factor
+        coating = coating._replace(yield_force=np.where(coated, strength, 0.0))
+        return self._replace(contacts=self.contacts._replace(coating=coating))
+
+    def has_worn_since(self, worn: Array) -> bool:
+        """Whether a layer was worn since its depths were `worn` (nodes,), beyond rounding."""
+        now = self.contacts.coating.worn
+        return bool(np.any(now - worn > WEAR_ROUNDING * np.max(now, initial=0.0)))

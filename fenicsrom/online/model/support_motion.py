@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.turning import NO_HISTORY
 from fenicsrom.online.model.loads import LoadHistories, factors, of_loads
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Sweep, Table
 from fenicsrom.scene.keys.excitation import shortest_period
@@ -31,9 +32,14 @@ INTERVALS = 10
 """Fewest intervals of the integration in the shortest period of a load."""
 
 
-def histories_of(loads: Sequence[Load]) -> LoadHistories:
-    """The time factors of loads; that of a motion of the supports is its acceleration, m/s²."""
-    return of_loads([load.by_acceleration() for load in loads])
+def histories_of(loads: Sequence[Load], history: Array = NO_HISTORY) -> LoadHistories:
+    """The time factors of loads; that of a motion of the supports is its acceleration, m/s².
+
+    Args:
+        loads: the loads.
+        history: (k, 3) of the speed of rotation (`online.contact.turning`).
+    """
+    return of_loads([load.by_acceleration() for load in loads], history)
 
 
 def support_displacement(loads: Sequence[Load], time: Array, dimension: int) -> Array:

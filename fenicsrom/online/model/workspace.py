@@ -40,6 +40,8 @@ class Workspace(NamedTuple):
             the step.
         pressure_vectors: (2, n) coordinates and a force of a follower pressure.
         pressure_tangent: (n, n) its derivative.
+        speeds: (3,) a varying speed at both ends of the step, and the length of the step.
+        velocity: (n, n) D with the Coriolis force of the mean speed of the step.
     """
 
     columns: Array
@@ -60,3 +62,5 @@ class Workspace(NamedTuple):
     pressure_factors: Array
     pressure_vectors: Array
     pressure_tangent: Array
+    speeds: Array
+    velocity: Array

@@ -286,12 +286,14 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
 
     Returns:
         `verdict` ("stable", "unstable: fold", "unstable: period doubling", "unstable: torus",
-        "not reached" for a stable motion to which the march does not tend, or "not found"),
+        "wears" for a motion that wears an abradable layer and thus does not repeat, "not reached"
+        for a stable motion to which the march does not tend, or "not found"),
         `from_s` (when the periodic motion replaced the marched one, or None), `load_periods` (in
         one period of the motion), `marched_periods`, `newton_iterations`, `relative_residual`,
         `largest_multiplier` (absolute value), `floquet_multipliers` (the largest, as pairs of real
         and imaginary part), `free_sliders` (components that are not unique; the multipliers are
-        those without these).
+        those without these), `at_yield` (only if true: the motion presses an abradable layer just
+        to its yield stress, so the multipliers hold for motions that press it less).
     """
     multipliers = search.multipliers
     return {
@@ -304,12 +306,13 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         "largest_multiplier": float(abs(multipliers[0])) if multipliers.size else None,
         "floquet_multipliers": [[float(x.real), float(x.imag)] for x in multipliers],
         "free_sliders": search.free_sliders,
+        **({"at_yield": True} if search.at_yield else {}),
     }
 
 
 def search_verdict(search: PeriodicSearch) -> str:
     """The verdict of `search_summary`."""
-    if search.verdict == "not found" or search.accepted:
+    if search.verdict in ("not found", "wears") or search.accepted:
         return search.verdict
     return "not reached" if search.verdict == "stable" else f"unstable: {search.verdict}"
 

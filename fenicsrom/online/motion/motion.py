@@ -60,6 +60,8 @@ class Motion(History):
         buckled: number of directions in which the nearest equilibrium was unstable; the motion then
             started in another one.
         search: what Newton's method found of the periodic motion; None if it was not tried.
+        turning: (ns, 3) angular momentum about the axis, kg m²/s, moment of inertia, kg m², and
+            moment of the loads, N m, at a varying speed of rotation; else (ns, 0).
     """
 
     mean_force: Array
@@ -77,6 +79,7 @@ class Motion(History):
     end: Checkpoint | None = None
     buckled: int = 0
     search: PeriodicSearch | None = None
+    turning: Array | None = None
 
     @classmethod
     def of_rows(cls, rows: Record, coordinates: Array, **numbers: Any) -> Motion:
@@ -108,6 +111,7 @@ class Motion(History):
             damping_dissipation=damped,
             friction_dissipation=rubbed,
             point_friction_dissipation=rows.friction_dissipation,
+            turning=rows.turning,
             **numbers,
         )
 

@@ -117,10 +117,11 @@ class Shooting:
 
         Args:
             problem: of a reduced model; scheme, spectral radius and steps per period are those of
-                its `time`.
+                its `time`. Abradable layers stay as they are worn.
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
+        problem = problem.with_yield(np.inf)
         model, settings, period = problem.model, problem.time, problem.period
         steps = settings.steps_per_period or FALLBACK_STEPS
         grid = np.arange(m * steps + 1) / steps if fractions is None else fractions

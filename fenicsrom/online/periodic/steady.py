@@ -58,6 +58,7 @@ RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state r
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
 LOOK_AHEAD = 160  # least number of periods in which (1) must be shown
 LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
+NEAR_YIELD = 1e-6  # part of the yield stress that a motion at yield lacks at most
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
 
@@ -191,6 +192,10 @@ class _Search:
             multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
             free_sliders=motion.free_sliders,
         )
+        if self._wears(shooting, motion):
+            search = search._replace(verdict="wears")
+        elif self._wears(shooting, motion, NEAR_YIELD):
+            search = search._replace(at_yield=True)
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
     def _tends(self, path: MarchedPath, motion: PeriodicMotion, marched: int) -> bool:
@@ -199,6 +204,20 @@ class _Search:
         if m > 1 and not self._lasts_several_periods(path.shooting.scaled(motion.z)):
             return False
         return path.tends_to(motion, max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // m)
+
+    def _wears(self, shooting: Shooting, motion: PeriodicMotion, weaker: float = 0.0) -> bool:
+        """Whether a motion, found with layers that stay as they are, would wear them.
+
+        Args:
+            shooting: the equation of the motion.
+            motion: the motion.
+            weaker: part by which the yield stress is reduced.
+        """
+        problem = self.problem.with_own_wear().with_yield(1.0 - weaker)
+        worn = problem.contacts.coating.worn.copy()
+        if worn.size:
+            shooting.map(problem, motion.z, derive=False)
+        return problem.has_worn_since(worn)
 
     def _lasts_several_periods(self, s: Array) -> bool:
         """Whether a motion of several periods does not repeat after one already."""

@@ -35,7 +35,8 @@ from collections.abc import Callable
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.online.contact.rings import worn_through
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
@@ -120,6 +121,7 @@ def integrate(
             motion.
         Interrupted: `stop` returned True; `partial` holds the motion so far.
     """
+    problem = problem.with_own_wear(None if resume is None else resume.worn)
     model, contacts, settings, period, _ = problem
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
@@ -137,12 +139,14 @@ def integrate(
             at_start = start is not None and span == 1
             if by_newton and not run.found and (is_due(span - 1) or at_start):
                 _try_newton(run, span - 1, stop)
-            q0, done = run.state.q.copy(), span
+            q0, worn, done = run.state.q.copy(), contacts.coating.worn.copy(), span
             status, stopped = _run_span(run, span, spans, checkpoint, stop)
-            if status == FAILED or period is None:
+            run.wearing = problem.has_worn_since(worn)
+            if status == FAILED or period is None or worn_through(contacts):
                 break
             change = _change(run, q0)
-            steady = change <= settings.steady_tolerance and not run.approaching(period)
+            changes = run.approaching(period) or run.wearing
+            steady = change <= settings.steady_tolerance and not changes
             if steady and by_newton and not run.found:
                 steady = _confirm(run, span, stop, last=span == spans)
             if progress is not None:
@@ -157,6 +161,7 @@ def integrate(
     run.seconds = working_time() - begin
     motion = _motion(run, steady, done)
     _require_convergence(run, status, motion)
+    _require_layer(run, motion)
     if stopped:
         raise Interrupted(motion)
     check_scheme(motion, settings.scheme)
@@ -239,6 +244,17 @@ def _require_convergence(run: MarchRun, status: int, motion: Motion) -> None:
     )
 
 
+def _require_layer(run: MarchRun, motion: Motion) -> None:
+    """Raise ConvergenceError if an abradable layer is worn to its ground."""
+    if worn_through(run.problem.contacts):
+        raise ConvergenceError(
+            "time integration stopped: an abradable layer is worn through by "
+            f"t = {run.state.scalars[TIME]:.6g} s; what is below it is not part of the scene",
+            motion,
+            kind=ErrorKind.INSTABILITY,
+        )
+
+
 def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> None:
     """Try Newton's method after so many periods; an accepted motion replaces the marched one.
 
@@ -247,7 +263,7 @@ def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> No
     Raises:
         Stopped: `stop` returned True; nothing has changed.
     """
-    if run.approaching():
+    if run.approaching() or run.wearing:
         return
     if run.search is not None and run.search.marched == done:
         return  # tried already

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.turning import times_of_angles
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.steady import periods_of
@@ -108,6 +109,7 @@ class MarchRun:
         search: what Newton's method found; None before its first attempt.
         reference: rows of the period before the start, of a run that starts in a periodic motion.
         near: start of the first attempt of Newton's method, as `integrate`.
+        wearing: whether a layer was worn in the last span.
     """
 
     problem: Problem
@@ -124,6 +126,7 @@ class MarchRun:
     search: PeriodicSearch | None = None
     reference: Record | None = None
     near: tuple[Array, ...] | None = None
+    wearing: bool = False
 
     @property
     def found(self) -> bool:
@@ -143,9 +146,8 @@ class MarchRun:
     def stops(self, span: int) -> Array:
         """The times in s on which the steps of a span land, the last at its end."""
         begin, end = (span - 1) * self.horizon, span * self.horizon
-        if not self.control.tolerance:
-            return np.array([end])
-        return landings(self.problem.model.load_histories, self.problem.contacts, begin, end)
+        histories, adaptive = self.problem.model.load_histories, self.control.tolerance > 0.0
+        return landings(histories, self.problem.contacts, begin, end, adaptive)
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
         """The checkpoint of the run after a span."""
@@ -154,7 +156,14 @@ class MarchRun:
             if self.multiple > 1:
                 last = periods_of(self.history, self.problem.period, self.multiple)
         return Checkpoint(
-            self.state, last, float(self.control.size), span, self.buckled, self.search
+            self.state,
+            last,
+            float(self.control.size),
+            span,
+            self.buckled,
+            self.search,
+            self.problem.contacts.coating.worn if self.problem.contacts.coating.worn.size else None,
+            self.wearing,
         )
 
 
@@ -173,7 +182,12 @@ def set_up_run(
     step = settings.step
     if period is not None and not tolerance:
         step = period / settings.steps_per_period
-    grid = step
+    grid, history = step, model.load_histories.history
+    times: Array = np.zeros(0)
+    if settings.steps_per_revolution:
+        angle = 2.0 * np.pi / settings.steps_per_revolution
+        times = times_of_angles(history, angle, horizon)
+        grid = step = float(np.max(np.diff(times, prepend=0.0, append=horizon)))
     if tolerance:  # adaptive steps must not miss a load or a surface
         longest = longest_step(model.load_histories, contacts, tolerance)
         grid = horizon / np.ceil(max(horizon / longest, 1.0))
@@ -198,13 +212,15 @@ def set_up_run(
     rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
     if keep_coordinates and not tolerance:
         rows = min(rows, round(horizon / step) + 1)
-    record = no_record(rows, state.contact.x.shape[0], problem.dimension, width)
+    record = no_record(
+        rows, state.contact.x.shape[0], problem.dimension, width, varies=history.size > 0
+    )
     write(model, contacts, state, record, 0)
     first = joined_rows([record], [1])
     if resume is not None:
         coordinates = np.repeat(first.coordinates, resume.last.time.size, axis=0)
         first = resume.last._replace(coordinates=coordinates)
-    control = Control(grid, tolerance, size)
+    control = Control(grid, tolerance, size, times)
     return MarchRun(
         problem,
         plan,
@@ -217,4 +233,5 @@ def set_up_run(
         buckled,
         [first],
         search=search,
+        wearing=resume is not None and resume.wearing,
     )

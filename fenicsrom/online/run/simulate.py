@@ -10,6 +10,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.turning import history_of
 from fenicsrom.online.model.loads import LoadHistories
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import histories_of
@@ -23,7 +24,7 @@ TOUCH = 1e-9
 
 def load_histories(scene: Scene) -> LoadHistories:
     """The time factors of a scene's loads."""
-    return histories_of(scene.loads)
+    return histories_of(scene.loads, history_of(scene.rotation))
 
 
 def simulate(

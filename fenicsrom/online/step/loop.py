@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fenicsrom.online.contact.coating import depth
 from fenicsrom.online.contact.state import OPEN
-from fenicsrom.online.contact.surfaces import penetration
-from fenicsrom.online.kernels.compiled import also_compiled, compiled
+from fenicsrom.online.kernels.compiled import also_compiled, compiled, part
 from fenicsrom.online.kernels.dense import combine, copy_vector
 from fenicsrom.online.step.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
 from fenicsrom.online.step.step import accept, attempt, extrapolate, mass_coefficient
@@ -33,7 +33,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]
         record.blending[row, p] = state.trial.scratch.blending[p]
-        record.gap[row, p] = -penetration(contacts, p, contact.x[p], s[TIME])
+        record.gap[row, p] = -depth(contacts, p, contact.x[p], s[TIME])
         # in the frame of the point, turned the shortest way so that its first axis is the current
         # normal
         tilt = 0.0
@@ -50,11 +50,26 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
                 record.force[row, p, k] = contact.friction[p, k] - tilt * contact.normal[p, k]
     for k in range(6):
         record.energies[row, k] = s[WORK + k]
+    if record.turning.shape[1] > 0:
+        model.write_momentum(s[TIME], state.q, state.v, record.turning[row])
     if record.coordinates.shape[1] > 0:
         n = state.q.size
         copy_vector(record.coordinates[row, :n], state.q)
         copy_vector(record.coordinates[row, n : 2 * n], state.v)
         copy_vector(record.coordinates[row, 2 * n :], state.a)
+
+
+@part
+def next_time(times, after):  # type: ignore[no-untyped-def]
+    """The first of some ascending times after a time; infinite if there is none."""
+    low, high = 0, times.size
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] > after:
+            high = middle
+        else:
+            low = middle + 1
+    return times[low] if low < times.size else np.inf
 
 
 @also_compiled
@@ -110,6 +125,8 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         goal = min(
             end, origin + control.grid * (np.floor((s[TIME] - origin) / control.grid + 1e-6) + 1.0)
         )
+        if control.times.size > 0:
+            goal = min(end, next_time(control.times, s[TIME] + slack))
         h = min(s[STEP], goal - s[TIME])
         lands = goal - s[TIME] - h <= slack
         if lands:

@@ -86,8 +86,10 @@ class Control(NamedTuple):
             `online.step.loop.STEP_SHARE` of it, relative to the size of the motion; 0 for a
             fixed step.
         size: lower bound of the size of the motion in relative errors, in the mass norm.
+        times: (k,) ascending times in place of the grid, s; none where the grid is equidistant.
     """
 
     grid: float
     tolerance: float
     size: float
+    times: Array = np.zeros(0)

@@ -35,6 +35,7 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.online.model.subspace import change_of_tangent, projected, shifted, subspace_model
+from fenicsrom.online.model.turning import Turning, rest_row
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton, small_against_load
 
@@ -52,6 +53,15 @@ DEPENDENCE = 1e-7
 
 ITERATIONS = 30
 """Largest number of Newton iterations of an equilibrium."""
+
+SNAPSHOTS = 25
+"""Speeds of which a model for a varying speed is made."""
+
+RUN_UP = {"equilibrium": 1e-4, "modes": 1e-3, "attached": 2e-2, "derivatives": 3e-2}
+"""Smallest singular value of its proper orthogonal modes, relative to the largest."""
+
+FURTHER = 3.0
+"""The larger model that judges it has modes of singular values smaller by this factor."""
 
 SMALLEST_STEP = 1.0 / 64.0
 """Smallest step of the centrifugal and static loads, relative to the loads."""
@@ -74,6 +84,24 @@ class AtSpeed:
     labels: tuple[str, ...]
     further: tuple[str, ...]
     frequencies_hz: Array
+
+
+class _Snapshot(NamedTuple):
+    """What a range model of n coordinates shows at one speed.
+
+    Attributes:
+        tangent: (n, n) at the equilibrium.
+        equilibrium: (n, 1) from that at the start of a run.
+        modes: (n, v) normal modes.
+        attached: (n, m) attachment modes of the masters.
+        derivatives: (n, v (v + 1) / 2) modal derivatives.
+    """
+
+    tangent: Array
+    equilibrium: Array
+    modes: Array
+    attached: Array
+    derivatives: Array
 
 
 class RangeErrors(NamedTuple):
@@ -103,6 +131,9 @@ class RangeModel:
         centrifugal: (n,) c, kg m.
         softening: (n, n) Q, kg.
         coriolis: (n, n) G, kg; (0, 0) without the Coriolis force.
+        euler: (n,) g of the Euler force (`online.model.turning`), kg m.
+        inertia: (1,) moment of inertia about the axis at rest, kg m².
+        moments: (loads, 1 + n) moment of each unit load about the axis, and its derivative by q, m.
         speeds: (s,) speeds of the basis, ascending, rad/s.
         equilibria: (s, n) coordinates of the equilibria at these speeds.
         modes: number of normal modes of a model at one speed.
@@ -116,6 +147,9 @@ class RangeModel:
     centrifugal: Array
     softening: Array
     coriolis: Array
+    euler: Array
+    inertia: Array
+    moments: Array
     speeds: Array
     equilibria: Array
     modes: int
@@ -200,22 +234,100 @@ class RangeModel:
         Raises:
             ConvergenceError: there is no equilibrium.
         """
+        q0, elastic = self._about(omega, nonlinear)
+        space = _Space(self, elastic)
+        squares, z, labels, count = space.basis(interface_modes)
+        whole = self._on(z, q0, elastic, self.velocity_matrix(omega))
+        return _at_speed(whole, labels, count, squares[: self.modes])
+
+    def _on(self, z: Array, q0: Array, elastic: ElasticPolynomial, velocity: Array) -> ReducedModel:
+        """The model on q = q0 + Z y with an elastic force about q0, exactly symmetric."""
+        reduced, n = projected(elastic, z), z.shape[1]
+        reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
+        return subspace_model(self.model, reduced, q0, z, velocity)
+
+    def _snapshot(self, omega: float, q0: Array) -> _Snapshot:
+        """What the model shows at a speed in rad/s; its equilibrium from another one q0 (n,)."""
+        q, n = self.equilibrium(omega), self.model.size
+        tangent = self.tangent(omega, q)
+        modes = scipy.linalg.eigh(tangent, self.model.mass, subset_by_index=(0, self.modes - 1))[1]
+        changes = [0.5 * (self.tangent(omega, q + x) - self.tangent(omega, q - x)) for x in modes.T]
+        bent = [changes[i] @ modes[:, j] for i in range(self.modes) for j in range(i + 1)]
+        solved = np.linalg.solve(tangent, np.column_stack([np.eye(n, self.masters), *bent]))
+        return _Snapshot(
+            tangent, (q - q0)[:, None], modes, solved[:, : self.masters], solved[:, self.masters :]
+        )
+
+    def over(self, history: Array, omega: float) -> AtSpeed:
+        """The models for a speed that varies, about the equilibrium at its start.
+
+        The vectors are proper orthogonal modes of what the range model shows at `SNAPSHOTS` speeds:
+        equilibria, normal modes, attachment modes of the masters, and modal derivatives. The
+        attachment modes are not scaled, in the energy norm: those that matter hold more energy.
+
+        Args:
+            history: (r, 3) the speeds (`fenicsrom.online.contact.turning`).
+            omega: the speed of the natural frequencies, rad/s.
+
+        Raises:
+            ConvergenceError: there is no equilibrium at one of the speeds.
+        """
+        model, n, q0 = self.model, self.model.size, self.equilibrium(history[0, 1])
+        squares = np.linspace(np.min(history[:, 1]) ** 2, np.max(history[:, 1]) ** 2, SNAPSHOTS)
+        shown = [self._snapshot(float(speed), q0) for speed in np.sqrt(squares)]
+        first: dict[str, Array] = {}
+        further: dict[str, Array] = {}
+        for kind, accuracy in RUN_UP.items():
+            inner = shown[SNAPSHOTS // 2].tangent if kind == "attached" else model.mass
+            block = np.concatenate([getattr(one, kind) for one in shown], axis=1)
+            vectors, sizes = _proper(block, inner, accuracy / FURTHER)
+            count = int(np.sum(sizes > accuracy * np.max(sizes, initial=0.0)))
+            first |= _named(vectors[:, :count], kind[0].upper())
+            further |= _named(vectors[:, count:], kind[0].upper(), count)
+        free = np.zeros((n, 0))
+        z, labels, count = _orthonormalised(model.mass, free, free.T, first | further, len(first))
+        damping = np.zeros((n, n)) + self.velocity_matrix(0.0)
+        whole = self._on(z, q0, shifted(model.elastic, q0), damping)
+        turning = self._turning(history, q0, z)
+        rest = []
+        for square, one in zip(map(float, squares), shown, strict=True):
+            q = z.T @ model.mass @ one.equilibrium[:, 0]
+            rest.append(rest_row(turning, whole.elastic, square, q))
+        whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
+        found = self.tangent(omega, self.equilibrium(omega))
+        lowest = scipy.linalg.eigh(found, model.mass, eigvals_only=True)[: self.modes]
+        return _at_speed(whole, labels, count, lowest)
+
+    def _turning(self, history: Array, q0: Array, z: Array) -> Turning:
+        """The data of a varying speed in q = q0 + Z y, without the energies at rest."""
+        turned, softened = 0.5 * self.coriolis @ q0, self.softening @ q0
+        moments = self.moments
+        return Turning(
+            history,
+            z.T @ (self.centrifugal + softened),
+            z.T @ self.softening @ z,
+            z.T @ self.coriolis @ z,
+            z.T @ (self.euler + turned),
+            float(self.inertia[0] + (2.0 * self.centrifugal + softened) @ q0),
+            np.column_stack([moments[:, 0] + moments[:, 1:] @ q0, moments[:, 1:] @ z]),
+            np.zeros((0, 3)),
+        )
+
+    def vectors(
+        self, omega: float, interface_modes: bool, nonlinear: bool
+    ) -> tuple[Array, dict[str, Array]]:
+        """q_Ω (n,), and the columns (n,) of Z and of the larger model by label; as `at`."""
+        q0, elastic = self._about(omega, nonlinear)
+        _, z, labels, _ = _Space(self, elastic).basis(interface_modes)
+        return q0, dict(zip(labels, z.T, strict=True))
+
+    def _about(self, omega: float, nonlinear: bool) -> tuple[Array, ElasticPolynomial]:
+        """q_Ω (n,) and the elastic force about it; arguments and errors as `at`."""
         q0 = self.equilibrium(omega)
         elastic = shifted(self.elastic(omega), q0)
         if not nonlinear:
             elastic = elastic._replace(quadratic=np.zeros((0, 0)), cubic=np.zeros((0, 0)))
-        space = _Space(self, elastic)
-        squares, z, labels, count = space.basis(interface_modes)
-        reduced, n = projected(elastic, z), len(labels)
-        reduced = reduced._replace(cubic=paired_cubic(unique_cubic(reduced.cubic, n), n))
-        whole = subspace_model(self.model, reduced, q0, z, self.velocity_matrix(omega))
-        return AtSpeed(
-            nested_model(whole, range(count)),
-            whole,
-            labels[:count],
-            labels[count:],
-            np.sqrt(np.maximum(squares[: self.modes], 0.0)) / (2.0 * np.pi),
-        )
+        return q0, elastic
 
 
 class _Space:
@@ -258,7 +370,7 @@ class _Space:
         named |= _named(self.solve(whole.model.loads), "A")
         if nonlinear and m:
             named |= self.combined(modes[:, :v], static)
-        z, labels, kept = self.orthonormalised(static, rows, named, size)
+        z, labels, kept = _orthonormalised(self.mass, static, rows, named, size)
         return squares, z, labels, m + kept
 
     def derivatives(self, one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:
@@ -285,39 +397,66 @@ class _Space:
         """Vectors (n, k) scaled to the elastic energy 1/2 J."""
         return block / np.sqrt(np.abs(np.sum(block * (self.tangent @ block), axis=0)))
 
-    def orthonormalised(
-        self, static: Array, rows: Array, named: dict[str, Array], size: int
-    ) -> tuple[Array, tuple[str, ...], int]:
-        """R_m, then the vectors v − R_m Bᵀ v, orthonormal in the mass norm.
 
-        Args:
-            static: (n, m) R_m.
-            rows: (m, n) Bᵀ.
-            named: the vectors (n,) by their labels.
-            size: number of the vectors that belong to Z.
+def _orthonormalised(
+    mass: Array, static: Array, rows: Array, named: dict[str, Array], size: int
+) -> tuple[Array, tuple[str, ...], int]:
+    """R_m, then the vectors v − R_m Bᵀ v, orthonormal in the mass norm.
 
-        Returns:
-            The vectors (n, k), their labels, and how many of the first ones were kept.
-        """
-        kept: list[Array] = []
-        labels: list[str] = []
-        count = 0
-        for number, (label, vector) in enumerate(named.items()):
-            x = vector / np.sqrt(vector @ self.mass @ vector)
-            x = x - static @ (rows @ x)
-            for _ in range(2):  # the second pass removes the rounding errors of the first
-                for y in kept:
-                    x = x - y * (y @ self.mass @ x)
-            rest = np.sqrt(x @ self.mass @ x)
-            if rest <= DEPENDENCE:
-                continue
-            x = x / rest
-            x = x - static @ (rows @ x)  # the division has amplified rounding errors
-            kept.append(x)
-            labels.append(label)
-            count += number < size
-        masters = tuple(f"{k + 1}S" for k in range(static.shape[1]))
-        return np.column_stack([static, *kept]), (*masters, *labels), count
+    Args:
+        mass: (n, n) M.
+        static: (n, m) R_m.
+        rows: (m, n) Bᵀ.
+        named: the vectors (n,) by their labels.
+        size: number of the vectors that belong to Z.
+
+    Returns:
+        The vectors (n, k), their labels, and how many of the first ones were kept.
+    """
+    kept: list[Array] = []
+    labels: list[str] = []
+    count = 0
+    for number, (label, vector) in enumerate(named.items()):
+        x = vector / np.sqrt(vector @ mass @ vector)
+        x = x - static @ (rows @ x)
+        for _ in range(2):  # the second pass removes the rounding errors of the first
+            for y in kept:
+                x = x - y * (y @ mass @ x)
+        rest = np.sqrt(x @ mass @ x)
+        if rest <= DEPENDENCE:
+            continue
+        x = x / rest
+        x = x - static @ (rows @ x)  # the division has amplified rounding errors
+        kept.append(x)
+        labels.append(label)
+        count += number < size
+    masters = tuple(f"{k + 1}S" for k in range(static.shape[1]))
+    return np.column_stack([static, *kept]), (*masters, *labels), count
+
+
+def _proper(snapshots: Array, inner: Array, accuracy: float) -> tuple[Array, Array]:
+    """The proper orthogonal modes (n, k) of snapshots (n, s) in an inner product (n, n).
+
+    Args:
+        snapshots: the snapshots.
+        inner: the inner product.
+        accuracy: smallest singular value of a mode, relative to the largest.
+    """
+    squares, weights = np.linalg.eigh(snapshots.T @ inner @ snapshots)
+    sizes = np.sqrt(np.maximum(squares[::-1], 0.0))
+    kept = sizes > accuracy * np.max(sizes, initial=0.0)
+    return snapshots @ weights[:, ::-1][:, kept] / sizes[kept], sizes[kept]
+
+
+def _at_speed(whole: ReducedModel, labels: tuple[str, ...], count: int, squares: Array) -> AtSpeed:
+    """The first `count` coordinates of a model as one, judged by all of them."""
+    return AtSpeed(
+        nested_model(whole, range(count)),
+        whole,
+        labels[:count],
+        labels[count:],
+        np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi),
+    )
 
 
 def _named(block: Array, kind: str, first: int = 0) -> dict[str, Array]:

@@ -115,6 +115,8 @@ class Record(NamedTuple):
         friction_dissipation: (rows, P) J.
         state: (rows, P) OPEN, SLIP or STICK.
         energies: (rows, 6) the entries `LEDGER` of the scalars, J.
+        turning: (rows, 3) angular momentum about the axis, kg m^2/s, moment of inertia, kg m^2, and
+            moment of the loads, N m, at a varying speed; else (rows, 0).
         coordinates: (rows, 3 n) q, v and a, or (rows, 0).
     """
 
@@ -128,6 +130,7 @@ class Record(NamedTuple):
     friction_dissipation: Array
     state: NDArray[np.int8]
     energies: Array
+    turning: Array
     coordinates: Array
 
 
@@ -136,7 +139,8 @@ class PeriodicSearch(NamedTuple):
 
     Attributes:
         verdict: "stable", "fold", "period doubling" or "torus" of the motion that was found: how
-            its stability was lost; "not found" without one.
+            its stability was lost; "wears" if it wears a layer and thus is no periodic motion;
+            "not found" without one.
         tends: whether the run tends to this motion.
         time: when the periodic motion replaced the marched one, s; None if it did not.
         periods: number of periods of the loads in one of the motion.
@@ -145,6 +149,8 @@ class PeriodicSearch(NamedTuple):
         residual: relative residual of the last attempt.
         multipliers: (k,) Floquet multipliers, the largest first; empty without a motion.
         free_sliders: number of slider components that are not unique.
+        at_yield: whether the motion presses an abradable layer just to its yield stress; the
+            verdict then holds for motions that press it less.
     """
 
     verdict: str
@@ -156,6 +162,7 @@ class PeriodicSearch(NamedTuple):
     residual: float
     multipliers: NDArray[np.complex128]
     free_sliders: int
+    at_yield: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -175,6 +182,8 @@ class Checkpoint(NamedTuple):
         spans: periods run.
         buckled: as in `Motion`.
         search: what Newton's method found; None before its first attempt.
+        worn: (nodes,) worn depths of abradable layers, m; None without layers.
+        wearing: whether a layer was worn in the last period.
     """
 
     state: State
@@ -183,6 +192,8 @@ class Checkpoint(NamedTuple):
     spans: int
     buckled: int
     search: PeriodicSearch | None = None
+    worn: Array | None = None
+    wearing: bool = False
 
 
 def no_state(n: int, points: int, dimension: int) -> State:
@@ -214,8 +225,10 @@ def no_state(n: int, points: int, dimension: int) -> State:
     )
 
 
-def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
-    """A record of zeros, of P contact points and coordinates (width,)."""
+def no_record(
+    rows: int, points: int, dimension: int, width: int = 0, *, varies: bool = False
+) -> Record:
+    """A record of zeros, of P contact points and coordinates (width,), at a speed that varies."""
     return Record(
         time=np.zeros(rows),
         displacement=np.zeros((rows, points, dimension)),
@@ -227,5 +240,6 @@ def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
         friction_dissipation=np.zeros((rows, points)),
         state=np.zeros((rows, points), dtype=np.int8),
         energies=np.zeros((rows, 6)),
+        turning=np.zeros((rows, 3 if varies else 0)),
         coordinates=np.zeros((rows, width)),
     )

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.online.contact.candidates import add_candidates, choose_candidates, keep_open
+from fenicsrom.online.contact.coating import is_coated, wear
 from fenicsrom.online.contact.law import (
     commit_contact_state,
     contact_energy,
@@ -316,6 +317,8 @@ def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
             state.friction_dissipation[p] += dissipated
             s[WORK] += surface
             s[DAMPING_DISSIPATION] += impact
+            if is_coated(contacts, p):
+                wear(contacts, interval, p, contact.x[p], end.x[p])
         else:
             keep_open(p, end, trial.scratch)
         contact.trial_normal_force[p] = end.trial_normal_force[p]

@@ -34,19 +34,28 @@ def longest_step(load_histories: LoadHistories, contacts: Contacts, tolerance: f
     return float(LONGEST * np.cbrt(tolerance) * shortest)
 
 
-def landings(load_histories: LoadHistories, contacts: Contacts, begin: float, end: float) -> Array:
-    """Times in s, after `begin` and up to `end`, on which adaptive steps land; `end` is the last.
+def landings(
+    load_histories: LoadHistories,
+    contacts: Contacts,
+    begin: float,
+    end: float,
+    adaptive: bool = True,
+) -> Array:
+    """Times in s, after `begin` and up to `end`, on which steps land; `end` is the last.
 
     Args:
         load_histories: the time factors of the loads.
         contacts: the parameters of the contacts.
         begin: s.
         end: s.
+        adaptive: whether the steps are adaptive; other steps land on the corners of the speed only.
     """
-    found = [instants(load_histories, end)]
-    for _, _, low, high in load_histories.spans:
-        found.append(_corners(*load_histories.table[low:high].T))
-    found += [_corners(contacts.times, distance) for distance in contacts.approach]
+    found = [load_histories.history[:, 0]]
+    if adaptive:
+        found.append(instants(load_histories, end))
+        for _, _, low, high in load_histories.spans:
+            found.append(_corners(*load_histories.table[low:high].T))
+        found += [_corners(contacts.times, distance) for distance in contacts.approach]
     times = np.unique(np.concatenate(found))
     times = times[(times > begin) & (times < end)]
     # a landing closer to another one than the rounding of the march makes a step of no length

@@ -42,11 +42,14 @@ Arrays with the prefix `finer_` are those of a model of finer elements, which ju
 (`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
 header.
 
+A model for a speed that varies has the arrays of `fenicsrom.online.model.turning.Turning`, with the
+prefix `turning_`.
+
 A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
 prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
-(n, n), `range_speeds` (s,), `range_equilibria` (s, n), `range_errors` (4, k) and
-`range_mesh_errors`. The other arrays are those of its model at the speed of the scene; at another
-speed they follow from the range model.
+(n, n), `range_euler` (n,), `range_inertia` (1,), `range_moments` (loads, 1 + n), `range_speeds`
+(s,), `range_equilibria` (s, n), `range_errors` (4, k) and `range_mesh_errors`. The other arrays are
+those of its model at the speed of the scene; at another speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
@@ -69,10 +72,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.turning import history_of
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
@@ -87,9 +92,14 @@ from fenicsrom.scene.reading.overrides import override_texts
 from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 7"
+FORMAT = "fenicsrom reduced model 8"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
+TURNING = "turning_"  # start of the names of the arrays of a speed that varies
+RANGE_ARRAYS = (
+    *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
+    *("speeds", "equilibria", "mesh_errors"),
+)
 OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -267,7 +277,7 @@ class StoredModel:
         return found
 
     def at_speed(self) -> StoredModel:
-        """The model at the speed of its scene, made anew from that for the range of speeds.
+        """The model at the speed or for the history of its scene, from that for the range.
 
         It has the coordinates of this model, if there are any of their labels at this speed.
 
@@ -276,8 +286,12 @@ class StoredModel:
         """
         whole, scene = self.whole, self.scene
         assert whole is not None and scene.rotation is not None
-        interface_modes = isinstance(scene.basis.masters, int)
-        found = whole.at(scene.rotation.omega, interface_modes, scene.geometrically_nonlinear)
+        history, omega = history_of(scene.rotation), scene.rotation.omega
+        if history.size:
+            found = whole.over(history, omega)
+        else:
+            interface_modes = isinstance(scene.basis.masters, int)
+            found = whole.at(omega, interface_modes, scene.geometrically_nonlinear)
         made = replace(
             self,
             model=found.model,
@@ -447,15 +461,7 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         header["finer_labels"] = list(stored.finer_labels)
     if (whole := stored.whole) is not None:
         more = _matrices(whole.model) | {name: getattr(whole.model, name) for name in OFFSETS}
-        more |= {
-            "centrifugal": whole.centrifugal,
-            "softening": whole.softening,
-            "coriolis": whole.coriolis,
-            "speeds": whole.speeds,
-            "equilibria": whole.equilibria,
-            "errors": np.array(whole.errors),
-            "mesh_errors": whole.mesh_errors,
-        }
+        more |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
         arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
         header["range"] = {"modes": whole.modes, "masters": whole.masters}
     return header, arrays
@@ -464,6 +470,7 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
 def _matrices(model: ReducedModel) -> dict[str, Array]:
     """The arrays that depend on the basis, by their names in the file."""
     follows = model.pressure.numbers.size > 0
+    turning, varies = model.turning._asdict(), model.turning.history.size > 0
     return {
         "mass": model.mass,
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
@@ -473,6 +480,7 @@ def _matrices(model: ReducedModel) -> dict[str, Array]:
         "contact_rows": model.contact_rows,
         "probe": model.probe,
         "velocity_matrix": model.velocity_matrix,
+        **({f"{TURNING}{name}": np.array(a) for name, a in turning.items()} if varies else {}),
     }
 
 
@@ -527,8 +535,7 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
 def _range_model(data: dict[str, Any], scene: Scene, modes: int, masters: int) -> RangeModel:
     """The range model of the arrays of a file."""
     found = {name.removeprefix(RANGE): array for name, array in data.items()}
-    names = "centrifugal", "softening", "coriolis", "speeds", "equilibria", "mesh_errors"
-    arrays = {name: found[name] for name in names}
+    arrays = {name: found[name] for name in RANGE_ARRAYS}
     errors = RangeErrors(*found["errors"])
     return RangeModel(_model(found, scene), **arrays, modes=modes, masters=masters, errors=errors)
 
@@ -555,4 +562,7 @@ def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
         data["probe_offset"],
         data["velocity_matrix"],
         None if pressures is None else PressurePolynomial(followers, *pressures),
+        Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
+        if f"{TURNING}history" in data
+        else None,
     )

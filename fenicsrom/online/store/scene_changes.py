@@ -82,7 +82,8 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
     before, rotation = made.rotation, wanted.rotation
     if before is None or rotation is None or before.speeds_rpm is None:
         return found
-    return replace(found, rotation=replace(rotation, speed_rpm=before.speed_rpm))
+    kept = replace(rotation, speed_rpm=before.speed_rpm, history=before.history)
+    return replace(found, rotation=kept)
 
 
 def _changed_load_key(made: Load, wanted: Load) -> str | None:
@@ -118,7 +119,8 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
     )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
-    settings = ("scheme", "spectral_radius", "steps_per_period", "tolerance", "step")
+    steps = ("steps_per_period", "steps_per_revolution", "tolerance", "step")
+    settings = ("scheme", "spectral_radius", *steps)
     if (name := first_difference(made.time, wanted.time, settings)) is not None:
         return f"time.{name}"
     return "time" if (made.period is None) != (wanted.period is None) else None

@@ -17,6 +17,7 @@ CAPTIONS = {
     "energy_per_period": "Energies of each period. Bars of the same height mean a steady motion.",
     "contact": "States and forces of contact over the last period. The area inside a loop of the "
     "tangential force over the displacement is the energy that friction dissipates.",
+    "wear": "The depth that the body wore of the abradable layer, over the angle of the casing.",
     "stress": "The von Mises stress at the instant and on the side of its largest value.",
     "modes": "The shapes of the basis along the axis of the body, relative to their largest value.",
     "shapes": "The shapes of the basis: normal modes (V) with nodal lines, static modes (S), and "
@@ -32,8 +33,13 @@ CAPTIONS = {
     "contact_map": "The state of contact over the period, along the curve.",
     "harmonics": "Amplitudes of the harmonics along the curve.",
     "backbone": "Frequency and damping of the mode over its amplitude.",
+    "run_up": "Each revolution over its mean speed: the largest distance from the equilibrium of "
+    "the same speed, the largest normal force, and the mean torque of the shaft.",
     "campbell": "Natural frequencies over the speed. Where an engine order crosses a frequency, "
     "the mode can resonate.",
+    "map": "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed curves: "
+    "natural frequencies, free and with the contact closed.",
+    "map_curves": "One number for each speed.",
     "sweep": "One point for each run of the sweep.",
     "motion.gif": "The last period. Displacements are magnified as stated.",
 }
@@ -43,11 +49,12 @@ NUMBERS = {
     **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
     **{
         name: f"{name}.csv"
-        for name in ("backbone", "campbell", "sweep", "comparison", "equilibria")
+        for name in ("run_up", "backbone", "campbell", "map", "sweep", "comparison", "equilibria")
     },
     "harmonics": "response.csv",
     "peaks": "response_peaks.csv",
     "stress": "stresses.csv",
+    "wear": "wear.csv",
     "sizes": "summary.json",
     "mac": "summary.json",
 }

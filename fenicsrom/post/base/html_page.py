@@ -62,9 +62,9 @@ def html_report(
     Args:
         title: title of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
-            of rows, the first row is the header), a matplotlib figure, the path of a PNG or GIF
-            picture, a `Drawn` picture, which gets a number and a caption, or a `Page`. A section
-            with a `Folded` heading is closed at first.
+            of rows, the first row is the header), a matplotlib figure, a `Drawn` picture, which
+            gets a number and a caption, or a `Page`. A section with a `Folded` heading is closed
+            at first.
         verdict: whether the results can be trusted, at the top; see `verdict_of`.
         warnings: warnings, below the verdict.
 
@@ -148,8 +148,6 @@ def _item(item: Any, heading: str) -> str:
         return f'<iframe id="body" title="{heading}" srcdoc="{html.escape(item)}"></iframe>'
     if isinstance(item, str):
         return f"<p>{html.escape(item)}</p>"
-    if isinstance(item, Path):
-        return _picture(item.read_bytes(), heading, item.suffix.removeprefix("."))
     if hasattr(item, "savefig"):
         png = io.BytesIO()
         item.savefig(png, format="png")

@@ -11,11 +11,7 @@ from functools import cache
 def missing_module(*names: str) -> str | None:
     """Say which of some Python modules is not installed; None if all are installed."""
     for name in names:
-        try:
-            found = importlib.util.find_spec(name)
-        except ModuleNotFoundError:
-            found = None
-        if found is None:
+        if importlib.util.find_spec(name) is None:
             return f"{name} is not installed"
     return None
 

@@ -30,7 +30,6 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.units import units_sentence
-from fenicsrom.words import counted
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"
@@ -55,8 +54,9 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
     *("response_peaks.csv", "peaks.png"),
+    *("run_up.csv", "run_up.png"),
     *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
-    *("runs", "models"),
+    *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
@@ -211,21 +211,24 @@ def origin_table(folder: Path) -> list[list[Any]]:
     record = read_record(folder)
     if record is None:
         return []
-    versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
-    rows = [
+    rows = [["item", "value"], *_items(record)]
+    return [*rows, [MODEL, _size_words(folder / MODEL)]] if (folder / MODEL).is_file() else rows
+
+
+def _items(record: Mapping[str, Any]) -> list[list[str]]:
+    """What was run: names and values."""
+    return [
         ["command", record["command"]],
         ["in the folder", record["working_folder"]],
         ["began", record["began"]],
-        ["program", _program(record, versions)],
+        ["program", _program(record)],
         ["MPI ranks", str(record["ranks"])],
         ["scene", record["scene"]],
         *([["units", record["units"].removeprefix("units: ")]] if record.get("units") else []),
         *[["override", override] for override in record["overrides"]],
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
-        *([[MODEL, _size_words(folder / MODEL)]] if (folder / MODEL).is_file() else []),
         ["to repeat", f"{record['repeat']} (in this folder)"],
     ]
-    return [["item", "value"], *rows]
 
 
 def _size_words(model: Path) -> str:
@@ -341,32 +344,25 @@ def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) 
     words: list[str] = []
     if origin.model is not None:
         words += ["--from", (model and model["copy"]) or word(origin.model)]
-    if origin.resume is not None and origin.task[0] != "sweep":
+    if origin.resume is not None and origin.task[0] not in ("sweep", "map"):
         words += ["--resume", word(origin.resume)]
     return words
 
 
 def _comments(record: Mapping[str, Any]) -> str:
     """The first lines of `scene.toml`."""
-    versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
-    lines = [
-        "The scene of this folder, with all defaults and overrides.",
-        f"made by:    {record['command']}",
-        f"on:         {record['began']}, {counted(record['ranks'], 'MPI rank')}",
-        f"program:    {_program(record, versions)}",
-        f"to repeat:  {record['repeat']}",
-    ]
-    lines += [f"{name}: {_file_words(record[key])}" for name, key in _INPUTS if record[key]]
+    lines = ["The scene of this folder, with all defaults and overrides."]
+    lines += [f"{name + ':':14} {value}" for name, value in _items(record)]
     return "".join(f"# {line}\n" for text in lines for line in text.splitlines()) + "\n"
 
 
-def _program(record: Mapping[str, Any], versions: str) -> str:
+def _program(record: Mapping[str, Any]) -> str:
     """The versions and the commit."""
     from fenicsrom import __version__
 
-    if "fenicsrom" not in record["versions"]:
-        versions = ", ".join(filter(None, [f"fenicsrom {__version__}", versions]))
-    return f"{versions}, commit {record['commit']}" if record["commit"] else versions
+    versions = {"fenicsrom": __version__, **record["versions"]}
+    words = ", ".join(f"{name} {number}" for name, number in versions.items())
+    return f"{words}, commit {record['commit']}" if record["commit"] else words
 
 
 def _file_words(named: Mapping[str, Any]) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.tables import text_table
@@ -29,8 +30,8 @@ class Section:
 
     Attributes:
         heading: its heading on the page.
-        items: tables, and paragraphs as texts. A section without items is left out.
-        page: whether the page shows it.
+        items: tables, and paragraphs as texts; empty ones are left out, and so is a section
+            without others.
         terminal: whether the terminal shows it.
         keys: number of the first columns, which tell the rows of a table apart.
         most: most rows of a table in the terminal; None for all.
@@ -39,11 +40,15 @@ class Section:
 
     heading: str
     items: Sequence[Table | str]
-    page: bool = True
     terminal: bool = True
     keys: int = 1
     most: int | None = None
     top: bool = False
+
+    @property
+    def filled(self) -> list[Table | str]:
+        """The items that are not empty."""
+        return [item for item in self.items if item]
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,15 +144,15 @@ class Report:
 
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
-        head = [item for s in self.sections if s.top for item in s.items]
-        shown = [s for s in self.sections if s.page and s.items and not s.top]
+        head = [item for s in self.sections if s.top for item in s.filled]
+        shown = [s for s in self.sections if s.filled and not s.top]
         results = [s for s in shown if s.terminal] or shown[:1]
         first = [item for _, items in pictures[:1] for item in items if item]
         return [
             ("Results", [*head, *self.sentences, *first]),
-            *((s.heading, list(s.items)) for s in results if not _is_long(s)),
+            *((s.heading, s.filled) for s in results if not _is_long(s)),
             *((heading, list(filter(None, items))) for heading, items in pictures[1:]),
-            *((Folded(s.heading), list(s.items)) for s in shown if s not in results or _is_long(s)),
+            *((Folded(s.heading), s.filled) for s in shown if s not in results or _is_long(s)),
             *([(Folded("Notes"), list(self.notes))] if self.notes else []),
         ]
 
@@ -157,7 +162,7 @@ class Report:
             self._shown(item, section)
             for section in self.sections
             if section.terminal
-            for item in section.items
+            for item in section.filled
         ]
         return "\n\n".join([*parts, "\n".join(self.sentences)])
 
@@ -170,6 +175,19 @@ class Report:
             return text_table(item, section.keys)
         shown = text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
+
+
+def ending(found: Any) -> dict[str, Any]:
+    """The last entries of the JSON file of curves and diagrams: how the computation ended."""
+    interrupted = {"interrupted": found.interrupted} if hasattr(found, "interrupted") else {}
+    return {
+        "seconds": found.seconds,
+        **interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "estimated_mesh_error": asdict(found.mesh_check),
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
 
 
 def _is_long(section: Section) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +30,9 @@ STATES = {
         STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
     )
 }
+EDGE = "#555B61"
+"""The colour of axes, and of the edges of samples in legends."""
+
 _LINES: dict[str, dict[str, Any]] = {
     "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2},
     "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": (0, (5, 3)), "zorder": 4},
@@ -43,7 +46,7 @@ _STYLE = {
     "axes.titlelocation": "left",
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": "#555B61",
+    "axes.edgecolor": EDGE,
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.limits": (-3, 4),
@@ -75,6 +78,38 @@ def new_figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=140, layout="constrained")
+
+
+def new_panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, **more: Any
+) -> tuple[Figure, list[Any]]:
+    """Make a figure of this size in inches, and its panels row by row.
+
+    Args:
+        width: of the figure.
+        height: of the figure.
+        rows: number of rows of panels.
+        columns: number of columns of panels.
+        more: other arguments of `Figure.subplots`.
+    """
+    figure = new_figure(width, height)
+    return figure, list(figure.subplots(rows, columns, squeeze=False, **more).flat)
+
+
+def state_handles(present: Collection[int] = tuple(STATES)) -> list[Any]:
+    """The entries of a legend for these contact states."""
+    from matplotlib.patches import Patch
+
+    look: dict[str, Any] = {"edgecolor": EDGE, "linewidth": 0.5}
+    states = [STATES[state] for state in STATES if state in present]
+    return [Patch(facecolor=colour, label=name, **look) for name, colour in states]
+
+
+def state_colours() -> Any:
+    """The colour map of contact states, from -1.5 to 1.5."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([STATES[state][1] for state in sorted(STATES)])
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

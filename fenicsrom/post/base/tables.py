@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 TERMINAL_WIDTH = 100  # characters of the widest line of a table
 GAP = "  "  # between two columns
+
+
+def table_of(rows: Iterable[Mapping[str, Any]]) -> list[list[Any]]:
+    """The table of rows with the same keys, which are its header; empty without rows."""
+    rows = list(rows)
+    return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
 
 
 def cell_text(value: Any) -> str:

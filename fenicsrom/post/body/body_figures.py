@@ -9,8 +9,16 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, scale_text, styled
-from fenicsrom.post.body.body_surface import areas, form_edges
-from fenicsrom.post.body.body_view import View, face_on, frame_of, largest_of, view_at, view_of
+from fenicsrom.post.body.body_view import (
+    View,
+    areas,
+    face_on,
+    form_edges,
+    frame_of,
+    largest_of,
+    view_at,
+    view_of,
+)
 from fenicsrom.post.body.rendering import body_figure, colour_bar, coloured, drawn_lines
 
 if TYPE_CHECKING:

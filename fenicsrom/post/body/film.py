@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.post.base.style import STATES, magnification, new_figure, scale_text, styled
+from fenicsrom.post.base.style import STATES, magnification, new_panels, scale_text, styled
 from fenicsrom.post.body.body_figures import OUTLINE, SIZE
-from fenicsrom.post.body.body_surface import form_edges
-from fenicsrom.post.body.body_view import View, frame_of
+from fenicsrom.post.body.body_view import View, form_edges, frame_of
 from fenicsrom.post.body.rendering import (
     FINE,
     Part,
@@ -127,9 +126,8 @@ def _legend(film: Film, largest: float, scale: str) -> Figure:
     """Draw the colour bar to the largest displacement, mm, and the contact states."""
     from matplotlib.lines import Line2D
 
-    figure = new_figure(WIDTH / FILM_DPI, 1.35)
+    figure, (axis,) = new_panels(WIDTH / FILM_DPI, 1.35)
     figure.set_dpi(FILM_DPI)
-    axis = figure.subplots()
     axis.set_axis_off()
     about = "from the equilibrium, " if film.loaded else ""
     colour_bar(figure, axis, largest or 1.0, f"displacement, mm ({about}{scale})")

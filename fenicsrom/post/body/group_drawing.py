@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
-from fenicsrom.post.body.body_surface import is_flat
-from fenicsrom.post.body.body_view import END_ON, frame_of, is_seen, view_of
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.body.body_view import END_ON, frame_of, is_flat, is_seen, view_of
 from fenicsrom.post.body.rendering import GREY, Part, painted, show, write_names
 from fenicsrom.post.body.turning_view import named_page
 
@@ -58,8 +57,7 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     wide, spare = 9.0 / max(1.5, len(views)), 0.3 - 0.3 * (-len(coloured) // columns)
     frames = [frame_of(seen, [surface.points]) for seen in views]
     tall = max((high - low)[1] / (high - low)[0] for low, high in frames)
-    figure = new_figure(wide * len(views), wide * tall + spare)
-    axes = np.ravel(figure.subplots(1, len(views)))
+    figure, axes = new_panels(wide * len(views), wide * tall + spare, 1, len(views))
     for axis, seen, (low, high) in zip(axes, views, frames, strict=True):
         show(axis, parts, seen, low, high, wide)
         shown = [(n, p) for n, p in names.items() if is_seen(surface, p, seen)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import new_figure
+from fenicsrom.post.base.style import new_panels
 from fenicsrom.post.base.writers import PICTURE_DPI
 from fenicsrom.post.body.body_view import View
 
@@ -188,8 +188,7 @@ def body_figure(
     """
     aspect = (high[1] - low[1]) / (high[0] - low[0])
     wide = width * min(1.0, max(0.6, 1.0 / aspect))
-    figure = new_figure(wide, wide * aspect + spare)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(wide, wide * aspect + spare)
     show(axis, parts, view, low, high, wide)
     return figure, axis, wide
 

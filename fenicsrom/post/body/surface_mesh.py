@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.files import atomic_folder
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import surface_turn
-from fenicsrom.post.paraview.vtk_files import Grid, linear_grid, write_series, write_vtu
+from fenicsrom.post.paraview.vtk import Grid, linear_grid, write_instants, write_vtu
 from fenicsrom.scene import Scene
 
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
@@ -40,23 +40,27 @@ def write_surfaces(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    found = []
-    for k, contact in enumerate(scene.contacts):
-        name = f"surface_{k + 1}"
-        moving = bool(contact.approach) or bool(contact.surface and contact.surface.waves)
-        path = folder / name
-        with atomic_folder(path) as temporary:
-            entries = []
-            for number, time in enumerate(times):
-                file = f"{name}_{number if moving else 0:05d}.vtu"
-                if moving or number == 0:
-                    notes = {"contact": f"contacts[{k}]", "unit of length": "m"}
-                    grid = surface_grid(scene, points, k, float(time), moved)
-                    write_vtu(temporary / file, grid, {}, notes=notes)
-                entries.append((float(time), file))
-            write_series(temporary / f"{name}.pvd", entries)
-        found.append(path / f"{name}.pvd")
-    return found
+    return [
+        write_instants(folder / f"surface_{k + 1}", times, _writer(scene, points, k, times, moved))
+        for k in range(len(scene.contacts))
+    ]
+
+
+def _writer(
+    scene: Scene, points: ContactPoints, k: int, times: Array, moved: Array | None
+) -> Callable[[Path, int], str]:
+    """What writes the surface of contact k at an instant, by its number, into a folder."""
+    contact, notes = scene.contacts[k], {"contact": f"contacts[{k}]", "unit of length": "m"}
+    moving = bool(contact.approach) or bool(contact.surface and contact.surface.waves)
+
+    def write(folder: Path, number: int) -> str:
+        file = f"surface_{k + 1}_{number if moving else 0:05d}.vtu"
+        if not (folder / file).exists():
+            grid = surface_grid(scene, points, k, float(times[number]), moved)
+            write_vtu(folder / file, grid, {}, notes=notes)
+        return file
+
+    return write
 
 
 def surface_grid(

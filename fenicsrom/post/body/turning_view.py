@@ -15,8 +15,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, scale_text
 from fenicsrom.post.body.body_figures import SHAPE
-from fenicsrom.post.body.body_surface import NODE, form_edges
-from fenicsrom.post.body.body_view import View, frame_of
+from fenicsrom.post.body.body_view import NODE, View, form_edges, frame_of
 from fenicsrom.post.body.rendering import Part
 
 if TYPE_CHECKING:

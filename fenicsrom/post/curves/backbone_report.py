@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
-from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
+from fenicsrom.post.base.report import Report, Section, ending
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.curves.response_figures import contact_columns
 from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
@@ -31,24 +34,15 @@ def rows(found: Backbone) -> list[dict[str, Any]]:
 def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
     """One point as a row. Of several contact points, each number is the largest."""
     motion = point.motion
-    bits = int(np.bitwise_or.reduce(motion.states, initial=0))
-    states = [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
-    contact = {
-        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
-        "friction_dissipation_per_period_J": motion.friction_dissipation,
-        "contact_states": " ".join(states),
-    }
-    axes = "xyz"[: found.dimension]
     return {
         "linear_amplitude_m": point.linear_amplitude,
         "modal_amplitude_sqrtkg_m": point.modal_amplitude,
         "frequency_Hz": point.frequency,
         "damping_ratio": point.damping_ratio,
         **{
-            f"amplitude_{axis}_m": float(value)
-            for axis, value in zip(axes, point.amplitude, strict=True)
+            f"amplitude_{axis}_m": float(a) for axis, a in zip("xyz", point.amplitude, strict=False)
         },
-        **(contact if found.contacts else {}),
+        **(contact_columns(motion) if found.contacts else {}),
         "residual": motion.residual,
     }
 
@@ -90,12 +84,7 @@ def summary(found: Backbone) -> dict[str, Any]:
             }
             for peak in found.peaks
         ],
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 
@@ -146,33 +135,80 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 
 def peak_table(found: Backbone) -> list[list[Any]]:
-    """The peaks of the forced response, after a row of heads; empty without peaks."""
-    head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
-    listed = [
-        [
-            f"{peak.value:g}",
-            f"{peak.frequency:.7g}",
-            f"{1e3 * peak.amplitude:.5g}",
-            "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
-        ]
+    """The peaks of the forced response; empty without peaks."""
+    return table_of(
+        {
+            "load factor": f"{peak.value:g}",
+            "frequency, Hz": f"{peak.frequency:.7g}",
+            "largest amplitude of the probe, mm": f"{1e3 * peak.amplitude:.5g}",
+            "stability": "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
+        }
         for peak in found.peaks
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def report(found: Backbone) -> Report:
     """The report of a nonlinear mode: `backbone.csv`, `backbone.json` and `backbone.png`."""
-    peaks = peak_table(found)
     return Report(
         "backbone",
         f"nonlinear mode {found.table.mode}",
         found.scene,
         sentences(found),
         found.warnings,
-        [Section("Peaks of the forced response", [peaks] if peaks else [])],
+        [Section("Peaks of the forced response", [peak_table(found)])],
         rows(found),
         lambda: summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
         [AMPLITUDES_NOTE],
         failure=found.unfinished,
     )
+
+
+WIDE = 20.0  # a range of amplitudes with this ratio of its ends needs a logarithmic axis
+NO_DAMPING = 1e-9  # a largest damping ratio below this is rounding
+
+
+@styled
+def figure(found: Backbone) -> Figure:
+    """Draw frequency and damping ratio of the mode, and the peaks of the forced response."""
+    amplitude = 1e3 * np.array([point.amplitude[found.direction] for point in found.points])
+    frequency = [point.frequency for point in found.points]
+    damping = np.array([point.damping_ratio for point in found.points])
+    drawn, (upper, lower) = new_panels(8.4, 6.6, 2, sharex=True)
+    upper.plot(amplitude, frequency, color=COLOURS[0], label="nonlinear mode")
+    if found.peaks:
+        peaks = [(1e3 * peak.amplitude, peak.frequency) for peak in found.peaks]
+        upper.plot(
+            *zip(*peaks, strict=True),
+            "o--",
+            color=COLOURS[1],
+            markerfacecolor="white",
+            markersize=5,
+            linewidth=1.0,
+            label="peak of the forced response (× load factor)",
+        )
+        for k, (peak, place) in enumerate(zip(found.peaks, peaks, strict=True)):
+            upper.annotate(
+                f"× {peak.value:g}",
+                place,
+                xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
+                arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},
+                textcoords="offset points",
+                fontsize=8,
+                color=COLOURS[1],
+            )
+        upper.legend(loc="best")
+    upper.set_ylabel("frequency, Hz")
+    shown = damping if np.max(np.abs(damping)) > NO_DAMPING else np.zeros_like(damping)
+    lower.plot(amplitude, 100.0 * shown, color=COLOURS[0])
+    if np.min(shown) >= 0.0:
+        top = 100.0 * float(np.max(shown))
+        lower.set_ylim(0.0, 1.1 * top if top > 0.0 else 1.0)
+    lower.set_ylabel("damping ratio, %")
+    axis = "xyz"[found.direction]
+    lower.set_xlabel(f"amplitude of the probe along {axis}, mm")
+    reached = [*amplitude, *(1e3 * peak.amplitude for peak in found.peaks)]
+    if max(reached) > WIDE * min(reached):
+        lower.set_xscale("log")
+    drawn.align_ylabels([upper, lower])
+    return drawn

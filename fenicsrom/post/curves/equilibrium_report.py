@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.curves.equilibrium_figures import figure
+from fenicsrom.post.base.report import Report, Section, ending
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 ENDS = {
     "end of the range": "The path reached the end of the range of the load factor.",
@@ -59,12 +64,7 @@ def summary(found: EquilibriumPath) -> dict[str, Any]:
         "largest_stable_load_factor": largest_stable(found).load_factor,
         "largest_compressive_strain": 1.0 - strained.smallest_stretch,
         "largest_tensile_strain": strained.largest_stretch - 1.0,
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 
@@ -75,19 +75,17 @@ def largest_stable(found: EquilibriumPath) -> Equilibrium:
 
 
 def special_table(found: EquilibriumPath) -> list[list[Any]]:
-    """The limit points and bifurcations, after a row of heads; empty if the path has none."""
+    """The limit points and bifurcations; empty if the path has none."""
     axis = found.direction
-    head = ["", "load factor", f"probe along {'xyz'[axis]}, mm", "largest displacement, mm"]
-    listed = [
-        [
-            point.kind,
-            f"{point.load_factor:.7g}",
-            f"{1e3 * point.probe[axis]:.6g}",
-            f"{1e3 * point.largest:.6g}",
-        ]
+    return table_of(
+        {
+            "": point.kind,
+            "load factor": f"{point.load_factor:.7g}",
+            f"probe along {'xyz'[axis]}, mm": f"{1e3 * point.probe[axis]:.6g}",
+            "largest displacement, mm": f"{1e3 * point.largest:.6g}",
+        }
         for point in found.special
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def sentences(found: EquilibriumPath) -> list[str]:
@@ -121,14 +119,13 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         found: the path.
         more: other pictures.
     """
-    special = special_table(found)
     return Report(
         "equilibria",
         "equilibria",
         found.scene,
         sentences(found),
         found.warnings,
-        [Section("Limit points and bifurcations", [special] if special else [])],
+        [Section("Limit points and bifurcations", [special_table(found)])],
         rows(found),
         lambda: summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
@@ -154,3 +151,65 @@ def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
     notes = {f"load_factor_of_{name}": f"{f:.7g}" for name, f in zip(fields, factors, strict=False)}
     space = found.body.space
     return [write_fields(folder, "equilibria", space, fields, Attached(notes=notes))]
+
+
+MARKERS = {"limit point": ("o", COLOURS[1]), "bifurcation": ("D", COLOURS[2])}
+
+
+@styled
+def figure(found: EquilibriumPath) -> Figure:
+    """Draw the path, solid where it is stable and dashed where it is not, with special points."""
+    drawn, (axes,) = new_panels(7.4, 5.0)
+    draw_path(axes, found)
+    axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
+    axes.set_ylabel("load factor")
+    if len(axes.get_legend_handles_labels()[0]) > 1:
+        axes.legend(loc="best")
+    return drawn
+
+
+def draw_path(axes: Axes, found: EquilibriumPath) -> None:
+    """Draw the path and its special points into axes."""
+    axis = found.direction
+    for stable, part in _parts(found.points):
+        axes.plot(
+            [1e3 * point.probe[axis] for point in part],
+            [point.load_factor for point in part],
+            color=COLOURS[0],
+            linestyle="-" if stable else (0, (4, 2.5)),
+            label=_once(axes, "stable" if stable else "unstable"),
+        )
+    for kind, (marker, colour) in MARKERS.items():
+        special = [point for point in found.special if point.kind == kind]
+        if special:
+            axes.plot(
+                [1e3 * point.probe[axis] for point in special],
+                [point.load_factor for point in special],
+                marker,
+                color=colour,
+                markerfacecolor="white",
+                markersize=6,
+                label=kind,
+            )
+
+
+def _once(axes: Axes, label: str) -> str:
+    """A label that the legend shows once."""
+    return f"_{label}" if label in axes.get_legend_handles_labels()[1] else label
+
+
+def _parts(points: list[Equilibrium]) -> list[tuple[bool, list[Equilibrium]]]:
+    """Connected parts of the path, each with one stability.
+
+    A special point belongs to both parts beside it. The ordinary points of a part give its
+    stability.
+    """
+    found: list[tuple[bool, list[Equilibrium]]] = []
+    for a, b in pairwise(points):
+        sides = [point.negative_pivots == 0 for point in (a, b) if not point.kind]
+        stable = all(sides) if sides else False
+        if found and found[-1][0] == stable:
+            found[-1][1].append(b)
+        else:
+            found.append((stable, [a, b]))
+    return found

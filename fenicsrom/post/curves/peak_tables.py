@@ -8,9 +8,10 @@ from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.forced_peak import ForcedPeak
-from fenicsrom.post.base.style import new_figure, styled
-from fenicsrom.post.curves.backbone_figures import WIDE
-from fenicsrom.post.curves.response_figures import colour_of, curve_name, key_label
+from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.curves.backbone_report import WIDE
+from fenicsrom.post.curves.response_figures import colour_of, curve_name, family, key_label
 from fenicsrom.scene.reading.units import column_name, in_words, unit_of
 from fenicsrom.words import counted
 
@@ -69,24 +70,18 @@ def _with_optimum(curve: ResponseCurve) -> list[ForcedPeak]:
 
 
 def peak_table(found: Response) -> list[list[Any]]:
-    """A row for each peak, after a row of heads; empty without `peak_over`."""
-    over, families = found.table.peak_over, found.table.families
-    if over is None:
-        return []
-    head = [*([] if families is None else [key_label(found, families.key)]), key_label(found, over)]
-    head += ["frequency, Hz", "amplitude of the probe, mm", "stability", ""]
-    listed: list[list[Any]] = [
-        [
-            *([] if families is None else [curve.value]),
-            f"{peak.value:.5g}",
-            f"{peak.frequency:.6g}",
-            f"{1e3 * peak.amplitude:.5g}",
-            peak.point.verdict,
-            "smallest" if smallest else "",
-        ]
+    """A row for each peak; empty without `peak_over`."""
+    return table_of(
+        family(found, curve)
+        | {
+            key_label(found, str(found.table.peak_over)): f"{peak.value:.5g}",
+            "frequency, Hz": f"{peak.frequency:.6g}",
+            "amplitude of the probe, mm": f"{1e3 * peak.amplitude:.5g}",
+            "stability": peak.point.verdict,
+            "": "smallest" if smallest else "",
+        }
         for curve, peak, smallest in _each(found)
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def peak_rows(found: Response) -> list[dict[str, Any]]:
@@ -127,8 +122,7 @@ def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | N
 @styled
 def peak_figure(found: Response) -> Figure:
     """Draw amplitude and frequency of the largest peaks, and thin those that were followed."""
-    drawn = new_figure(8.4, 6.0)
-    upper, lower = drawn.subplots(2, sharex=True)
+    drawn, (upper, lower) = new_panels(8.4, 6.0, 2, sharex=True)
     for curve in found.curves:
         colour = colour_of(found, curve)
         others = [sorted(one, key=lambda peak: peak.value) for one in curve.peaks]

@@ -1,7 +1,8 @@
-"""Figures of response curves: Floquet multipliers in the complex plane, and harmonics."""
+"""More figures of response curves: Floquet multipliers, harmonics and maps of contact states."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,14 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import (
+    COLOURS,
+    new_figure,
+    new_panels,
+    state_colours,
+    state_handles,
+    styled,
+)
 from fenicsrom.post.curves.response_figures import (
     INK,
     curve_name,
@@ -25,6 +33,7 @@ from fenicsrom.post.curves.response_figures import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 MOST = 6000  # largest number of multipliers in one picture
@@ -43,8 +52,9 @@ def multiplier_figure(found: Response) -> Figure:
     places = [point.parameter for curve in curves for point in curve.points]
     colours = Normalize(min(places), max(places))
     columns = min(len(curves), 2)  # of the legend
-    drawn = new_figure(3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns)
-    axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True, sharex=True)[0]
+    drawn, axes = new_panels(
+        3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns, 1, len(curves), sharey=True, sharex=True
+    )
     reach = 1.0
     for axis, curve in zip(axes, curves, strict=True):
         reach = max(reach, _draw_multipliers(axis, curve, colours))
@@ -97,8 +107,7 @@ def harmonics_figure(found: Response) -> Figure:
 
     curves = shown_curves(found)
     place, direction = largest_component(found)
-    drawn = new_figure(max(3.1 * len(curves), 6.4) + 0.8, 3.9)
-    axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True)[0]
+    drawn, axes = new_panels(max(3.1 * len(curves), 6.4) + 0.8, 3.9, 1, len(curves), sharey=True)
 
     def sizes(points: list[CurvePoint]) -> Array:
         """Amplitudes (H, points) of the harmonics, mm."""
@@ -125,3 +134,129 @@ def harmonics_figure(found: Response) -> Figure:
     handles += style_handles(found)
     drawn.legend(handles=handles, loc="outside upper center", ncols=4)
     return drawn
+
+
+POINTS = 3  # largest number of contact points that are drawn
+COLUMNS = 600  # of a map
+TICKS = 6  # largest number of marks along a curve with folds
+CLOSE = 0.1  # smallest distance of two marks, in parts of the map
+NO_MOTION = 2  # the entry of a map where the curve has a gap
+
+
+def shown_points(found: Response) -> NDArray[np.int64]:
+    """The contact points to draw, in their order; these have the most changes of state."""
+    changes = np.zeros(found.contacts)
+    for curve in found.curves:
+        for point in curve.points:
+            states = point.period_states
+            changes += np.sum(states != np.roll(states, 1, axis=0), axis=0)
+    chosen = np.argsort(-changes, kind="stable")[:POINTS]
+    return np.sort(chosen)
+
+
+def folds_back(curve: ResponseCurve) -> bool:
+    """Whether the parameter turns back on any piece of a curve."""
+    for piece in curve.pieces:
+        steps = np.diff([point.parameter for point in piece.points])
+        if np.any(steps > 0.0) and np.any(steps < 0.0):
+            return True
+    return False
+
+
+def path_lengths(points: Sequence[CurvePoint]) -> Array:
+    """Lengths along a piece, relative to the ranges of amplitude and parameter on this piece."""
+    plane = np.array([[point.parameter, float(point.amplitude.max())] for point in points])
+    plane /= np.maximum(np.ptp(plane, axis=0), 1e-300)
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(plane, axis=0), axis=1)))
+
+
+def state_map(
+    curve: ResponseCurve, contact: int, folded: bool
+) -> tuple[NDArray[np.int8], tuple[float, float], list[tuple[float, str]]]:
+    """The map of one contact point along a curve.
+
+    Args:
+        curve: the curve.
+        contact: the contact point.
+        folded: whether the abscissa is the length along the curve instead of the parameter.
+
+    Returns:
+        The states (phases, `COLUMNS`), `NO_MOTION` in gaps; the range of the abscissa; and marks
+        (place, text) of the abscissa, none if it is the parameter.
+    """
+    pieces = [piece.points for piece in curve.pieces if piece.points]
+    places, begin = [], 0.0
+    for points in pieces:
+        if folded:
+            places.append(begin + path_lengths(points))
+            begin = places[-1][-1]
+        else:
+            places.append(np.array([point.parameter for point in points]))
+    low = min(float(place.min()) for place in places)
+    high = max(float(place.max()) for place in places)
+    columns = low + (high - low) * (np.arange(COLUMNS) + 0.5) / COLUMNS
+    states = np.full((pieces[0][0].period_states.shape[0], COLUMNS), NO_MOTION, dtype=np.int8)
+    for points, place in zip(pieces, places, strict=True):
+        inside = np.flatnonzero((columns >= place.min()) & (columns <= place.max()))
+        nearest = np.argmin(np.abs(place[:, None] - columns[inside]), axis=0)
+        rows = np.array([point.period_states[:, contact] for point in points])
+        states[:, inside] = rows[nearest].T
+    return states, (low, high), _marks(pieces, places, high - low) if folded else []
+
+
+def _marks(
+    pieces: Sequence[Sequence[CurvePoint]], places: Sequence[Array], width: float
+) -> list[tuple[float, str]]:
+    """Marks with the parameter along a curve: its ends and turns first, then places between."""
+    wanted: list[tuple[float, float]] = []
+    between: list[tuple[float, float]] = []
+    for points, place in zip(pieces, places, strict=True):
+        values = np.array([point.parameter for point in points])
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
+        wanted += [(float(place[k]), values[k]) for k in (0, *turns, values.size - 1)]
+        even = np.searchsorted(place, np.linspace(place[0], place[-1], 2 * TICKS))
+        between += [(float(place[k]), values[k]) for k in np.minimum(even, values.size - 1)]
+    kept: list[tuple[float, str]] = []
+    for number, (place_, value) in enumerate(wanted + between):
+        free = all(abs(place_ - other) > CLOSE * width for other, _ in kept)
+        if free and (number < len(wanted) or len(kept) < TICKS):
+            kept.append((place_, f"{value:.4g}"))
+    return sorted(kept)
+
+
+@styled
+def contact_map(found: Response) -> Figure:
+    """Draw the contact states: the period upwards, a row of maps for each contact point."""
+    curves, contacts = shown_curves(found), shown_points(found)
+    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+    look |= {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+    wide = max(4.6 if len(curves) == 1 else 3.2, 9.6 / max(len(curves), 2))
+    drawn = new_figure(wide * len(curves) + 1.0, 2.3 * len(contacts) + 1.2)
+    axes = drawn.subplots(len(contacts), len(curves), squeeze=False, sharey=True)
+    for column, curve in enumerate(curves):
+        folded = folds_back(curve)
+        for row, contact in enumerate(contacts):
+            axis = axes[row, column]
+            states, (low, high), marks = state_map(curve, int(contact), folded)
+            shown = np.where(states == NO_MOTION, np.nan, states)
+            axis.imshow(shown, extent=(low, high, 0.0, 1.0), **look)
+            axis.grid(False)
+            _label(axis, marks, last=row == len(contacts) - 1)
+            if column == 0:
+                point = f"point {contact + 1}: " if found.contacts > 1 else ""
+                axis.set_ylabel(f"{point}time / period")
+        axes[0, column].set_title(curve_name(found, curve))
+        label = parameter_label(found)
+        axes[-1, column].set_xlabel(f"{label} (along the curve)" if folded else label)
+    present = {int(state) for c in curves for p in c.points for state in np.unique(p.period_states)}
+    handles = state_handles(present)
+    drawn.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    return drawn
+
+
+def _label(axis: Axes, marks: Sequence[tuple[float, str]], last: bool) -> None:
+    """Write the marks under a map; only the last row carries texts."""
+    if marks:
+        axis.set_xticks([place for place, _ in marks], [text for _, text in marks])
+    if not last:
+        axis.tick_params(labelbottom=False)

@@ -14,10 +14,9 @@ from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.support_motion import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 from fenicsrom.scene import parameter_of
 from fenicsrom.scene.reading.units import unit_of
 
@@ -39,7 +38,6 @@ MARKERS = {
     "last slip": "h",
 }
 FULL_MARKER = "x"
-MOST_SAMPLES = 150  # of a motion that a click shows
 LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
 INK = "#555B61"
 STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
@@ -68,6 +66,12 @@ def largest_component(found: Response) -> tuple[int, int]:
     return int(place), int(direction)
 
 
+def height_of(found: Response) -> Callable[[Any], float]:
+    """What gives the amplitude of a point of a curve in the direction of the largest one, mm."""
+    direction = largest_direction(found)
+    return lambda point: 1e3 * float(point.amplitude[:, direction].max())
+
+
 OPPOSITE = 1.0
 """A phase that starts less than this from -180 degrees starts at +180 degrees: light damping."""
 
@@ -82,6 +86,12 @@ def key_label(found: Response, key: str) -> str:
     """A key of the scene with its unit, for people."""
     unit = unit_of(found.scene, key)
     return f"{key}, {unit}" if unit else key
+
+
+def family(found: Response, curve: ResponseCurve) -> dict[str, Any]:
+    """The second number of a curve as the first column of tables; none without families."""
+    families = found.table.families
+    return {} if families is None else {key_label(found, families.key): curve.value}
 
 
 def in_order(piece: Piece) -> list[CurvePoint]:
@@ -119,18 +129,6 @@ CLICKED = [("time, s", "displacement, mm"), ("tangential displacement, mm", "fri
 """Axes of what a click on a point shows: its motion, and its loop if there is contact."""
 
 
-def motion_detail(found: Response, title: str, point: CurvePoint, motion: Motion) -> Detail:
-    """What a click on a point of a curve shows: a period of its motion at the contact point."""
-    place, direction = largest_component(found)
-    some = slice(None, None, max(1, motion.time.size // MOST_SAMPLES))
-    moved = 1e3 * motion.displacement[some, place]
-    lines = [(motion.time[some] - motion.time[0], moved[:, direction])]
-    if found.contacts:
-        lines.append((moved[:, 1], motion.force[some, place, 1]))
-    at = point.parameter, 1e3 * float(point.amplitude[:, direction].max())
-    return Detail(title, at, lines)
-
-
 @styled
 def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
     """Draw the curves: stable parts solid, unstable parts dashed, special points marked.
@@ -138,63 +136,43 @@ def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
     The chart of the figure shows the details by a click.
     """
     place, direction = largest_component(found)
-    name = direction_name(found)
-
-    shaken = moves_supports(found.scene)
+    shaken, height = moves_supports(found.scene), height_of(found)
     relative = "\nrelative to the supports" if shaken else ""
     driven = "acceleration of\nthe supports" if shaken else "load"
+    phase = f"phase to the\n{driven}, degrees"
 
     def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
         return lambda points: np.array([value(point) for point in points])
 
-    panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
-        (
-            f"{name} amplitude, mm{relative}",
-            each(lambda p: 1e3 * float(p.amplitude[:, direction].max())),
-        ),
-        (f"phase to the\n{driven}, degrees", lambda points: phases(points, place, direction)),
-    ]
+    panels = {f"{direction_name(found)} amplitude, mm{relative}": each(height)}
     if found.contacts:
-        panels.insert(1, (f"probe amplitude,\nmm{relative}", each(_largest_of_probe)))
-        panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
-    panels.append(
-        (
-            "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period",
-            each(lambda p: p.friction_dissipation + p.damping_dissipation),
-        )
-    )
-    heights = [2.4, *(1.0 for _ in panels[1:])]
-    drawn = new_figure(8.4, 2.0 * sum(heights))
-    axes = drawn.subplots(len(panels), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
-    for axis, (label, values) in zip(axes, panels, strict=True):
+        probe = each(lambda p: 1e3 * float(p.probe_amplitude.max(initial=0.0)))
+        panels[f"probe amplitude,\nmm{relative}"] = probe
+    panels[phase] = lambda points: phases(points, place, direction)
+    if found.contacts:
+        panels["peak normal\nforce, N"] = each(lambda p: float(p.peak_force.max()))
+    work = "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period"
+    panels[work] = each(lambda p: p.friction_dissipation + p.damping_dissipation)
+    rows: dict[str, Any] = {"height_ratios": [2.4] + [1.0] * (len(panels) - 1), "sharex": True}
+    drawn, axes = new_panels(8.4, 2.0 * sum(rows["height_ratios"]), len(panels), **rows)
+    for curve in found.curves:
+        places = [point.parameter for point in curve.full], [*map(height, curve.full)]
+        axes[0].plot(*places, FULL_MARKER, color=colour_of(found, curve), zorder=5)
+    for axis, (label, values) in zip(axes, panels.items(), strict=True):
         draw_curves(axis, found, found.curves, values)
         axis.set_ylabel(label)
-    for curve in found.curves:
-        axes[0].plot(
-            [point.parameter for point in curve.full],
-            [1e3 * float(point.amplitude[:, direction].max()) for point in curve.full],
-            FULL_MARKER,
-            color=colour_of(found, curve),
-            zorder=5,
-        )
-    phase = axes[[label.startswith("phase") for label, _ in panels].index(True)]
-    for axis in (axis for axis in axes if axis is not phase):
-        top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
-        axis.set_ylim(-0.03 * top, 1.05 * top)
-    phase.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
+        if label == phase:
+            axis.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
+        else:
+            top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
+            axis.set_ylim(-0.03 * top, 1.05 * top)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
-    handles = legend_handles(found)
-    if handles:
+    if handles := legend_handles(found):
         columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
         drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
     detailed(drawn, CLICKED[: 2 if found.contacts else 1], details)
     return drawn
-
-
-def _largest_of_probe(point: CurvePoint) -> float:
-    """The largest amplitude of the probe in any direction, mm."""
-    return 1e3 * float(point.probe_amplitude.max(initial=0.0))
 
 
 def draw_curves(
@@ -235,8 +213,17 @@ def draw_curves(
                 _mark(axis, points, heights[0], shades[0])
 
 
-def state_names(point: CurvePoint) -> list[str]:
-    """The contact states that occur in the period at any point."""
+def contact_columns(motion: Any) -> dict[str, Any]:
+    """The numbers on contact of a point of a curve, or of the motion of a nonlinear mode."""
+    return {
+        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
+        "friction_dissipation_per_period_J": motion.friction_dissipation,
+        "contact_states": " ".join(state_names(motion)),
+    }
+
+
+def state_names(point: Any) -> list[str]:
+    """The contact states that occur in the period at any contact point."""
     bits = int(np.bitwise_or.reduce(point.states, initial=0))
     return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
 
@@ -245,15 +232,8 @@ def _mark(axis: Axes, points: Sequence[CurvePoint], heights: Array, colour: str)
     """Mark the special points among the points of a piece."""
     for point, height in zip(points, heights, strict=True):
         if point.kind:
-            axis.plot(
-                point.parameter,
-                height,
-                MARKERS[point.kind],
-                color=colour,
-                markerfacecolor="white",
-                markersize=5,
-                zorder=4,
-            )
+            look: dict[str, Any] = {"color": colour, "markerfacecolor": "white", "markersize": 5}
+            axis.plot(point.parameter, height, MARKERS[point.kind], zorder=4, **look)
 
 
 def colour_of(found: Response, curve: ResponseCurve) -> str:
@@ -323,16 +303,13 @@ def legend_handles(found: Response) -> list[Any]:
             for curve in found.curves
         ]
     handles += style_handles(found)
+    look: dict[str, Any] = {"linestyle": "", "color": INK, "markerfacecolor": "white"}
     present = {point.kind for curve in found.curves for point in curve.special}
-    for kind in (kind for kind in MARKERS if kind in present):
-        look: dict[str, Any] = {
-            "linestyle": "",
-            "color": INK,
-            "markerfacecolor": "white",
-            "markersize": 5,
-        }
-        handles.append(Line2D([], [], marker=MARKERS[kind], label=kind, **look))
+    handles += [
+        Line2D([], [], marker=marker, label=kind, markersize=5, **look)
+        for kind, marker in MARKERS.items()
+        if kind in present
+    ]
     if any(curve.full for curve in found.curves):
-        look = {"linestyle": "", "color": INK}
         handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
     return handles

@@ -18,8 +18,8 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.writers import write_arrays
 from fenicsrom.post.curves.response_figures import (
-    largest_direction,
-    motion_detail,
+    height_of,
+    largest_component,
     state_names,
 )
 from fenicsrom.post.paraview.fields import write_last_period
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 ARCHIVE = "motions.npz"
 MOST_CLICKED = 32  # motions that a click on a response curve shows
+MOST_SAMPLES = 150  # of a motion that a click shows
 FOLDER = "motions"
 
 
@@ -49,8 +50,7 @@ class MarkedMotion(NamedTuple):
 
 def largest_point(found: Response, curve: ResponseCurve) -> CurvePoint:
     """The point of the largest amplitude of a curve."""
-    direction = largest_direction(found)
-    return max(curve.points, key=lambda point: float(point.amplitude[:, direction].max()))
+    return max(curve.points, key=height_of(found))
 
 
 def marked_points(found: Response) -> dict[str, tuple[ResponseCurve, CurvePoint]]:
@@ -114,11 +114,17 @@ def clicked_motions(
 
 
 def _detail(found: Response, curve: ResponseCurve, point: CurvePoint, motion: Motion) -> Detail:
-    """What a click on a point shows."""
+    """What a click on a point shows: a period of its motion at the contact point."""
     where = in_words(found.scene, found.table.parameter, point.parameter)
     states = f", {', '.join(state_names(point))}" if found.contacts else ""
     title = f"The motion at {curve_title(found.scene, curve.value)}{where}: {point.verdict}{states}"
-    return motion_detail(found, title, point, motion)
+    place, direction = largest_component(found)
+    some = slice(None, None, max(1, motion.time.size // MOST_SAMPLES))
+    moved = 1e3 * motion.displacement[some, place]
+    lines = [(motion.time[some] - motion.time[0], moved[:, direction])]
+    if found.contacts:
+        lines.append((moved[:, 1], motion.force[some, place, 1]))
+    return Detail(title, (point.parameter, height_of(found)(point)), lines)
 
 
 def write_motion_arrays(motions: dict[str, MarkedMotion], folder: Path) -> Path:
@@ -127,18 +133,11 @@ def write_motion_arrays(motions: dict[str, MarkedMotion], folder: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
+    kept = ("time", "coordinates", "velocity", "displacement", "force", "gap", "state")
     arrays: dict[str, Any] = {}
     for name, (parameter, motion, _) in motions.items():
-        arrays |= {
-            f"{name}_parameter": parameter,
-            f"{name}_time": motion.time,
-            f"{name}_coordinates": motion.coordinates,
-            f"{name}_velocity": motion.velocity,
-            f"{name}_displacement": motion.displacement,
-            f"{name}_force": motion.force,
-            f"{name}_gap": motion.gap,
-            f"{name}_state": motion.state,
-        }
+        arrays[f"{name}_parameter"] = parameter
+        arrays |= {f"{name}_{attribute}": getattr(motion, attribute) for attribute in kept}
     return write_arrays(folder / ARCHIVE, arrays)
 
 

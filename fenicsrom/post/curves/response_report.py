@@ -12,9 +12,8 @@ from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.curves.contact_map import contact_map
 from fenicsrom.post.curves.peak_tables import peak_figure, peak_rows, peak_table
-from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
+from fenicsrom.post.curves.response_details import contact_map, harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
 from fenicsrom.post.curves.response_motion import (
     clicked_motions,
@@ -60,9 +59,8 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     """
     found.warnings[:] = joined_warnings(found)
     keys = 1 if found.table.families is None else 2
-    special, full, of_full = event_table(found), full_table(found), full_rows(found)
     peaks = peak_table(found)
-    more = {"response_full.csv": of_full, "response_peaks.csv": peak_rows(found)}
+    more = {"response_full.csv": full_rows(found), "response_peaks.csv": peak_rows(found)}
     states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
@@ -74,9 +72,9 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         found.warnings,
         [
             Section("Results", [result_table(found)], terminal=False, top=True),
-            Section("Special points", [special] if special else [], keys=keys),
-            Section(PEAKS, [peaks] if peaks else [], keys=keys, terminal=False),
-            Section("Full model", [full] if full else [], keys=keys),
+            Section("Special points", [event_table(found)], keys=keys),
+            Section(PEAKS, [peaks], keys=keys, terminal=False),
+            Section("Full model", [full_table(found)], keys=keys),
             Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
             Section("Effort", [run_table(found)], terminal=False),
         ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,13 @@ from fenicsrom.assess.curves.response_results import (
     judged_multiplier,
 )
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.report import ending
 from fenicsrom.post.curves.peak_tables import optimum_summary
 from fenicsrom.post.curves.response_figures import (
+    contact_columns,
     directions,
     in_order,
     largest_component,
-    state_names,
 )
 from fenicsrom.post.curves.response_motion import largest_point
 from fenicsrom.scene.reading.units import column_name
@@ -48,11 +47,6 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
     multiplier = judged_multiplier(point)
     main = point.harmonics[:, component[0], component[1]]
     amplitudes = zip(directions(found), point.amplitude.max(axis=0), strict=True)
-    contact = {
-        "peak_normal_force_N": float(point.peak_force.max(initial=0.0)),
-        "friction_dissipation_per_period_J": point.friction_dissipation,
-        "contact_states": " ".join(state_names(point)),
-    }
     return {
         column_name(found.scene, found.table.parameter): point.parameter,
         **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
@@ -62,7 +56,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         },
         "phase_deg": float(np.degrees(np.angle(main[0]))),
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
-        **(contact if found.contacts else {}),
+        **(contact_columns(point) if found.contacts else {}),
         "damping_dissipation_per_period_J": point.damping_dissipation,
         "stability": point.verdict,
         "event": point.kind,
@@ -90,12 +84,7 @@ def summary(found: Response) -> dict[str, Any]:
         "coordinates": found.size,
         "steps_per_period": found.steps,
         "curves": [_curve_summary(found, curve) for curve in found.curves],
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 

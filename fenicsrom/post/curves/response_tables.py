@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_results import (
     Response,
     ResponseCurve,
     curve_title,
     judged_multiplier,
 )
-from fenicsrom.assess.curves.trust import LARGEST, Check
+from fenicsrom.assess.curves.trust import LARGEST
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.peak_tables import optimum_sentences
 from fenicsrom.post.curves.response_figures import (
     direction_name,
-    key_label,
+    family,
     largest_direction,
     parameter_label,
 )
@@ -34,25 +36,33 @@ def varied_keys(found: Response) -> list[str]:
     return along if table.families is None else [*along, table.families.key]
 
 
+def _millimetres(found: Response, amplitude: Array, digits: int = 5) -> str:
+    """The largest of amplitudes (P, d) in the direction of the largest motion, as text in mm."""
+    return f"{1e3 * float(amplitude[:, largest_direction(found)].max()):.{digits}g}"
+
+
+def _percent(error: float | None) -> str:
+    """A relative error as text in percent."""
+    return "unknown" if error is None else f"{100.0 * error:.2g}"
+
+
 def result_table(found: Response) -> list[list[Any]]:
     """The largest amplitude of each curve, where it is, and how far it can be trusted."""
-    direction, families = largest_direction(found), found.table.families
-    head = [f"largest {direction_name(found)} amplitude, mm", f"at {parameter_label(found)}"]
-    head += ["stability", "change by half the time step, %", "change by a richer basis, %"]
-    head += ["unstable points"]
-    lines = []
-    for curve in found.curves:
-        top = largest_point(found, curve)
-        errors = (curve.step_error, curve.basis_error)
-        line: list[Any] = [
-            f"{1e3 * float(top.amplitude[:, direction].max()):.5g}{_so_far(curve)}",
-            f"{top.parameter:.6g}",
-            top.verdict,
-            *("unknown" if error is None else f"{100.0 * error:.2g}" for error in errors),
-            sum(not point.stable for point in curve.points),
-        ]
-        lines.append([*([] if families is None else [curve.value]), *line])
-    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+    return table_of(
+        family(found, curve)
+        | {
+            f"largest {direction_name(found)} amplitude, mm": (
+                f"{_millimetres(found, top.amplitude)}{_so_far(curve)}"
+            ),
+            f"at {parameter_label(found)}": f"{top.parameter:.6g}",
+            "stability": top.verdict,
+            "change by half the time step, %": _percent(curve.step_error),
+            "change by a richer basis, %": _percent(curve.basis_error),
+            "unstable points": sum(not point.stable for point in curve.points),
+        }
+        for curve in found.curves
+        for top in [largest_point(found, curve)]
+    )
 
 
 def sentences(found: Response) -> list[str]:
@@ -61,10 +71,9 @@ def sentences(found: Response) -> list[str]:
     titles: dict[str, list[str]] = {}
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
-        amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
         lines = [
             f"{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
-            f"amplitude{_so_far(curve)} {amplitude:.5g} mm at "
+            f"amplitude{_so_far(curve)} {_millimetres(found, top.amplitude)} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         ]
         if unstable := [point for point in points if not point.stable]:
@@ -90,7 +99,7 @@ def _gaps(curve: ResponseCurve) -> list[str]:
 
 
 def _so_far(curve: ResponseCurve) -> str:
-    """What follows the largest amplitude: "" if the curve is incomplete."""
+    """What follows the largest amplitude of an incomplete curve; "" of a complete one."""
     return " so far" if _gaps(curve) else ""
 
 
@@ -171,92 +180,73 @@ def _verdict(point: CurvePoint) -> str:
 
 
 def event_table(found: Response) -> list[list[Any]]:
-    """The bifurcations and contact events of all curves, after a row of heads, or no rows."""
-    direction, families = largest_direction(found), found.table.families
-    first = [] if families is None else [key_label(found, families.key)]
-    head = [*first, "event", parameter_label(found)]
-    head += [f"{direction_name(found)} amplitude, mm"]
-    listed = [
-        [
-            *([] if families is None else [curve.value]),
-            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact + 1}",
-            f"{point.parameter:.7g}",
-            f"{1e3 * float(point.amplitude[:, direction].max()):.5g}",
-        ]
+    """The bifurcations and contact events of all curves; empty if there are none."""
+    return table_of(
+        family(found, curve)
+        | {
+            "event": f"{point.kind}{f', contact point {point.contact + 1}' * (point.contact >= 0)}",
+            parameter_label(found): f"{point.parameter:.7g}",
+            f"{direction_name(found)} amplitude, mm": _millimetres(found, point.amplitude),
+        }
         for curve in found.curves
         for point in curve.special
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def full_table(found: Response) -> list[list[Any]]:
-    """A row for each motion of the full model, after a row of heads; empty without `full`."""
-    direction, families = largest_direction(found), found.table.families
-    first = [] if families is None else [key_label(found, families.key)]
-    head = [*first, parameter_label(found)]
-    head += [
-        f"{direction_name(found)} amplitude, mm",
-        "full model, mm",
-        "difference, %",
-    ]
-    head += ["full periods", "run time, s"]
-    listed = [
-        [
-            *([] if families is None else [curve.value]),
-            f"{point.parameter:.6g}",
-            f"{1e3 * float(point.reduced_amplitude[:, direction].max()):.7g}",
-            f"{1e3 * float(point.amplitude[:, direction].max()):.7g}",
-            f"{100.0 * point.error:.2g}",
-            point.periods,
-            f"{point.seconds:.3g}",
-        ]
+    """A row for each motion of the full model; empty without `full`."""
+    name = f"{direction_name(found)} amplitude, mm"
+    return table_of(
+        family(found, curve)
+        | {
+            parameter_label(found): f"{point.parameter:.6g}",
+            name: _millimetres(found, point.reduced_amplitude, 7),
+            "full model, mm": _millimetres(found, point.amplitude, 7),
+            "difference, %": _percent(point.error),
+            "full periods": point.periods,
+            "run time, s": f"{point.seconds:.3g}",
+        }
         for curve in found.curves
         for point in curve.full
-    ]
-    return [head, *listed] if listed else []
+    )
 
 
 def run_table(found: Response) -> list[list[Any]]:
-    """The points, the marched periods and the run time of each curve, the head first."""
-    families = found.table.families
-    head = ["points", "unstable", "marched periods", "with derivatives", "run time, s"]
-    head += ["ms per marched period"]
-    lines = []
-    for curve in found.curves:
-        marched, derived = curve.marches
-        unstable = sum(not point.stable for point in curve.points)
-        line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
-        line.append(1e3 * curve.seconds / marched if marched else None)
-        lines.append([*([] if families is None else [curve.value]), *line])
-    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+    """The points, the marched periods and the run time of each curve."""
+    return table_of(
+        family(found, curve)
+        | {
+            "points": len(curve.points),
+            "unstable": sum(not point.stable for point in curve.points),
+            "marched periods": curve.marches[0],
+            "with derivatives": curve.marches[1],
+            "run time, s": curve.seconds,
+            "ms per marched period": 1e3 * curve.seconds / max(curve.marches[0], 1),
+        }
+        for curve in found.curves
+    )
 
 
 def trust_table(found: Response) -> list[list[Any]]:
-    """The estimated errors at the selected points of all curves, the head first."""
-    families = found.table.families
+    """The estimated errors at the selected points of all curves; empty without such points."""
 
     def percent(error: float | None) -> float | str:
         return "unknown" if error is None else 100.0 * error
 
-    def by_basis(check: Check) -> float | str | None:
-        return percent(check.basis_error) if check.compared else None
-
-    head = ["point", parameter_label(found), "of the"]
-    head += ["change by half the time step, %", "change by a richer basis, %"]
-    head += ["stability", "with half the step", "with the richer basis"]
-    lines = [
-        [
-            *([] if families is None else [curve.value]),
-            check.where,
-            f"{check.point.parameter:.7g}",
-            check.quantity,
-            percent(check.step_error),
-            by_basis(check),
-            check.point.verdict if check.quantity == "amplitude" else None,
-            check.finer_verdict,
-            (check.richer_verdict or "unknown") if check.compared else None,
-        ]
+    return table_of(
+        family(found, curve)
+        | {
+            "point": check.where,
+            parameter_label(found): f"{check.point.parameter:.7g}",
+            "of the": check.quantity,
+            "change by half the time step, %": percent(check.step_error),
+            "change by a richer basis, %": percent(check.basis_error) if check.compared else None,
+            "stability": check.point.verdict if check.quantity == "amplitude" else None,
+            "with half the step": check.finer_verdict,
+            "with the richer basis": (check.richer_verdict or "unknown")
+            if check.compared
+            else None,
+        }
         for curve in found.curves
         for check in curve.checks
-    ]
-    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+    )

@@ -22,8 +22,7 @@ from fenicsrom.post.paraview.paraview import (
     notes,
     stress_fields,
 )
-from fenicsrom.post.paraview.vtk import Attached, write_fields, write_motion, write_points
-from fenicsrom.post.paraview.vtk_files import in_space
+from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
     from fenicsrom.records import Study
@@ -194,21 +193,14 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
 
     Argument `contacts` as for `contact_vectors`.
     """
-    motion, solid = study.motions["reduced"], study.solid
-    times, moving = motion.time[frame_rows(motion)], moving_field(study)
-    files = [
-        write_motion(
-            folder,
-            "motion",
-            solid.space,
-            times,
-            moving,
-            "displacement_m",
-            _attached_to_frames(study, moving),
-        )
-    ]
+    motion, solid, moving = study.motions["reduced"], study.solid, moving_field(study)
+    times, attach = motion.time[frame_rows(motion)], _attached_to_frames(study, moving)
+    label = CONTACT_NAMES["displacement"]
+    files = [write_motion(folder, "motion", solid.space, times, moving, label, attach)]
     if study.scene.contacts and solid.comm.rank == 0:
-        files += write_contact_points(study, folder, contacts)
+        points, found = contact_points(study, motion, contacts)
+        arrays = {CONTACT_NAMES[name]: values for name, values in found.items()}
+        files.append(write_points(folder, "contact_points", times, points, arrays))
     return files
 
 
@@ -219,36 +211,17 @@ def _attached_to_frames(study: Study, moving: Callable[[int], Array]) -> Callabl
     function `moving` gives the displacement. Collective.
     """
     groups, texts = Attached(cells=cell_groups(study.solid)), notes(study, "motion")
-    times = study.motions["reduced"].time[frame_rows(study.motions["reduced"])]
-    d, parts = study.solid.dimension, [_stresses_of_frames(study)]
+    motion, d = study.motions["reduced"], study.solid.dimension
+    parts: list[Callable[[int], Attached]] = []
+    if study.recovery is not None:
+        table, attach = study.recovery.stress, stress_fields(study)
+        q, measure = frame_coordinates(motion), study.scene.output.stresses
+        parts.append(lambda number: attach(table.stress(q[number], measure), "", "Pa"))
     if moves_supports(study.scene):
-        moved = support_displacement(study.scene.loads, times, d)
+        moved = support_displacement(study.scene.loads, motion.time[frame_rows(motion)], d)
         parts.append(
             lambda number: Attached(
                 {ABSOLUTE: in_space(moving(number).reshape(-1, d) + moved[number])}
             )
         )
     return lambda number: joined([groups, *(part(number) for part in parts)], texts)
-
-
-def _stresses_of_frames(study: Study) -> Callable[[int], Attached]:
-    """Make a function of the frame number that gives the stresses, if there are any. Collective."""
-    if study.recovery is None:
-        return lambda number: Attached()
-    table, attach = study.recovery.stress, stress_fields(study)
-    q = frame_coordinates(study.motions["reduced"])
-    measure = study.scene.output.stresses
-    return lambda number: attach(table.stress(q[number], measure), "", "Pa")
-
-
-def write_contact_points(
-    study: Study, folder: Path, contacts: Contacts | None = None
-) -> list[Path]:
-    """Write the ParaView files of the contact points of the reduced model. On one rank.
-
-    Argument `contacts` as for `contact_vectors`.
-    """
-    motion = study.motions["reduced"]
-    points, arrays = contact_points(study, motion, contacts)
-    arrays = {CONTACT_NAMES[name]: values for name, values in arrays.items()}
-    return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online.stress.stress import principal, von_mises
-from fenicsrom.post.paraview.vtk import Attached
-from fenicsrom.post.paraview.vtk_files import linear_grid, write_blocks, write_series, write_vtu
+from fenicsrom.post.paraview.vtk import Attached, linear_grid, write_blocks, write_series, write_vtu
 from fenicsrom.scene import Elasticity, GroupMaterial, scene_heading
 
 if TYPE_CHECKING:

@@ -1,34 +1,29 @@
-"""Files for ParaView: fields on the solid mesh and values at its contact points.
+"""Files for ParaView: fields on the solid mesh, values at its contact points, and lists of files.
 
 The files are in VTK's XML format: `.vtu` for a grid with one point array per label, `.vtp` for
-contact points. This module writes them without dolfinx, so that all labels share one file,
-quadratic cells keep VTK's quadratic types and a full disk raises an error.
+contact points; `.pvd` lists the files of instants, and `.vtm` those of blocks. This module writes
+them without dolfinx, so that all labels share one file, quadratic cells keep VTK's quadratic types
+and a full disk raises an error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import html
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.files import atomic_folder, atomic_write
-from fenicsrom.post.paraview.vtk_files import (
-    CELLS,
-    Grid,
-    in_space,
-    reference_nodes,
-    write_pieces,
-    write_series,
-    write_vtp,
-    write_vtu,
-)
 from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,7 @@ def write_motion(
     name: str,
     space: FunctionSpace,
     times: Sequence[float] | np.ndarray,
-    frames: Callable[[int], np.ndarray | Function] | np.ndarray | Sequence[np.ndarray],
+    frames: Callable[[int], np.ndarray | Function],
     label: str = "displacement",
     attach: Callable[[int], Attached] = lambda number: NOTHING,
 ) -> Path:
@@ -107,9 +102,9 @@ def write_motion(
         name: name of the new folder and of the files in it.
         space: vector Lagrange space of degree 1 or 2.
         times: (n_frames,) instants, s.
-        frames: displacement of the local and ghost unknowns, m: an array (n_frames, n_unknowns), or
-            a function of the frame number. The function is called once for each frame in order, on
-            every rank at a different moment: it must not communicate.
+        frames: gives the displacement of the local and ghost unknowns by the frame number, m. The
+            function is called once for each frame in order, on every rank at a different moment:
+            it must not communicate.
         label: name of the point array, in single precision.
         attach: values besides the displacement, by the frame number; called as `frames`.
 
@@ -119,22 +114,15 @@ def write_motion(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    comm = space.mesh.comm
-    grid = grid_of(space)
-    frame: Callable[[int], Any] = frames if callable(frames) else frames.__getitem__
-    path = Path(folder) / name
-    with atomic_folder(path, comm) as temporary:
-        entries = []
-        for number, time in enumerate(tracked(times)):
-            attached = attach(number)
-            arrays = _arrays(grid, space, {label: frame(number)}, attached)
-            arrays[label] = arrays[label].astype(np.float32)
-            file = f"{name}_{number:05d}"
-            file = _write_parts(temporary, file, grid, arrays, attached, comm)
-            entries.append((float(time), file))
-        if comm.rank == 0:
-            write_series(temporary / f"{name}.pvd", entries)
-    return path / f"{name}.pvd"
+    comm, grid = space.mesh.comm, grid_of(space)
+
+    def write(place: Path, number: int) -> str:
+        attached = attach(number)
+        arrays = _arrays(grid, space, {label: frames(number)}, attached)
+        arrays[label] = arrays[label].astype(np.float32)
+        return _write_parts(place, f"{name}_{number:05d}", grid, arrays, attached, comm)
+
+    return write_instants(Path(folder) / name, times, write, comm)
 
 
 def write_points(
@@ -162,17 +150,13 @@ def write_points(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    path = Path(folder) / name
-    with atomic_folder(path) as temporary:
-        entries = [(float(time), f"{name}_{number:05d}.vtp") for number, time in enumerate(times)]
-        for number, (_, file) in enumerate(entries):
-            write_vtp(
-                temporary / file,
-                points,
-                {label: values[number] for label, values in arrays.items()},
-            )
-        write_series(temporary / f"{name}.pvd", entries)
-    return path / f"{name}.pvd"
+
+    def write(place: Path, number: int) -> str:
+        file = f"{name}_{number:05d}.vtp"
+        write_vtp(place / file, points, {label: found[number] for label, found in arrays.items()})
+        return file
+
+    return write_instants(Path(folder) / name, times, write)
 
 
 @dataclass(frozen=True)
@@ -216,17 +200,9 @@ def grid_of(space: FunctionSpace) -> NumberedGrid:
     return NumberedGrid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
 
 
-def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarray:
+def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
     """Give the array of local and ghost unknowns of a field."""
-    values = np.asarray(field.x.array if hasattr(field, "x") else field)
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    expected = (index_map.size_local + index_map.num_ghosts) * block
-    if values.shape != (expected,):
-        raise ValueError(
-            f"a field has shape {values.shape}, but the space has {expected} local and ghost "
-            "unknowns"
-        )
-    return values
+    return np.asarray(field.x.array if hasattr(field, "x") else field)
 
 
 def _arrays(
@@ -238,7 +214,7 @@ def _arrays(
     """Give the values at the points of the grid by name; vectors are padded with zeros in 2D."""
     block = space.dofmap.index_map_bs
     found = {
-        label: in_space(unknowns_of(space, field).reshape(-1, block)[grid.nodes])
+        label: in_space(unknowns_of(field).reshape(-1, block)[grid.nodes])
         for label, field in fields.items()
     }
     return found | {label: values[grid.nodes] for label, values in attached.nodes.items()}
@@ -253,12 +229,303 @@ def _write_parts(
     comm: Any,
 ) -> str:
     """Write the piece of this rank, and on the first rank the list of pieces; return its name."""
-    if comm.size == 1:
-        write_vtu(folder / f"{name}.vtu", grid.grid, arrays, attached.cells, attached.notes)
-        return f"{name}.vtu"
-    piece = folder / f"{name}_p{comm.rank}.vtu"
-    write_vtu(piece, grid.grid, arrays, attached.cells, attached.notes)
-    if comm.rank == 0:
+    several = comm.size > 1
+    piece = f"{name}_p{comm.rank}.vtu" if several else f"{name}.vtu"
+    write_vtu(folder / piece, grid.grid, arrays, attached.cells, attached.notes)
+    if several and comm.rank == 0:
         pieces = [f"{name}_p{rank}.vtu" for rank in range(comm.size)]
         write_pieces(folder / f"{name}.pvtu", pieces, arrays, attached.cells)
-    return f"{name}.pvtu"
+    return f"{name}.pvtu" if several else piece
+
+
+Values = NDArray[Any]
+
+TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells in VTK's numbering.
+
+    Attributes:
+        points: (n_points, 3) coordinates, m.
+        cells: (n_cells, nodes per cell) point numbers of each cell.
+        cell_type: VTK's number of the cell type.
+    """
+
+    points: Values
+    cells: Values
+    cell_type: int
+
+
+# Cell -> VTK's types of the linear and the quadratic cell, and the reference coordinates of the
+# nodes of the quadratic cell in halves and in VTK's order (corners, edges, faces, centre). The
+# corners alone make the linear cell.
+CELLS: dict[str, tuple[tuple[int, int], str]] = {
+    "triangle": ((5, 22), "00 20 02 10 11 01"),
+    "quadrilateral": ((9, 28), "00 20 22 02 10 21 12 01 11"),
+    "tetrahedron": ((10, 24), "000 200 020 002 100 110 010 001 101 011"),
+    "hexahedron": (
+        (12, 29),
+        "000 200 220 020 002 202 222 022 100 210 120 010 102 212 122 012 001 201 221 021 "
+        "011 211 101 121 110 112 111",
+    ),
+}
+NAMES = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}
+
+
+def reference_nodes(name: str) -> Values:
+    """Reference coordinates (k, d) of the nodes of the quadratic cell, in VTK's order."""
+    return np.array([[int(digit) for digit in node] for node in CELLS[name][1].split()]) / 2
+
+
+def corner_shapes(nodes: Values, corners: int) -> Values:
+    """Linear shape functions (k, corners) of a cell at reference coordinates (k, d).
+
+    The corners are in the order of dolfinx.
+    """
+    d = nodes.shape[1]
+    if corners == d + 1:
+        return np.column_stack([1.0 - nodes.sum(axis=1), nodes])
+    found = np.ones((nodes.shape[0], corners))
+    for corner in range(corners):
+        for axis in range(d):
+            x = nodes[:, axis]
+            found[:, corner] *= x if corner >> axis & 1 else 1.0 - x
+    return found
+
+
+def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
+    """The grid of quadratic cells on linear ones, and the means that give the values at its nodes.
+
+    The von Mises stress changes faster in a cell than linear cells can show.
+
+    Args:
+        points: (n, d) corners, m.
+        cells: (n_cells, corners) numbers of the corners, in the order of dolfinx.
+
+    Returns:
+        The grid, and the matrix (n_points, n).
+    """
+    from scipy.sparse import csr_array  # slow to import, and only solids with stresses need it
+
+    corners = cells.shape[1]
+    name = NAMES[points.shape[1], corners]
+    shapes = corner_shapes(reference_nodes(name), corners)
+    around = np.where(shapes > 0.0, cells[:, None], -1).reshape(-1, corners)
+    ordered, first, numbers = np.unique(
+        np.sort(around, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    weights = np.tile(shapes, (len(cells), 1))[first]
+    rows, columns = np.nonzero(weights)
+    mean = csr_array(
+        (weights[rows, columns], (rows, around[first][rows, columns])),
+        shape=(len(ordered), len(points)),
+    )
+    grid = Grid(
+        in_space(mean @ points), numbers.reshape(len(cells), len(shapes)), CELLS[name][0][1]
+    )
+    return grid, mean
+
+
+# Dimension of the cells and number of their corners -> VTK's type of the linear cell, and the
+# corners in the order of VTK.
+LINEAR_CELLS: dict[tuple[int, int], tuple[int, tuple[int, ...]]] = {
+    (1, 2): (3, (0, 1)),
+    (2, 3): (5, (0, 1, 2)),
+    (2, 4): (9, (0, 1, 3, 2)),
+}
+
+
+def linear_grid(points: Values, cells: Values, dimension: int) -> Grid:
+    """The grid of lines or faces whose corners are in the order of dolfinx.
+
+    Args:
+        points: (n_points, d) m.
+        cells: (n_cells, corners) point numbers.
+        dimension: dimension of the cells, 1 or 2.
+    """
+    cell_type, order = LINEAR_CELLS[dimension, cells.shape[1]]
+    return Grid(in_space(points), cells[:, order], cell_type)
+
+
+def in_space(vectors: Values) -> Values:
+    """Vectors (..., 3) from vectors (..., d), with zeros in 2D."""
+    found = np.zeros((*vectors.shape[:-1], 3))
+    found[..., : vectors.shape[-1]] = vectors
+    return found
+
+
+def write_vtu(
+    path: Path,
+    grid: Grid,
+    arrays: Mapping[str, Values],
+    cell_arrays: Mapping[str, Values] | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Write one grid.
+
+    Args:
+        path: the file.
+        grid: the grid.
+        arrays: values at the points by name, (n_points,) or (n_points, components).
+        cell_arrays: values of the cells by name.
+        notes: texts by name, such as units; ParaView shows them as field data.
+    """
+    count, per_cell = grid.cells.shape
+    cells: dict[str, Values] = {
+        "connectivity": grid.cells.astype(np.int64).ravel(),
+        "offsets": np.arange(1, count + 1, dtype=np.int64) * per_cell,
+        "types": np.full(count, grid.cell_type, dtype=np.uint8),
+    }
+    _write_vtk(
+        path, "UnstructuredGrid", grid.points, arrays, "Cells", count, cells, cell_arrays, notes
+    )
+
+
+def write_vtp(path: Path, points: Values, arrays: Mapping[str, Values]) -> None:
+    """Write one point set."""
+    count = np.arange(len(points), dtype=np.int64)
+    cells = {"connectivity": count, "offsets": count + 1}
+    _write_vtk(path, "PolyData", points, arrays, "Verts", len(points), cells)
+
+
+def _write_vtk(
+    path: Path,
+    kind: str,
+    points: Values,
+    arrays: Mapping[str, Values],
+    section: str,
+    count: int,
+    cells: Mapping[str, Values],
+    cell_arrays: Mapping[str, Values] | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Write points, their arrays and `count` cells: an XML header, then the packed arrays."""
+    blocks: list[bytes] = []
+    position = 0
+
+    def array(values: Values, name: str) -> str:
+        nonlocal position
+        values = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+        tag = f'<DataArray {_type(values, name)} format="appended" offset="{position}"/>'
+        blocks.append(_packed(values))
+        position += len(blocks[-1])
+        return tag
+
+    lines = [
+        '<?xml version="1.0"?>',
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">',
+        f"<{kind}>",
+        "<FieldData>",
+        *(_note(name, text) for name, text in (notes or {}).items()),
+        f'</FieldData><Piece NumberOfPoints="{len(points)}" NumberOf{section}="{count}">',
+        "<PointData>",
+        *(array(values, label) for label, values in arrays.items()),
+        "</PointData><CellData>",
+        *(array(values, label) for label, values in (cell_arrays or {}).items()),
+        "</CellData><Points>",
+        array(points.astype(np.float64), "Points"),
+        f"</Points><{section}>",
+        *(array(values, name) for name, values in cells.items()),
+        f'</{section}></Piece></{kind}><AppendedData encoding="raw">\n_',
+    ]
+    with open(path, "wb") as stream:
+        stream.write("\n".join(lines).encode())
+        for values in blocks:
+            stream.write(values)
+        stream.write(b"\n</AppendedData></VTKFile>\n")
+
+
+def _packed(values: Values) -> bytes:
+    """An array in one compressed block, after the header of VTK."""
+    if values.nbytes == 0:
+        return np.zeros(3, "<u8").tobytes()
+    block = zlib.compress(values.tobytes(), 6)
+    return np.array([1, values.nbytes, 0, len(block)], "<u8").tobytes() + block
+
+
+def _quoted(text: str) -> str:
+    """A text as the value of an attribute. The module `xml.sax.saxutils` is slow to import."""
+    return f'"{html.escape(text)}"'
+
+
+def _type(values: Values, name: str) -> str:
+    """Type, name and number of components of an array."""
+    components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    return f'type="{TYPES[values.dtype.str[1:]]}" Name={_quoted(name)}{components}'
+
+
+def _note(name: str, text: str) -> str:
+    """A text of the field data, as the codes of its characters."""
+    codes = " ".join(str(code) for code in [*text.encode(), 0])
+    return (
+        f'<DataArray type="String" Name={_quoted(name)} NumberOfTuples="1" format="ascii">'
+        f"{codes}</DataArray>"
+    )
+
+
+def write_series(path: Path, entries: Iterable[tuple[float, str]]) -> None:
+    """Write the `.pvd` file that lists the instants (s) and their files."""
+    lines = (f'timestep="{time!r}" part="0" file={_quoted(file)}' for time, file in entries)
+    _write_list(path, "Collection", [f"<DataSet {line}/>" for line in lines])
+
+
+def write_blocks(path: Path, blocks: Iterable[tuple[str, str]]) -> None:
+    """Write the `.vtm` file that lists names of blocks and their files."""
+    lines = (f"name={_quoted(name)} file={_quoted(file)}" for name, file in blocks)
+    listed = [f'<DataSet index="{k}" {line}/>' for k, line in enumerate(lines)]
+    _write_list(path, "vtkMultiBlockDataSet", listed)
+
+
+def write_pieces(
+    path: Path,
+    pieces: Sequence[str],
+    arrays: Mapping[str, Values],
+    cell_arrays: Mapping[str, Values] | None = None,
+) -> None:
+    """Write the `.pvtu` file that lists the pieces of a grid, which have these arrays."""
+    lines = [
+        "<PPointData>",
+        *(f"<PDataArray {_type(values, label)}/>" for label, values in arrays.items()),
+        "</PPointData><PCellData>",
+        *(f"<PDataArray {_type(values, label)}/>" for label, values in (cell_arrays or {}).items()),
+        "</PCellData><PPoints>",
+        '<PDataArray type="Float64" Name="Points" NumberOfComponents="3"/>',
+        "</PPoints>",
+        *(f"<Piece Source={_quoted(piece)}/>" for piece in pieces),
+    ]
+    _write_list(path, "PUnstructuredGrid", lines)
+
+
+def _write_list(path: Path, kind: str, lines: Iterable[str]) -> None:
+    """Write a file that lists other files."""
+    head = f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0"><{kind}>'
+    path.write_text("\n".join([head, *lines, f"</{kind}></VTKFile>\n"]), encoding="utf-8")
+
+
+def write_instants(
+    path: Path, times: Sequence[float] | Values, write: Callable[[Path, int], str], comm: Any = None
+) -> Path:
+    """Write a folder with a file for each instant, and the file that lists them.
+
+    An older folder of this name is replaced as a whole. Collective if there is a communicator.
+
+    Args:
+        path: the folder.
+        times: the instants, s.
+        write: writes the file of an instant, by its number, into a folder; gives the file's name.
+        comm: of the ranks that write into the folder; None for one rank.
+
+    Returns:
+        The `.pvd` file to open.
+
+    Raises:
+        OSError: a file cannot be written; no partial file remains.
+    """
+    with atomic_folder(path, comm) as temporary:
+        entries = [(float(time), write(temporary, k)) for k, time in enumerate(tracked(times))]
+        if comm is None or comm.rank == 0:
+            write_series(temporary / f"{path.name}.pvd", entries)
+    return path / f"{path.name}.pvd"

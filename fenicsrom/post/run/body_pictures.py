@@ -16,8 +16,7 @@ from fenicsrom.online.stress.stress_peaks import Peak, Stresses
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
-from fenicsrom.post.body.body_surface import NODE, surface_of
-from fenicsrom.post.body.body_view import View, largest_of
+from fenicsrom.post.body.body_view import NODE, View, largest_of, surface_of
 from fenicsrom.post.body.film import Film
 from fenicsrom.post.paraview.fields import (
     about_equilibrium,
@@ -26,10 +25,9 @@ from fenicsrom.post.paraview.fields import (
     moving_field,
     shapes,
 )
-from fenicsrom.post.paraview.vtk_files import Grid, in_space, refined_grid
-from fenicsrom.post.setup.setup_figure import setup_figure, setup_view
+from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
+from fenicsrom.post.setup.setup_figure import held_points, setup_figure, setup_view, symbols
 from fenicsrom.post.setup.setup_marks import Mark, gathered_marks
-from fenicsrom.post.setup.setup_symbols import held_points, symbols
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact, point_summaries
 from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import STATES, line_styles, new_figure, styled
+from fenicsrom.post.base.style import (
+    STATES,
+    line_styles,
+    new_figure,
+    new_panels,
+    state_handles,
+    styled,
+)
 from fenicsrom.post.run.contact_axis import contact_axis
 
 if TYPE_CHECKING:
@@ -46,8 +54,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     directions = max(motion.displacement.shape[2] for motion in motions.values())
     touching = any(map(has_contact, motions.values()))
     names = names or plain_names(directions, touching)
-    figure = new_figure(8.6, 0.7 + 2.2 * directions)
-    axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_panels(8.6, 0.7 + 2.2 * directions, directions, sharex=True)
     parts = {name: _phase(motion, 2) for name, motion in motions.items()}
     moved = {
         name: 1e3 * motion.displacement[parts[name][1], point] for name, motion in motions.items()
@@ -81,19 +88,14 @@ def plot_sizes(sizes: Sequence[NestedSize], size: int) -> Figure:
         sizes: the models; each point has its number of coordinates.
         size: number of coordinates of the run, whose point is filled.
     """
-    figure = new_figure(4.6, 3.2)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(4.6, 3.2)
     seconds, errors = ([getattr(each, name) for each in sizes] for name in ("seconds", "error"))
     axis.plot(seconds, np.multiply(100.0, errors), "-", color="#b0b6bc", lw=0.8)
     for each in sizes:
         fill = None if each.size == size else "white"
         axis.plot(each.seconds, 100.0 * each.error, "o", color="#0072B2", markerfacecolor=fill)
-        axis.annotate(
-            str(each.size),
-            (each.seconds, 100.0 * each.error),
-            xytext=(4, 4),
-            textcoords="offset points",
-        )
+        place = each.seconds, 100.0 * each.error
+        axis.annotate(str(each.size), place, (4, 4), textcoords="offset points")
     axis.set(xscale="log", yscale="log", xlabel="run time of the steps, s")
     axis.set_ylabel("estimated error of the basis, %")
     axis.set_title("numbers of coordinates; filled: this run")
@@ -154,7 +156,6 @@ def plot_contact(
 @styled
 def plot_points(
     motions: Mapping[str, Motion],
-    points: Mapping[str, Sequence[Mapping[str, Any]]],
     names: Sequence[str] = (),
     places: ContactPoints | None = None,
 ) -> Figure:
@@ -166,13 +167,12 @@ def plot_points(
 
     Args:
         motions: model name -> motion; motions without contact are left out.
-        points: model name -> the result of `point_summaries`.
         names: names of the directions.
         places: the contact points.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
-    styles = line_styles(motions)
-    first = next(iter(motions))
+    points = {name: point_summaries(motion) for name, motion in motions.items()}
+    styles, first = line_styles(motions), next(iter(motions))
     hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
     directions = motions[first].displacement.shape[2]
     loops = len(_LOOPS[directions])
@@ -180,22 +180,17 @@ def plot_points(
     above, below = figure.subfigures(2, 1)
     axes = above.subplots(1, 3)
     line = contact_axis(places, len(points[first]))
-    curves = {
-        f"peak normal force, {line.unit}": ("peak_normal_force_N", line.share),
-        "time in contact, %": ("fraction", 1.0),
-        f"friction dissipation, {line.unit.replace('N', 'J')}": (
-            "friction_dissipation_per_period_J",
-            line.share,
-        ),
+    work = f"friction dissipation, {line.unit.replace('N', 'J')}"
+    curves: dict[str, tuple[Callable[[Mapping[str, Any]], float], Any]] = {
+        f"peak normal force, {line.unit}": (itemgetter("peak_normal_force_N"), line.share),
+        "time in contact, %": (lambda point: 100.0 * (1.0 - point["fraction"]["open"]), 1.0),
+        work: (itemgetter("friction_dissipation_per_period_J"), line.share),
     }
-    for axis, (label, (key, share)) in zip(axes, curves.items(), strict=True):
+    for axis, (label, (value, share)) in zip(axes, curves.items(), strict=True):
         for name in motions:
-            values = [point[key] for point in points[name]]
-            found = np.array(
-                [100.0 * (1.0 - v["open"]) if key == "fraction" else v for v in values]
-            )
-            at = line.at if len(found) == line.at.size else np.arange(1.0, len(found) + 1.0)
-            heights = found / share if len(found) == line.at.size else found
+            found, at = np.array([value(point) for point in points[name]]), line.at
+            heights = found / share if found.size == at.size else found
+            at = at if found.size == at.size else np.arange(1.0, found.size + 1.0)
             look = {"marker": "o", "markersize": 3.5, "label": name, **styles[name]}
             (drawn,) = axis.plot(at, heights, **look)
             noted(drawn, [f"contact point {k + 1}" for k in range(len(found))])
@@ -203,18 +198,10 @@ def plot_points(
         axis.xaxis.get_major_locator().set_params(integer=True)
         line.write_numbers(axis)
     panels = below.subplots(1, loops)
-    _plot_loops(
-        panels,
-        {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest},
-        hardest,
-        names,
-    )
-    below.suptitle(
-        f"contact point {hardest + 1}: largest normal force",
-        x=0.01,
-        horizontalalignment="left",
-        fontsize=11,
-    )
+    there = {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}
+    _plot_loops(panels, there, hardest, names)
+    title = f"contact point {hardest + 1}: largest normal force"
+    below.suptitle(title, x=0.01, horizontalalignment="left", fontsize=11)
     _legend(figure, axes[0])
     return figure
 
@@ -230,12 +217,8 @@ def _plot_loops(
         for name, motion in motions.items():
             part = motion.last_period()
             if all(int(k) < motion.displacement.shape[2] for _, k in pair):
-                curve = [
-                    (1e3 * motion.displacement if kind == "u" else motion.force)[
-                        part, point, int(k)
-                    ]
-                    for kind, k in pair
-                ]
+                values = {"u": 1e3 * motion.displacement[part], "f": motion.force[part]}
+                curve = [values[kind][:, point, int(k)] for kind, k in pair]
                 axis.plot(*curve, label=name, **styles[name])
         axis.set(xlabel=_quantity(pair[0], names), ylabel=_quantity(pair[1], names))
         axis.locator_params(axis="x", nbins=NARROW)
@@ -272,19 +255,14 @@ def plot_modes(
     shapes = shapes / np.where(largest > 0, largest, 1.0)
     kinds: dict[str, list[int]] = {}
     for i, label in enumerate(labels):
-        parts = re.findall("[VS]", label)
-        kind = (
-            "derivatives"
-            if len(parts) == 2
-            else "static modes"
-            if parts == ["S"]
-            else "normal modes"
-        )
+        letters = "".join(re.findall("[A-Z]", label))
+        alone = "normal modes" if letters == "V" else "static modes"
+        kind = "derivatives" if len(letters) > 1 else alone
         kinds.setdefault(kind, []).append(i)
     columns = shapes.shape[2]
-    figure = new_figure(4.6 if columns == 2 else 3.6, 1.0)
-    figure.set_size_inches(1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds))
-    axes = figure.subplots(len(kinds), columns, sharex=True, sharey=True, squeeze=False)
+    size = 1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds)
+    figure, panels = new_panels(*size, len(kinds), columns, sharex=True, sharey=True)
+    axes = np.reshape(panels, (-1, columns))
     for row, (kind, members) in zip(axes, kinds.items(), strict=True):
         styles = line_styles(labels[i] for i in members)
         for k, axis in enumerate(row):
@@ -319,8 +297,7 @@ def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
         work: what does work.
     """
     touching = has_contact(motion)
-    figure = new_figure(8.6, 4.8)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    figure, (above, below) = new_panels(8.6, 4.8, 2, sharex=True, height_ratios=[3, 1])
     periodic = motion.load_period is not None
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     energy = motion.kinetic + motion.elastic + motion.contact_energy
@@ -349,17 +326,14 @@ def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
 
 def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
     """Draw one bar per model, coloured by the contact state over the last period."""
-    from matplotlib.patches import Patch
-
     for row, motion in enumerate(motions.values()):
         time, part = _phase(motion, 1)
         state = motion.state[part, point]
         ends = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
         starts = np.flatnonzero(np.diff(state, prepend=state[0] + 1))
         for start, stop in itertools.pairwise([*starts, len(state)]):
-            axis.barh(
-                row, ends[stop] - ends[start], 0.72, ends[start], color=STATES[int(state[start])][1]
-            )
+            colour = STATES[int(state[start])][1]
+            axis.barh(row, ends[stop] - ends[start], 0.72, ends[start], color=colour)
     axis.set_yticks(range(len(motions)), list(motions))
     axis.invert_yaxis()
     axis.grid(visible=False)
@@ -368,10 +342,12 @@ def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
     axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axis.set_xlabel("time / period" if periodic else "time, s")
-    patches = [Patch(color=colour, label=name) for name, colour in STATES.values()]
-    axis.legend(
-        handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
-    )
+    place: dict[str, Any] = {
+        "loc": "lower right",
+        "bbox_to_anchor": (1.0, 1.0),
+        "borderaxespad": 0.2,
+    }
+    axis.legend(handles=state_handles(), ncols=3, **place)
     axis.set_title("contact state")
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.errors.mode_agreement import ModeAgreement
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.tables import table_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,19 +31,23 @@ AGREEMENT_NOTE = (
 
 
 def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
-    """Compose the table of the full modes and their partners; the first row is the header."""
-    rows: list[list[Any]] = [
-        ["full mode", "full Hz", "reduced mode", "reduced Hz", "difference %", "MAC", "energy %"]
-    ]
-    for i, j in enumerate(found.partners):
+    """Compose the table of the full modes and their partners."""
+
+    def row(i: int, j: int) -> dict[str, Any]:
         full, reduced = found.full_hz[i], found.reduced_hz[j]
-        partner: list[Any] = [None, None, None]
-        if found.mac[i, j] >= ALIKE:
-            difference = round(100.0 * (reduced / full - 1.0), 3) + 0.0 if full > 0.0 else None
-            partner = [j + 1, f"{reduced:.5g}", difference]
-        mac, energy = f"{found.mac[i, j]:.3f}", f"{100.0 * found.represented[i]:.1f}"
-        rows.append([i + 1, f"{full:.5g}", *partner, mac, energy])
-    return rows
+        alike = found.mac[i, j] >= ALIKE
+        difference = round(100.0 * (reduced / full - 1.0), 3) + 0.0 if full > 0.0 else None
+        return {
+            "full mode": i + 1,
+            "full Hz": f"{full:.5g}",
+            "reduced mode": j + 1 if alike else None,
+            "reduced Hz": f"{reduced:.5g}" if alike else None,
+            "difference %": difference if alike else None,
+            "MAC": f"{found.mac[i, j]:.3f}",
+            "energy %": f"{100.0 * found.represented[i]:.1f}",
+        }
+
+    return table_of(row(i, j) for i, j in enumerate(found.partners))
 
 
 def agreement_summary(found: ModeAgreement) -> dict[str, Any]:
@@ -74,8 +79,7 @@ def agreement_figure(found: ModeAgreement) -> Figure:
     """Draw the MAC of the full modes and as many reduced modes as a matrix with its numbers."""
     mac = found.mac[:, : len(found.full_hz)]
     rows, columns = mac.shape
-    figure = new_figure(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
     image = axis.imshow(mac, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", origin="lower")
     axis.grid(False)
     for i, j in np.ndindex(rows, columns):

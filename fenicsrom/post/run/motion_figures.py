@@ -19,7 +19,7 @@ from fenicsrom.assess.errors.signals import (
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import STATES, new_figure, styled
+from fenicsrom.post.base.style import new_figure, new_panels, state_colours, state_handles, styled
 from fenicsrom.post.run.contact_axis import contact_axis
 from fenicsrom.post.run.figures import LOADS, note_noise
 
@@ -103,8 +103,7 @@ def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> F
     names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
     displacement, velocity = stroboscopic_states(motion, point)
     directions = displacement.shape[1]
-    figure = new_figure(3.9 * directions + 1.0, 3.9)
-    axes = figure.subplots(1, directions, squeeze=False)[0]
+    figure, axes = new_panels(3.9 * directions + 1.0, 3.9, 1, directions)
     for k, axis in enumerate(axes):
         dots = axis.scatter(
             1e3 * displacement[:, k],
@@ -125,9 +124,6 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
 
     The axis of the contact points is that of `contact_axis`.
     """
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
     start = motion.time[-1] - motion.period if motion.period is not None else motion.time[0]
     instants = np.linspace(max(start, motion.time[0]), motion.time[-1], COLUMNS)
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
@@ -136,25 +132,21 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     first, last = 2.0 * line.at[[0, -1]] - middles[[0, -1]]
     cells = np.concatenate([[first], middles, [last]])
     across = np.linspace(0.0, (instants[-1] - instants[0]) / (motion.period or 1.0), COLUMNS + 1)
-    figure = new_figure(9.0, 5.6)
-    force, state = figure.subplots(2, 1, sharex=True)
+    figure, (force, state) = new_panels(9.0, 5.6, 2, sharex=True)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
     drawn = force.pcolormesh(across, cells, shown, cmap="viridis_r", vmin=0.0, rasterized=True)
     bar: Any = figure.colorbar(drawn, ax=force, pad=0.03)
     bar.set_label(f"normal force, {line.unit}")
-    paint = ListedColormap([STATES[number][1] for number in sorted(STATES)])
-    state.pcolormesh(across, cells, motion.state[rows].T, cmap=paint, vmin=-1.5, vmax=1.5)
+    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+    state.pcolormesh(across, cells, motion.state[rows].T, **look)
     for axis in (force, state):
         axis.set_ylabel(line.label.replace(" along", "\nalong"))
         axis.locator_params(axis="y", integer=True)
         axis.grid(visible=False)
         line.write_numbers(axis, upright=True)
     state.set_xlabel("time / period" if motion.period is not None else "time, s")
-    present = {int(number) for number in np.unique(motion.state[rows])}
-    handles = [
-        Patch(color=c, label=name) for number, (name, c) in STATES.items() if number in present
-    ]
+    handles = state_handles({int(number) for number in np.unique(motion.state[rows])})
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
@@ -168,8 +160,7 @@ def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
         source: what does work.
     """
     found = energy_per_period(motion)
-    figure = new_figure(8.6, 3.6)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.6, 3.6)
     work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
@@ -209,8 +200,7 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Fig
     order = np.argsort(-np.abs(moved).max(axis=0), kind="stable")
     chosen = np.sort(order[:MOST_COORDINATES])
     shown = (time[part] - time[part][0]) / (motion.period or 1.0)
-    figure = new_figure(8.6, 0.9 + 1.25 * len(chosen))
-    axes = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_panels(8.6, 0.9 + 1.25 * len(chosen), len(chosen), sharex=True)
     for axis, k in zip(axes, chosen, strict=True):
         if sizes[k] < NEGLIGIBLE * sizes.max():
             note_noise(axis)

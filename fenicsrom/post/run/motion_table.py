@@ -10,7 +10,7 @@ import numpy as np
 from fenicsrom.online.motion.measures import has_contact, point_summaries, response_summary
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.directions import in_order, millimetres
-from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.tables import table_of, text_table
 
 if TYPE_CHECKING:
     from fenicsrom.scene import Scene
@@ -50,32 +50,25 @@ def response_rows(
         sizes: model name -> number of unknowns.
         names: names of the directions.
     """
-    directions = [f"{name} mm" for name in names]
     repeats = has_period(motions)
-    head = ["open %", "slip %", "stick %", "peak N", "J per period" if repeats else "J"]
-    head += ["periods", "steady"] if repeats else []
-    rows: list[list[Any]] = [["model", "size", *directions, *head, "imbalance"]]
+    work = "J per period" if repeats else "J"
+    rows = []
     for name, motion in motions.items():
-        r = response_summary(motion)
-        amplitude = millimetres(in_order(r["amplitude_m"]))
-        missing = [None] * (len(names) - len(amplitude))
-        contact: list[str | None] = [
-            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
-            f"{r['peak_normal_force_N']:.5g}",
-            f"{r['friction_dissipation_per_period_J']:.5g}",
-        ]
-        rows.append(
-            [
-                name,
-                sizes.get(name),
-                *amplitude,
-                *missing,
-                *(contact if motion.force.shape[1] else [None] * len(contact)),
-                *([r["periods"], "yes" if r["steady"] else "no"] if repeats else []),
-                f"{r['energy_imbalance']:.1e}",
-            ]
-        )
-    return rows
+        found = response_summary(motion)
+        amplitudes = millimetres(in_order(found["amplitude_m"]))
+        row = {"model": name, "size": sizes.get(name)}
+        row |= {f"{direction} mm": None for direction in names}
+        row |= {f"{direction} mm": a for direction, a in zip(names, amplitudes, strict=False)}
+        contact = {
+            **{f"{state} %": f"{100.0 * part:.1f}" for state, part in found["fraction"].items()},
+            "peak N": f"{found['peak_normal_force_N']:.5g}",
+            work: f"{found['friction_dissipation_per_period_J']:.5g}",
+        }
+        row |= contact if motion.force.shape[1] else dict.fromkeys(contact)
+        if repeats:
+            row |= {"periods": found["periods"], "steady": "yes" if found["steady"] else "no"}
+        rows.append(row | {"imbalance": f"{found['energy_imbalance']:.1e}"})
+    return table_of(rows)
 
 
 def response_table(

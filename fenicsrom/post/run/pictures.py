@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,13 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import is_unsteady, point_summaries
+from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
-from fenicsrom.post.body.body_surface import is_flat
-from fenicsrom.post.body.body_view import is_slender
-from fenicsrom.post.body.centreline import centreline
+from fenicsrom.post.body.body_view import is_flat, is_slender
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.run.body_pictures import (
     Body,
@@ -47,6 +46,8 @@ from fenicsrom.post.run.motion_figures import (
     plot_transient,
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
+from fenicsrom.post.run.run_up import run_up_pictures
+from fenicsrom.post.run.wear import plot_wear
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
 
@@ -55,9 +56,8 @@ if TYPE_CHECKING:
 
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.stress.recovery import Recovery
-    from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.records import Study
+    from fenicsrom.records import Rerun, Study
+
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 NO_FREQUENCIES = np.zeros(0)
@@ -85,73 +85,68 @@ def motion_pictures(
         points: the contact points.
     """
     first = next(iter(motions.values()))
-    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))]
-    if first.period is None and first.time.size >= LEAST_SAMPLES:
-        pictures.append(
-            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names))
-        )
-    if is_unsteady(first) and first.periods >= LEAST_SECTION:
-        pictures.append(
-            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names))
-        )
-    pictures += _contact_pictures(motions, first.force.shape[1], names, points)
-    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
-        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)))
-    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
-    if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
-        pictures.append(
+    repeated = first.time[-1] / (first.load_period or np.inf)
+    listed = [
+        (True, Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))),
+        (
+            first.period is None and first.time.size >= LEAST_SAMPLES,
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names)),
+        ),
+        (
+            is_unsteady(first) and first.periods >= LEAST_SECTION,
+            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names)),
+        ),
+        *((True, picture) for picture in _contact_pictures(motions, names, points)),
+        (
+            first.state.shape[1] > FEW_POINTS and touching_points(motions),
+            Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)),
+        ),
+        (True, Picture("Energy", "energy.png", lambda: plot_energy(first, work))),
+        (
+            repeated > LEAST_PERIODS,
             Picture(
                 "Energy per period",
                 "energy_per_period.png",
                 lambda: plot_energy_per_period(first, work),
-            )
-        )
-    return pictures
+            ),
+        ),
+    ]
+    return [picture for there, picture in listed if there]
+
+
+def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
+    """The picture of the worn depth, of a casing with an abradable layer."""
+    rings = [one for one in wear_of(motion, scene, points) if one.ring.radius]
+    return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))] if rings else []
 
 
 def working(scene: Scene) -> str:
-    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
     turning = [
         surface_spin(contact.surface, scene.rotation)
         for contact in scene.contacts
         if contact.surface is not None
     ]
-    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
     return LOADS_AND_SURFACES if moving else LOADS
 
 
 def _contact_pictures(
-    motions: Mapping[str, Motion],
-    count: int,
-    names: Sequence[str],
-    points: ContactPoints | None,
+    motions: Mapping[str, Motion], names: Sequence[str], points: ContactPoints | None
 ) -> list[Picture]:
     """List the pictures of contact points: one for each of a few points, or one for many points."""
-    touching = touching_points(motions)
-    if not touching:
-        return []
-    if count > FEW_POINTS:
+    touching, count = touching_points(motions), next(iter(motions.values())).force.shape[1]
+    if count > FEW_POINTS and touching:
+        heading = f"Contact of {count} points"
+        return [Picture(heading, "contact.png", lambda: plot_points(motions, names, points))]
 
-        def draw_all() -> Figure:
-            found = {
-                name: point_summaries(motion)
-                for name, motion in motions.items()
-                if motion.state.shape[1]
-            }
-            return plot_points(motions, found, names, points)
-
-        return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
-
-    def draw(point: int) -> Callable[[], Figure]:
+    def picture(point: int) -> Picture:
         mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
-        return lambda: plot_contact(mine, point, names)
+        heading = f"Contact point {point + 1}" if count > 1 else "Contact"
+        file = f"contact_{point + 1}.png" if count > 1 else "contact.png"
+        return Picture(heading, file, lambda: plot_contact(mine, point, names))
 
-    if count == 1:
-        return [Picture("Contact", "contact.png", draw(0))]
-    return [
-        Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
-        for point in touching
-    ]
+    return [picture(point) for point in touching]
 
 
 def write_pictures(study: Study, folder: Path) -> list[Drawn]:
@@ -161,41 +156,42 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
         OSError: a file cannot be written.
     """
     bodies, along = body_pictures(study), _along_the_axis(body_of(study))
-    coordinates = _coordinates(study)
+    coordinates, found = _coordinates(study), study.agreement
     if study.solid.comm.rank != 0:
         return []
-    natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
-    names = direction_names(study.scene, study.solid.points)
-    work = working(study.scene)
-    motions = []
-    if study.motions:
-        motions = motion_pictures(study.motions, natural, names, work, study.solid.points)
-    listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
-    listed += size_pictures(study.sized)
-    return draw_pictures(listed, folder, study.warnings)
+    name = "MAC of the reduced and the full modes"
+    agreement = [Picture(name, "mac.png", lambda: agreement_figure(found))] if found else []
+    listed = [*bodies[:1], *_of_motions(study), *coordinates, *bodies[1:], *along, *agreement]
+    return draw_pictures([*listed, *_of_sizes(study.sized)], folder, study.warnings)
 
 
-def size_pictures(found: Sized | None) -> list[Picture]:
+def write_rerun_pictures(found: Rerun, folder: Path) -> list[Drawn]:
+    """Draw the motion and the stresses of a stored model, or warn why not.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    listed = [*run_up_pictures(found.run_up), *_of_motions(found), *_of_sizes(found.sized)]
+    return draw_pictures(listed, folder, found.warnings) + write_stress_picture(found, folder)
+
+
+def _of_motions(found: Study | Rerun) -> list[Picture]:
+    """The pictures of the motions of a run."""
+    if not found.motions:
+        return []
+    names, work = direction_names(found.scene, found.points), working(found.scene)
+    listed = motion_pictures(found.motions, found.frequencies_hz, names, work, found.points)
+    if "reduced" in found.motions:
+        listed += wear_pictures(found.motions["reduced"], found.scene, found.points)
+    return listed
+
+
+def _of_sizes(found: Sized | None) -> list[Picture]:
     """The picture of the error over the run time, of a nonlinear model with several sizes."""
     if found is None or len(found.sizes) < 2:
         return []
-    return [
-        Picture(
-            "Error over run time",
-            "sizes.png",
-            lambda: plot_sizes(found.sizes, found.stored.size),
-        )
-    ]
-
-
-def _agreement(study: Study) -> list[Picture]:
-    """The picture of the modes of the reduced and the full model, if they were compared."""
-    found = study.agreement
-    if found is None:
-        return []
-    return [
-        Picture("MAC of the reduced and the full modes", "mac.png", lambda: agreement_figure(found))
-    ]
+    size = found.stored.size
+    return [Picture("Error over run time", "sizes.png", lambda: plot_sizes(found.sizes, size))]
 
 
 def _coordinates(study: Study) -> list[Picture]:
@@ -209,13 +205,11 @@ def _coordinates(study: Study) -> list[Picture]:
     parts = study.solid.mass_inner(modes.normal, basis.vectors)
     modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
     labels = modes.labels[:count]
-    return [
-        Picture(
-            "Modal coordinates",
-            "coordinates.png",
-            lambda: plot_coordinates(motion, labels, modal),
-        )
-    ]
+
+    def draw() -> Figure:
+        return plot_coordinates(motion, labels, modal)
+
+    return [Picture("Modal coordinates", "coordinates.png", draw)]
 
 
 def _along_the_axis(body: Body | None) -> list[Picture]:
@@ -262,17 +256,50 @@ def write_animation(study: Study, folder: Path) -> list[Drawn]:
     return []
 
 
-def write_stress_picture(
-    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
-) -> list[Drawn]:
-    """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+def write_stress_picture(found: Study | Rerun, folder: Path) -> list[Drawn]:
+    """Draw the von Mises stress at the instant of its maximum, or warn why not.
 
     A body without stress, such as that of normal modes without loads, has no picture.
 
     Raises:
         OSError: the file cannot be written.
     """
-    if not stresses.largest.von_mises:
+    stresses, recovery = found.stresses, found.recovery
+    if stresses is None or recovery is None or not stresses.largest.von_mises:
         return []
     picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
-    return draw_pictures([picture], folder, notes)
+    return draw_pictures([picture], folder, found.warnings)
+
+
+INSIDE = 1e-13
+"""Distance of the ends of the centreline from those of the body, relative to its length."""
+
+
+def centreline(points: Array, values: Array, stations: int = 101) -> tuple[Array, Array]:
+    """Sample fields along the axis of a slender body, for `plot_modes`.
+
+    The axis is the coordinate direction in which the body is longest, through the middle of the
+    box around it. Fields are linear between neighbouring nodes, also across a hollow section: a
+    section that rotates has no axial displacement in its middle.
+
+    Args:
+        points: (n, d) nodes, m.
+        values: (f, n, d) fields at the nodes.
+        stations: number of points along the axis; those outside of the body are left out.
+
+    Returns:
+        Positions (k,) in m, from the smallest to the largest coordinate, and values (f, k, d), the
+        axial component first, then the others in order.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+
+    low, high = points.min(axis=0), points.max(axis=0)
+    axis = int(np.argmax(high - low))
+    order = [axis, *(k for k in range(points.shape[1]) if k != axis)]
+    line = np.tile((low + high) / 2.0, (stations, 1))
+    spare = INSIDE * (high - low)[axis]
+    positions = np.linspace(low[axis], high[axis], stations)
+    line[:, axis] = positions.clip(low[axis] + spare, high[axis] - spare)
+    found = LinearNDInterpolator(points, np.moveaxis(values, 0, 1))(line)
+    inside = ~np.isnan(found).any(axis=(1, 2))
+    return positions[inside], np.moveaxis(found[inside], 1, 0)[..., order]

@@ -26,8 +26,11 @@ from fenicsrom.post.base.directions import (
 )
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
+from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
+from fenicsrom.post.run.wear import wear_sentence
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene.reading.step_size import refined, step_key
 from fenicsrom.words import counted, two_digits
 
@@ -35,7 +38,6 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.estimates import MotionErrors
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
 
 MULTIPLIER_NOTE = (
@@ -152,23 +154,6 @@ def unreliable_sentence(name: str, error: Exception) -> str:
     return f"The {name} model has no reliable result: {error}."
 
 
-def rerun_sentences(found: Rerun) -> list[str]:
-    """State the results of a run of a stored model, below the table of responses."""
-    motion = found.motion
-    told = [resumed_sentence(motion), periodic_sentence(motion), range_sentence(found.stored)]
-    told.append(
-        support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
-    )
-    told += [] if found.stored.whole is None else [of_range(found.stored.whole).sentence()]
-    told += out_of_reach(motion, found.stored.model.points)
-    told += [] if found.sized is None else [size_sentence(found.sized)]
-    told += [] if found.stresses is None else stress_sentences(found.stresses)
-    if found.errors:
-        names = direction_names(found.stored.scene, found.stored.model.points)
-        told += text_table(estimate_rows(found.errors, motion, names)).splitlines()
-    return [sentence for sentence in told if sentence]
-
-
 def range_sentence(stored: StoredModel) -> str | None:
     """State the speeds of a model for a range of speeds and its errors between them; else None."""
     whole = stored.whole
@@ -227,10 +212,19 @@ def periodic_sentence(motion: Motion) -> str | None:
         f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
         f"found {tried}"
     )
+    if search.accepted and search.at_yield:
+        return (
+            f"{sentence}. It presses an abradable layer just to its yield stress: the multipliers "
+            "hold for motions that press it less."
+        )
     if search.accepted:
         return f"{sentence}."
     if search.verdict == "stable":
         return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    if search.verdict == "wears":
+        return (
+            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
+        )
     return f"{sentence}; the march went on."
 
 
@@ -306,31 +300,37 @@ def size_sentence(found: Sized) -> str:
     )
 
 
-def study_sentences(study: Study) -> list[str]:
-    """State the results of a run, below the table of responses."""
-    reduced = study.motions.get("reduced")
-    found: list[str | None] = []
-    if reduced is not None:
-        found += [resumed_sentence(reduced), periodic_sentence(reduced)]
-    found.append(support_sentence(study.scene, study.solid.points, study.motions))
-    if study.deflection is not None:
-        found.append(equilibrium_sentence(study.deflection))
+def study_results(study: Study) -> list[str]:
+    """State the equilibrium, the error due to the mesh, and the error against the full model."""
+    found = [] if study.deflection is None else [equilibrium_sentence(study.deflection)]
     found += [] if study.mesh_check is None else [study.mesh_check.sentence()]
-    found += basis_sentences(study)
-    found += [] if study.sized is None else [size_sentence(study.sized)]
-    if reduced is not None:
-        found += out_of_reach(reduced, study.solid.points)
     if errors := errors_of(study.motions):
-        found.append(error_sentence(errors, study.scene, study.solid.points))
-    if study.agreement is not None:
-        found.append(agreement_sentence(study.agreement))
-    found.append(speed_sentence(study.motions))
-    if study.stresses is not None:
-        found += stress_sentences(study.stresses)
-    if reduced is not None and study.errors:
-        names = direction_names(study.scene, study.solid.points)
-        found += text_table(estimate_rows(study.errors, reduced, names)).splitlines()
-    return [sentence for sentence in found if sentence]
+        found.append(error_sentence(errors, study.scene, study.points))
+    return found
+
+
+def run_sentences(found: Study | Rerun) -> list[str]:
+    """State the results of a run, below the table of responses."""
+    reduced = found.motions.get("reduced")
+    told: list[str | None] = []
+    if reduced is not None:
+        told += [resumed_sentence(reduced), periodic_sentence(reduced)]
+        told.append(wear_sentence(reduced, found.scene, found.points))
+    told.append(support_sentence(found.scene, found.points, found.motions))
+    if isinstance(found, Study):
+        told += [*study_results(found), *basis_sentences(found)]
+        told += [] if found.agreement is None else [agreement_sentence(found.agreement)]
+        told.append(speed_sentence(found.motions))
+    elif found.stored.whole is not None:
+        told += [range_sentence(found.stored), of_range(found.stored.whole).sentence()]
+        told += run_up_sentences(found.run_up)
+    told += [] if found.sized is None else [size_sentence(found.sized)]
+    told += [] if reduced is None else out_of_reach(reduced, found.points)
+    told += [] if found.stresses is None else stress_sentences(found.stresses)
+    if reduced is not None and found.errors:
+        names = direction_names(found.scene, found.points)
+        told += text_table(estimate_rows(found.errors, reduced, names)).splitlines()
+    return [sentence for sentence in told if sentence]
 
 
 def mode_lines(study: Study) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.online.stress.reactions import Reactions
 from fenicsrom.online.stress.stress_peaks import Peak, Stresses
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.base.writers import write_rows
 
 STRESSES = "stresses.csv"
@@ -39,20 +40,23 @@ PER_MM = 1e-3
 
 def peak_record(peak: Peak) -> dict[str, Any]:
     """The numbers of a peak by name, with units."""
-    unit = "Pa" if peak.frequency is None else "Pa_per_m"
-    found: dict[str, Any] = {"state": peak.state}
-    if peak.frequency is not None:
-        found["frequency_Hz"] = peak.frequency
-    else:
-        found["time_s"] = peak.time
-    found[f"von_mises_{unit}"] = peak.von_mises
-    found |= {f"{axis}_m": float(x) for axis, x in zip("xyz", peak.position, strict=False)}
-    found |= {f"principal_{k + 1}_{unit}": float(value) for k, value in enumerate(peak.principal)}
-    found[f"gauss_von_mises_{unit}"] = peak.point_von_mises
-    found |= {
-        f"gauss_{axis}_m": float(x) for axis, x in zip("xyz", peak.point_position, strict=False)
+    modal = peak.frequency is not None
+    unit = "Pa_per_m" if modal else "Pa"
+    return {
+        "state": peak.state,
+        **({"frequency_Hz": peak.frequency} if modal else {"time_s": peak.time}),
+        f"von_mises_{unit}": peak.von_mises,
+        **_named("{}_m", "xyz", peak.position),
+        **_named(f"principal_{{}}_{unit}", "123", peak.principal),
+        f"gauss_von_mises_{unit}": peak.point_von_mises,
+        **_named("gauss_{}_m", "xyz", peak.point_position),
     }
-    return found
+
+
+def _named(pattern: str, names: Iterable[str], values: Array) -> dict[str, float]:
+    """The values by a pattern with their names."""
+    pairs = zip(names, map(float, values), strict=False)
+    return {pattern.format(name): value for name, value in pairs}
 
 
 def stress_summary(stresses: Stresses) -> dict[str, Any]:
@@ -75,17 +79,10 @@ def stress_summary(stresses: Stresses) -> dict[str, Any]:
 
 def reaction_record(reactions: Reactions, row: int) -> dict[str, Any]:
     """The reactions at one instant by name, with units."""
-    found: dict[str, Any] = {"time_s": float(reactions.time[row])}
-    for k, name in enumerate(reactions.supports):
-        found[name] = {
-            component: float(value)
-            for component, value in zip(reactions.components, reactions.values[row, k], strict=True)
-        }
-    found["by_momentum"] = {
-        component: float(value)
-        for component, value in zip(reactions.components, reactions.by_momentum[row], strict=False)
-    }
-    return found
+    places = dict(zip(reactions.supports, reactions.values[row], strict=True))
+    places["by_momentum"] = reactions.by_momentum[row]
+    named = {name: _named("{}", reactions.components, found) for name, found in places.items()}
+    return {"time_s": float(reactions.time[row]), **named}
 
 
 def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
@@ -103,74 +100,44 @@ def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
 
 def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
     """One row for the equilibrium, and one row for each instant of the last period."""
-    listed = [("equilibrium", stresses.reactions)]
-    if stresses.motion_reactions is not None:
-        listed.append(("motion", stresses.motion_reactions))
-    rows = []
-    for state, reactions in listed:
-        for k, time in enumerate(reactions.time):
-            row: dict[str, Any] = {
-                "state": state,
-                "time_s": float(time) if state == "motion" else None,
-            }
-            for s, name in enumerate(reactions.supports):
-                row |= {
-                    f"{name}_{component}": float(value)
-                    for component, value in zip(
-                        reactions.components, reactions.values[k, s], strict=True
-                    )
-                }
-            row |= {
-                f"by_momentum_{component}": float(value)
-                for component, value in zip(
-                    reactions.components, reactions.by_momentum[k], strict=False
-                )
-            }
-            rows.append(row)
-    return rows
+    moving = stresses.motion_reactions
+    listed = [("equilibrium", reaction_record(stresses.reactions, 0) | {"time_s": None})]
+    if moving is not None:
+        listed += [("motion", reaction_record(moving, k)) for k in range(moving.time.size)]
+    return [
+        {"state": state, "time_s": record.pop("time_s")}
+        | {f"{name}_{key}": v for name, found in record.items() for key, v in found.items()}
+        for state, record in listed
+    ]
 
 
 def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of the largest stresses for the report, in MPa."""
-    rows: list[list[Any]] = [
-        [
-            "state",
-            "t s",
-            "von Mises MPa",
-            "at m",
-            "principal MPa",
-            "at a Gauss point MPa",
-        ]
-    ]
-    for peak in peaks:
-        rows.append(
-            [
-                peak.state,
-                None if peak.time is None else f"{peak.time:.6g}",
-                MPA * peak.von_mises,
-                place_text(peak.position),
-                ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
-                MPA * peak.point_von_mises,
-            ]
-        )
-    return rows
+    return table_of(
+        {
+            "state": peak.state,
+            "t s": None if peak.time is None else f"{peak.time:.6g}",
+            "von Mises MPa": MPA * peak.von_mises,
+            "at m": place_text(peak.position),
+            "principal MPa": ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
+            "at a Gauss point MPa": MPA * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
 
 
 def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
-    rows: list[list[Any]] = [["mode", "Hz", "von Mises MPa/mm", "at m", "at a Gauss point MPa/mm"]]
-    scale = MPA * PER_MM
-    for peak in peaks:
-        rows.append(
-            [
-                peak.state,
-                f"{peak.frequency:.5g}",
-                scale * peak.von_mises,
-                place_text(peak.position),
-                scale * peak.point_von_mises,
-            ]
-        )
-    return rows
+    return table_of(
+        {
+            "mode": peak.state,
+            "Hz": f"{peak.frequency:.5g}",
+            "von Mises MPa/mm": MPA * PER_MM * peak.von_mises,
+            "at m": place_text(peak.position),
+            "at a Gauss point MPa/mm": MPA * PER_MM * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
 
 
 def reaction_rows(stresses: Stresses) -> list[list[Any]]:

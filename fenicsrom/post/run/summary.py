@@ -29,10 +29,12 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.writers import write_arrays, write_summary
+from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
+from fenicsrom.post.run.run_up import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
+from fenicsrom.post.run.wear import wear_summary, write_wear
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 
@@ -41,13 +43,30 @@ HISTORY = "history.npz"
 CHECKPOINT = "checkpoint.npz"
 
 
-def summary(study: Study) -> dict[str, Any]:
+def summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the contents of `summary.json`."""
+    first = _of_model(found) if isinstance(found, Rerun) else _of_stages(found)
+    begin = {"dofs": first.pop("dofs"), "frequencies_hz": found.frequencies_hz}
+    contents = {"scene": found.scene.source, **begin, **first}
+    contents |= motions_summary(found.motions, found.points)
+    contents |= support_summary(found.scene, found.points, found.motions)
+    contents |= wear_summary(found.motions, found.scene, found.points)
+    contents["estimated_error_percent"] = estimates_summary(found.errors)
+    if found.stresses is not None:
+        contents |= stress_summary(found.stresses)
+    if found.failed is not None:
+        model, reason = found.failed
+        contents["unfinished"] = {"model": model, "reason": str(reason)}
+    contents["warnings"] = found.warnings
+    contents["provenance"] = found.stored.provenance if isinstance(found, Rerun) else provenance()
+    return contents
+
+
+def _of_stages(study: Study) -> dict[str, Any]:
+    """What `summary.json` has of the stages of a scene."""
     basis, modes = study.basis, study.modes
     found: dict[str, Any] = {
-        "scene": study.scene.source,
         "dofs": study.solid.free,
-        "frequencies_hz": modes.frequencies_hz if modes is not None else [],
         "basis": {
             "method": study.scene.basis.method,
             "size": basis.size if basis else None,
@@ -72,16 +91,21 @@ def summary(study: Study) -> dict[str, Any]:
         }
     if study.mesh_check is not None:
         found["estimated_mesh_error"] = asdict(study.mesh_check)
-    found |= motions_summary(study.motions, study.solid.points)
-    found |= support_summary(study.scene, study.solid.points, study.motions)
-    found["estimated_error_percent"] = estimates_summary(study.errors)
-    if study.stresses is not None:
-        found |= stress_summary(study.stresses)
-    if study.unfinished:
-        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
-    found["warnings"] = study.warnings
-    found["provenance"] = provenance()
     return found
+
+
+def _of_model(found: Rerun) -> dict[str, Any]:
+    """What `summary.json` has of a stored model."""
+    stored = found.stored
+    basis = {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
+    return {
+        "dofs": stored.dofs,
+        "basis": basis | size_summary(found.sized),
+        **range_summary(stored),
+        **run_up_summary(found.run_up),
+        "seconds": {"reduced motion": found.motion.seconds},
+        "left_out": found.left_out,
+    }
 
 
 def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
@@ -102,30 +126,6 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
         found[f"peak force by the {name}"] = percent(error.peak_force)
         found[f"directions by the {name}"] = [percent(value) for value in error.directions]
     return found
-
-
-def rerun_summary(found: Rerun) -> dict[str, Any]:
-    """Collect the contents of `summary.json` for a motion of a stored model."""
-    stored, motion = found.stored, found.motion
-    contents = {
-        "scene": stored.scene.source,
-        "dofs": stored.dofs,
-        "frequencies_hz": stored.frequencies_hz,
-        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)}
-        | size_summary(found.sized),
-        **range_summary(stored),
-        "seconds": {"reduced motion": motion.seconds},
-        "left_out": found.left_out,
-        **motions_summary({"reduced": motion}, stored.model.points),
-        **support_summary(stored.scene, stored.model.points, {"reduced": motion}),
-        "estimated_error_percent": estimates_summary(found.errors),
-        **({} if found.stresses is None else stress_summary(found.stresses)),
-    }
-    if found.unfinished:
-        contents["unfinished"] = {"model": "reduced", "reason": str(found.unfinished)}
-    contents["warnings"] = found.warnings
-    contents["provenance"] = stored.provenance
-    return contents
 
 
 def range_summary(stored: StoredModel) -> dict[str, Any]:
@@ -270,32 +270,8 @@ def stored_model(study: Study) -> StoredModel:
     return found
 
 
-def write_numbers(study: Study, folder: Path, whole: bool = False) -> list[Path]:
-    """Write the summary, the history, the checkpoint and the stresses that the study has.
-
-    Args:
-        study: the study.
-        folder: folder of the files.
-        whole: whether the checkpoint holds the whole motion.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    files = [write_summary(folder / SUMMARY, summary(study))]
-    if study.motions:
-        files.append(
-            write_history(folder / HISTORY, study.motions, study.scene, study.solid.points)
-        )
-    if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
-        motion = study.motions["reduced"]
-        files += write_checkpoint(folder, study.model, study.scene, motion, whole)
-    if study.stresses is not None:
-        files += write_stresses(study.stresses, folder)
-    return files
-
-
-def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list[Path]:
-    """Write the summary, the history, the checkpoint and the stresses of a stored model.
+def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> list[Path]:
+    """Write the summary, the history, the checkpoint and the stresses that a run has.
 
     Args:
         found: the run.
@@ -305,10 +281,13 @@ def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list
     Raises:
         OSError: a file cannot be written.
     """
-    stored, motion = found.stored, found.motion
-    return [
-        write_summary(folder / SUMMARY, rerun_summary(found)),
-        write_history(folder / HISTORY, {"reduced": motion}, stored.scene, stored.model.points),
-        *write_checkpoint(folder, stored.model, stored.scene, motion, whole),
-        *(() if found.stresses is None else write_stresses(found.stresses, folder)),
-    ]
+    files = [write_summary(folder / SUMMARY, summary(found))]
+    if found.motions:
+        files.append(write_history(folder / HISTORY, found.motions, found.scene, found.points))
+    if isinstance(found.model, ReducedModel) and "reduced" in found.motions:
+        motion = found.motions["reduced"]
+        files += write_checkpoint(folder, found.model, found.scene, motion, whole)
+        files += write_wear(folder, found.motions, found.scene, found.points)
+    if isinstance(found, Rerun) and found.run_up is not None:
+        files.append(write_rows(folder / RUN_UP, run_up_rows(found.run_up)))
+    return files if found.stresses is None else [*files, *write_stresses(found.stresses, folder)]

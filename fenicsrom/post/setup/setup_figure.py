@@ -1,7 +1,8 @@
 """The picture of the set-up: the undeformed mesh with all that acts on it.
 
 The axis of rotation and round walls are often much larger than the body: a second panel then shows
-all of them.
+all of them. Each symbol has a form and a colour of its own, so that readers who cannot tell the
+colours apart see the form.
 """
 
 from __future__ import annotations
@@ -14,31 +15,34 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import styled
-from fenicsrom.post.body.body_surface import (
+from fenicsrom.post.body.body_view import (
     NODE,
+    View,
     areas,
     cell_edges,
     faces_on,
     form_edges,
+    frame_of,
+    is_flat,
     surface_of,
+    view_of,
 )
-from fenicsrom.post.body.body_view import View, frame_of, view_of
-from fenicsrom.post.body.rendering import body_figure, drawn_lines, painted, show, write_names
-from fenicsrom.post.paraview.vtk_files import Grid
-from fenicsrom.post.setup.setup_marks import CLAMPED, Mark
-from fenicsrom.post.setup.setup_symbols import (
-    COLOURS,
-    LOADED,
-    REACH,
-    load_tips,
-    region_parts,
-    surroundings,
-    symbols,
+from fenicsrom.post.body.rendering import (
+    GREY,
+    Part,
+    body_figure,
+    drawn_lines,
+    painted,
+    show,
+    write_names,
 )
+from fenicsrom.post.paraview.vtk import Grid
+from fenicsrom.post.setup.setup_marks import ARROW, CLAMPED, Mark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pyvista import PolyData
+
 
 OVERVIEW = 0.32
 """Width of the second panel, relative to the picture of the body."""
@@ -140,3 +144,171 @@ def _numbers(marks: Sequence[Mark], view: View, point: float) -> Iterator[tuple[
         size = float(np.linalg.norm(way))
         away = way / size if size > 1e-9 else np.array([0.0, -1.0])
         yield str(number), at + 11.0 * point * away, COLOURS[kind]
+
+
+COLOURS = {
+    "support": "#56585A",
+    "load": "#D55E00",
+    "attachment": "#882255",
+    "contact": "#0072B2",
+    "probe": "#009E73",
+    "rotation": "#332288",
+}
+
+LOADED, HELD = "#F3C6A5", "#9AA1A8"
+"""Colours of the regions of loads, and of supports that hold some components."""
+
+REACH = 0.14
+"""Length of the arrow of a load, relative to the size of the body."""
+
+APART = 0.045
+"""Smallest distance of two cones of a support, relative to the size of the body."""
+
+SAME_WAY = 0.9
+"""Cosine of the angle from which two arrows have the same direction."""
+
+SPARE = 0.15
+"""Length of the axis of rotation beyond what it passes, relative to the extent along it."""
+
+
+def load_tips(loads: Sequence[Mark], reach: float) -> list[Array]:
+    """The tips (k, 3) of the arrows of loads: those that would coincide stand in a row, m."""
+    taken: list[tuple[Array, Array]] = []
+    for load in loads:
+        (way,) = load.ways
+        for tip in load.places:
+            while any(
+                way @ other >= SAME_WAY and np.linalg.norm(tip - place) < 0.5 * reach
+                for place, other in taken
+            ):
+                tip = tip - 1.1 * reach * way
+            taken.append((tip, way))
+    tips = iter(tip for tip, _ in taken)
+    return [np.array([next(tips) for _ in load.places]) for load in loads]
+
+
+def region_colour(mark: Mark) -> str:
+    """The colour of the region of a support or load."""
+    if mark.kind == "load":
+        return LOADED
+    return COLOURS["support"] if mark.label == CLAMPED else HELD
+
+
+def region_parts(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
+    """The body with the faces of its regions in their colours, the clamped ones above the others.
+
+    The rim of a support is seen through the body. The nodes of a support or of a plane body that
+    belong to no face of the region are points.
+    """
+    from pyvista import Color, PolyData
+
+    regions = [mark for mark in marks if mark.on.any()]
+    regions.sort(key=lambda mark: (mark.kind == "support", mark.label == CLAMPED))
+    flat, node = is_flat(surface.points), surface.point_data[NODE]
+    body, parts = surface.copy(), []
+    paint = np.tile(Color(GREY).int_rgb, (surface.n_cells, 1)).astype(np.uint8)
+    for mark in regions:
+        on, colour = mark.on[node], region_colour(mark)
+        faces = faces_on(surface, on) & (not flat)
+        paint[faces] = Color(colour).int_rgb
+        if flat or mark.kind == "support":
+            alone = np.setdiff1d(np.flatnonzero(on), surface.regular_faces[faces])
+            parts.append(
+                painted(PolyData(surface.points[alone]), colour, not flat, point_size=11.0)
+            )
+        if faces.any() and mark.kind == "support":
+            rim = surface.remove_cells(~faces).extract_feature_edges(
+                feature_edges=False, manifold_edges=False
+            )
+            parts.append(painted(rim, colour, True, line_width=3.5))
+    body.cell_data["paint"] = paint
+    return [Part(body, {"scalars": "paint", "rgb": True}), *parts]
+
+
+def held_points(surface: PolyData, marks: Sequence[Mark]) -> list[Part]:
+    """The points of a surface that belong to supports."""
+    from pyvista import PolyData
+
+    node, held = surface.point_data[NODE], [mark for mark in marks if mark.kind == "support"]
+    places = [(mark, surface.points[mark.on[node]]) for mark in held]
+    return [painted(PolyData(found), region_colour(mark)) for mark, found in places if len(found)]
+
+
+def symbols(marks: Sequence[Mark], points: Array, length: float) -> list[Part]:
+    """The symbols of marks, which show through the body.
+
+    Args:
+        marks: what is marked.
+        points: (n, 3) points of the whole body, m.
+        length: of the body, m.
+    """
+    reach, found = REACH * length, []
+    tips = iter(load_tips([mark for mark in marks if mark.kind == "load"], reach))
+    for mark in marks:
+        if mark.kind == "load":
+            mesh = _glyphs(ARROW, next(tips), reach, mark.ways)
+        elif mark.kind == "support" and len(mark.ways):
+            mesh = _cones(mark, points, 0.3 * reach, APART * length)
+        elif mark.kind in ("attachment", "contact", "probe"):
+            size = {"attachment": 0.2, "contact": 0.11, "probe": 0.2}[mark.kind] * reach
+            mesh = _glyphs(mark.marker, mark.places, size)
+            if len(mark.ways):
+                mesh = mesh.append_polydata(_glyphs("-", mark.places, 0.5 * reach, mark.ways))
+        else:
+            continue
+        found.append(Part(mesh, {"color": COLOURS[mark.kind]}, symbol=True))
+    return found
+
+
+def _glyphs(form: str, places: Array, size: float, ways: Array | None = None) -> PolyData:
+    """The form of a marker at each place (P, 3), along unit vectors (1, 3) or (P, 3) if given."""
+    import pyvista
+
+    arrow: dict[str, Any] = {"start": (-1.0, 0.0, 0.0), "tip_radius": 0.09, "shaft_radius": 0.028}
+    forms: dict[str, Any] = {
+        "o": lambda: pyvista.Sphere(radius=0.5),
+        "s": lambda: pyvista.Cube(x_length=0.8, y_length=0.8, z_length=0.8),
+        "D": lambda: pyvista.PlatonicSolid("octahedron", radius=0.6),
+        "^": lambda: pyvista.Cone(direction=(0.0, 0.0, 1.0), radius=0.5, resolution=24),
+        "*": lambda: pyvista.PlatonicSolid("icosahedron", radius=0.6),
+        "<": lambda: pyvista.Cone(center=(-0.5, 0.0, 0.0), radius=0.35, resolution=24),
+        ARROW: lambda: pyvista.Arrow(**arrow),
+        "-": lambda: pyvista.Arrow(tip_radius=0.08, shaft_radius=0.02),
+    }
+    cloud: Any = pyvista.PolyData(np.array(places, dtype=float))
+    if ways is not None:
+        cloud.point_data["way"] = np.broadcast_to(ways, places.shape)
+    orient = "way" if ways is not None else False
+    mesh: PolyData = cloud.glyph(orient=orient, scale=False, geom=forms[form](), factor=size)
+    return mesh
+
+
+def _cones(mark: Mark, points: Array, height: float, apart: float) -> PolyData:
+    """Cones whose tips hold some points of a support in its directions, outside of the body."""
+    import pyvista
+
+    cloud: Any = pyvista.PolyData(mark.places)
+    some: Any = cloud.clean(tolerance=3.0 * apart, absolute=True).points
+    outward = mark.places.mean(axis=0) - points.mean(axis=0)
+    ways = [-(np.sign(outward @ way) or 1.0) * way[None] for way in mark.ways]
+    return pyvista.merge([_glyphs("<", some, height, way) for way in ways])
+
+
+def surroundings(marks: Sequence[Mark], points: Array) -> list[Part]:
+    """The round walls, and the axis of rotation beside the body (n, 3) and the walls."""
+    import pyvista
+
+    found = []
+    for wall in (mark.wall for mark in marks if mark.wall is not None):
+        cells = np.insert(wall.cells, 0, wall.cells.shape[1], axis=1).ravel()
+        kind = "lines" if wall.cells.shape[1] == 2 else "faces"
+        mesh, opacity = pyvista.PolyData(wall.points, **{kind: cells}), kind == "lines" or 0.35
+        found.append(painted(mesh, COLOURS["contact"], opacity=float(opacity), line_width=2.0))
+    for mark in (mark for mark in marks if mark.kind == "rotation"):
+        places = np.concatenate([points, *(part.mesh.points for part in found)])
+        (point,), (axis,) = mark.places, mark.ways
+        along, spare = (places - point) @ axis, SPARE * float(np.ptp(places, axis=0).max())
+        length = float(np.ptp(along)) + 2.0 * spare
+        tip = point + (along.max() + spare) * axis
+        found.append(painted(_glyphs(ARROW, tip[None], length, axis), COLOURS["rotation"]))
+    return found

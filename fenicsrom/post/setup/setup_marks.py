@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import SceneError
-from fenicsrom.post.body.body_surface import gathered_grid
+from fenicsrom.post.body.body_view import gathered_grid
 from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.post.paraview.fields import contact_places
-from fenicsrom.post.paraview.vtk_files import Grid, in_space
+from fenicsrom.post.paraview.vtk import Grid, in_space
 from fenicsrom.scene import Contact, Load, Place, Scene, Support
 from fenicsrom.scene.base.tables import keys
 from fenicsrom.scene.keys.loads import ACTIONS, Harmonics, Pulse, Sweep

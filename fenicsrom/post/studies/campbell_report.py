@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.assess.rotation.campbell import Campbell
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.report import Report, Section, ending
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -41,11 +40,7 @@ def summary(found: Campbell) -> dict[str, Any]:
         "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
         "margins": found.margins,
         "complex_change": found.change,
-        "seconds": found.seconds,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
+        **ending(found),
     }
 
 
@@ -62,19 +57,18 @@ def frequency_table(found: Campbell) -> list[list[Any]]:
 
 
 def critical_table(found: Campbell) -> list[list[Any]]:
-    """The critical speeds; the first row is the header."""
-    rows = [
-        [
-            item.order,
-            found.labels[item.mode - 1],
-            five_digits(item.speed_rpm),
-            five_digits(item.frequency_hz),
-            None if item.computed_hz is None else five_digits(item.computed_hz),
-            None if item.difference is None else f"{100 * item.difference:.1e}",
-        ]
+    """The critical speeds; empty if there are none."""
+    return table_of(
+        {
+            "engine order": item.order,
+            "mode": found.labels[item.mode - 1],
+            "rpm": five_digits(item.speed_rpm),
+            "Hz": five_digits(item.frequency_hz),
+            "mode computed there Hz": item.computed_hz and five_digits(item.computed_hz),
+            "difference %": None if item.difference is None else f"{100 * item.difference:.1e}",
+        }
         for item in found.critical
-    ]
-    return [["engine order", "mode", "rpm", "Hz", "mode computed there Hz", "difference %"], *rows]
+    )
 
 
 def margin_table(found: Campbell) -> list[list[Any]]:
@@ -136,8 +130,7 @@ def sentences(found: Campbell) -> list[str]:
 @styled
 def figure(found: Campbell) -> Figure:
     """Frequencies of the modes and lines of the engine orders against speed."""
-    drawn = new_figure(9.0, 5.6)
-    axis = drawn.subplots()
+    drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
     top = 1.08 * float(frequencies.max(initial=1.0))
     right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
@@ -198,7 +191,6 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
     modes = range(1, found.squares.shape[1] + 1)
     columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
-    margins = margin_table(found)
     return Report(
         "campbell",
         "Campbell diagram",
@@ -206,8 +198,8 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         sentences(found),
         found.warnings,
         [
-            Section("Critical speeds", [critical_table(found)] if found.critical else []),
-            Section("Margins at the speed of operation", [margins] if margins else []),
+            Section("Critical speeds", [critical_table(found)]),
+            Section("Margins at the speed of operation", [margin_table(found)]),
             Section("Frequencies", [frequency_table(found)]),
         ],
         [dict(zip(columns, map(float, row), strict=True)) for row in numbers],

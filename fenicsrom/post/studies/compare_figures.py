@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,16 +11,18 @@ import numpy as np
 from fenicsrom.assess.errors.agreement import pareto_front
 from fenicsrom.assess.studies.compare import Comparison, Outcome
 from fenicsrom.post.base.directions import error_names
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = {"rubin": "o", "craig-bampton": "s"}
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
+SHORT = {"rubin": "R", "craig-bampton": "CB"}
+DOT: dict[str, Any] = {"marker": "o", "linestyle": ""}
+DOTS = {"rubin": DOT, "craig-bampton": DOT | {"marker": "s"}}
 # large hollow squares: equal values of the other method stay visible
-LINE_LOOKS: dict[str, dict[str, Any]] = {
+LINES: dict[str, dict[str, Any]] = {
     "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
     "craig-bampton": {
         "marker": "s",
@@ -28,8 +31,16 @@ LINE_LOOKS: dict[str, dict[str, Any]] = {
         "linestyle": "--",
     },
 }
-SHORT = {"rubin": "R", "craig-bampton": "CB"}
+INK, FRONT = "#5b636b", "#9AA0A6"
+LEGEND_WIDTH = 1.5  # inches of an entry
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
+BESIDE = [(7, -4), (-7, -4), (0, 7), (0, -15)]  # places of a name beside its point, points
+ABOVE = [(7, 4), (-7, 4), (7, -13), (-7, -13)]
+
+
+def rated(comparison: Comparison) -> list[Outcome]:
+    """The outcomes whose error of the amplitude is known."""
+    return [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
 
 
 def amplitude_error(outcome: Outcome) -> float:
@@ -39,19 +50,24 @@ def amplitude_error(outcome: Outcome) -> float:
     return error
 
 
+def _drawn_errors(outcomes: Sequence[Outcome]) -> list[float]:
+    """The errors of the amplitude as they are drawn on a logarithmic axis, percent."""
+    return [max(amplitude_error(outcome), LEAST) for outcome in outcomes]
+
+
 def _error_label(comparison: Comparison) -> str:
     """The label of an axis with the errors of the amplitude."""
     return f"error of the {error_names(comparison.scene, comparison.points)[1]} amplitude, %"
 
 
-def _colours(outcomes: list[Outcome]) -> dict[str, str]:
+def _colours(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Give each way of selecting derivatives a colour."""
     names = list(dict.fromkeys(o.combination.chosen for o in outcomes))
     return {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(names)}
 
 
-def _point(outcome: Outcome) -> str:
-    """Label a point by method, number of modes and size."""
+def _name(outcome: Outcome) -> str:
+    """Name a point by method, number of modes and size."""
     c = outcome.combination
     steps = "" if c.steps is None else f"/{c.steps}"
     return f"{SHORT[c.method]}{c.modes}·{len(outcome.labels)}{steps}{c.mesh.partition('=')[2]}"
@@ -60,22 +76,18 @@ def _point(outcome: Outcome) -> str:
 @styled
 def pareto_figure(comparison: Comparison) -> Figure:
     """Draw the error of the amplitude against online and total time, with the Pareto front."""
-    outcomes = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
-    figure = new_figure(10.5, 5.8)
-    axes = figure.subplots(1, 2, sharey=True)
-    colours = _colours(outcomes)
-    errors = [max(amplitude_error(o), LEAST) for o in outcomes]
-    assert comparison.full is not None
+    outcomes, full = rated(comparison), comparison.full
+    errors, colours = _drawn_errors(outcomes), _colours(outcomes)
+    assert full is not None
+    figure, axes = new_panels(10.5, 5.8, 1, 2, sharey=True)
     for axis, title, offline in zip(
         axes, ("online time", "offline and online time"), (False, True), strict=True
     ):
         costs = [o.online_seconds + offline * o.offline_seconds for o in outcomes]
         front = pareto_front(costs, errors)
-        steps = [(costs[k], errors[k]) for k in front]
         # a staircase: between two points of the front, the left one is the best available
-        xs = [x for k, (x, _) in enumerate(steps) for x in ([x, x] if k else [x])]
-        ys = [y for k, (_, y) in enumerate(steps) for y in ([steps[k - 1][1], y] if k else [y])]
-        axis.plot(xs, ys, color="#9AA0A6", linewidth=1.2, zorder=1)
+        corners = np.array([(costs[k], errors[k]) for k in front])
+        axis.plot(*corners.T, color=FRONT, linewidth=1.2, zorder=1, drawstyle="steps-post")
         for k, (outcome, cost, error) in enumerate(zip(outcomes, costs, errors, strict=True)):
             c = outcome.combination
             filled = c.elastic_force == "polynomial"
@@ -83,25 +95,18 @@ def pareto_figure(comparison: Comparison) -> Figure:
                 cost,
                 error,
                 s=52 if k in front else 26,
-                marker=MARKERS[c.method],
+                marker=DOTS[c.method]["marker"],
                 zorder=3,
                 linewidths=1.3,
                 edgecolors=colours[c.chosen],
                 facecolors=colours[c.chosen] if filled else "white",
             )
-        axis.axvline(comparison.full.seconds, color="#000000", linewidth=1.0, linestyle=":")
-        axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=f"{title}")
-        _annotate(
-            axis,
-            [_point(o) for o in outcomes],
-            [colours[o.combination.chosen] for o in outcomes],
-            costs,
-            errors,
-            front,
-        )
+        axis.axvline(full.seconds, color="#000000", linewidth=1.0, linestyle=":")
+        axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=title)
+        _write_names(axis, outcomes, costs, front)
         axis.annotate(
             "full model",
-            (comparison.full.seconds, 1.0),
+            (full.seconds, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(-4, -4),
             textcoords="offset points",
@@ -111,99 +116,63 @@ def pareto_figure(comparison: Comparison) -> Figure:
             fontsize=8.5,
         )
     axes[0].set_ylabel(_error_label(comparison))
-    _key(figure, outcomes, colours)
+    more = {"Pareto front": {"color": FRONT}}
+    if any(o.combination.elastic_force == "projection" for o in outcomes):
+        more = {"projection": {"color": INK, "markerfacecolor": "white", **DOT}} | more
+    _legend(figure, outcomes, DOT, DOTS, more)
     return figure
 
 
-def _annotate(
-    axis: Axes,
-    names: list[str],
-    colours: list[str],
-    xs: list[float],
-    ys: list[float],
-    front: list[int],
+def _write_names(
+    axis: Axes, outcomes: Sequence[Outcome], xs: Sequence[float], front: Sequence[int] = ()
 ) -> None:
     """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
-    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
+    ys, colours = _drawn_errors(outcomes), _colours(outcomes)
     axis.margins(x=0.12, y=0.06)
-    axis.autoscale_view()
-    figure = axis.get_figure()
-    assert isinstance(figure, Figure)
-    size = figure.get_size_inches() * figure.dpi
-    # draw once, because the places of the names depend on the final layout
-    figure.canvas.draw()
+    figure: Any = axis.get_figure()
+    figure.canvas.draw()  # the places of the names depend on the layout
     places = axis.transData.transform(np.column_stack([xs, ys]))
-    unit = figure.dpi / 72.0
-    taken = [(x - 5 * unit, y - 5 * unit, x + 5 * unit, y + 5 * unit) for x, y in places]
-    left, bottom, right, top = axis.bbox.extents
-    for k in [*front, *(k for k in range(len(names)) if k not in front)]:
-        bold = k in front
-        width, height = 4.6 * unit * len(names[k]) * (1.08 if bold else 1.0), 8.5 * unit
-        x, y = places[k]
-        beside, above = (
-            [(7, -4), (-7, -4), (0, 7), (0, -15)],
-            [(7, 4), (-7, 4), (7, -13), (-7, -13)],
-        )
+    taken = [Bbox([place, place]).padded(5.0 * figure.dpi / 72.0) for place in places]
+    for k in sorted(range(len(outcomes)), key=lambda k: k not in front):
         # the line of the front continues to the right, so its names stand above
-        for dx, dy in above + beside if bold else beside + above:
-            start = x + dx * unit - (width if dx < 0 else 0.5 * width if dx == 0 else 0.0)
-            box = (start, y + dy * unit, start + width, y + dy * unit + height)
-            inside = (
-                left <= box[0]
-                and box[2] <= right
-                and bottom <= box[1]
-                and box[3] <= min(top, size[1])
+        for dx, dy in ABOVE + BESIDE if k in front else BESIDE + ABOVE:
+            text = axis.annotate(
+                _name(outcomes[k]),
+                (xs[k], ys[k]),
+                (dx, dy),
+                textcoords="offset points",
+                fontsize=8,
+                va="bottom",
+                ha="right" if dx < 0 else "center" if dx == 0 else "left",
+                fontweight="bold" if k in front else "normal",
+                color=colours[outcomes[k].combination.chosen],
             )
-            if inside and not any(_overlap(box, other) for other in taken):
+            box = text.get_window_extent()
+            inside = all(map(axis.bbox.contains, *box.corners().T))
+            if inside and not box.count_overlaps(taken):
                 taken.append(box)
-                axis.annotate(
-                    names[k],
-                    (xs[k], ys[k]),
-                    (dx, dy),
-                    textcoords="offset points",
-                    fontsize=8,
-                    va="bottom",
-                    ha="right" if dx < 0 else "center" if dx == 0 else "left",
-                    fontweight="bold" if bold else "normal",
-                    color=colours[k],
-                )
                 break
+            text.remove()
 
 
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Tell whether two boxes (left, bottom, right, top) overlap."""
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def _key(figure: Figure, outcomes: list[Outcome], colours: dict[str, str]) -> None:
-    """Draw the legend: colours for derivatives, markers for methods, hollow for projection."""
+def _legend(
+    figure: Figure,
+    outcomes: Sequence[Outcome],
+    look: Mapping[str, Any],
+    looks: Mapping[str, Mapping[str, Any]],
+    more: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Draw the legend: colours for derivatives, looks for methods, and more entries by names."""
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D([], [], color=colour, marker="o", linestyle="", label=name)
-        for name, colour in colours.items()
-    ]
-    for method in dict.fromkeys(o.combination.method for o in outcomes):
-        handles.append(
-            Line2D(
-                [], [], color="#5b636b", marker=MARKERS[method], linestyle="", label=METHODS[method]
-            )
-        )
-    if any(o.combination.elastic_force == "projection" for o in outcomes):
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color="#5b636b",
-                marker="o",
-                markerfacecolor="white",
-                linestyle="",
-                label="projection",
-            )
-        )
-    handles.append(Line2D([], [], color="#9AA0A6", label="Pareto front"))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    entries = {name: {"color": c, **look} for name, c in _colours(outcomes).items()}
+    methods = dict.fromkeys(o.combination.method for o in outcomes)
+    entries |= {METHODS[method]: {"color": INK, **looks[method]} for method in methods}
+    handles = [Line2D([], [], label=name, **of) for name, of in (entries | {**more}).items()]
+    columns = int(figure.get_figwidth() / LEGEND_WIDTH)
+    figure.legend(handles=handles, loc="outside upper right", ncols=min(len(handles), columns))
 
 
 @styled
@@ -212,93 +181,45 @@ def size_figure(comparison: Comparison) -> Figure:
 
     Figures 8, 9 and 14 of the paper have the same axes.
     """
-    outcomes = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
-    figure = new_figure(10.5, 5.0)
-    axes = figure.subplots(1, 2, sharey=True)
-    colours = _colours(outcomes)
-    first = outcomes[0].combination
+    outcomes = rated(comparison)
+    figure, axes = new_panels(10.5, 5.0, 1, 2, sharey=True)
+    colours, first = _colours(outcomes), outcomes[0].combination
     lines: dict[tuple[str, str], list[Outcome]] = {}
     for o in outcomes:
         c = o.combination
-        if (
-            replace(first, method=c.method, modes=c.modes, derivatives=c.derivatives, size=c.size)
-            == c
-        ):
-            lines.setdefault((o.combination.method, o.combination.chosen), []).append(o)
+        own = {name: getattr(c, name) for name in ("method", "modes", "derivatives", "size")}
+        if replace(first, **own) == c:
+            lines.setdefault((c.method, c.chosen), []).append(o)
     for (method, chosen), members in lines.items():
-        style = {"color": colours[chosen], **LINE_LOOKS[method]}
         free = [o for o in members if o.combination.size is None]
         for axis, shown, values in (
             (axes[0], free, lambda o: o.combination.modes),
             (axes[1], members, lambda o: len(o.labels)),
         ):
             ordered = sorted(shown, key=lambda o: (values(o), o.combination.modes))
-            axis.plot(
-                [values(o) for o in ordered],
-                [max(amplitude_error(o), LEAST) for o in ordered],
-                **style,
-            )
+            places = [values(o) for o in ordered], _drawn_errors(ordered)
+            axis.plot(*places, color=colours[chosen], **LINES[method])
     for axis, name in zip(axes, ("normal modes", "coordinates"), strict=True):
         axis.set(yscale="log", xlabel=f"number of {name}")
         axis.xaxis.get_major_locator().set_params(integer=True)
     axes[0].set_ylabel(_error_label(comparison))
-    _key_of_lines(figure, lines, colours)
+    _legend(figure, outcomes, {}, LINES, {})
     return figure
-
-
-def _key_of_lines(
-    figure: Figure, lines: dict[tuple[str, str], list[Outcome]], colours: dict[str, str]
-) -> None:
-    """Draw the legend: colours for derivatives, line styles for methods."""
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], color=colour, label=name) for name, colour in colours.items()]
-    for method in dict.fromkeys(method for method, _ in lines):
-        handles.append(Line2D([], [], color="#5b636b", label=METHODS[method], **LINE_LOOKS[method]))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 
 @styled
 def indicator_figure(comparison: Comparison) -> Figure:
     """Draw the error of the amplitude against its indicator, one point for each basis."""
-    outcomes = [
-        o
-        for o in comparison.outcomes
-        if o.errors.get("amplitude_tangential") is not None and o.indicator is not None
-    ]
-    figure = new_figure(6.4, 5.0)
-    axis = figure.subplots()
-    colours = _colours(outcomes)
-    xs, ys = (
-        [float(o.indicator or 0.0) for o in outcomes],
-        [max(amplitude_error(o), LEAST) for o in outcomes],
-    )
-    for o, x, y in zip(outcomes, xs, ys, strict=True):
-        axis.scatter(
-            x, y, s=30, marker=MARKERS[o.combination.method], color=colours[o.combination.chosen]
-        )
+    outcomes = [o for o in rated(comparison) if o.indicator is not None]
+    figure, (axis,) = new_panels(6.4, 5.0)
+    colours, indicators = _colours(outcomes), [float(o.indicator or 0.0) for o in outcomes]
+    for o, x, y in zip(outcomes, indicators, _drawn_errors(outcomes), strict=True):
+        marker, colour = DOTS[o.combination.method]["marker"], colours[o.combination.chosen]
+        axis.scatter(x, y, s=30, marker=marker, color=colour)
     correlation = comparison.rank_correlation()
     title = f"rank correlation {correlation:.2f}" if correlation is not None else ""
-    axis.set(
-        xscale="log",
-        yscale="log",
-        xlabel="indicator (no full run)",
-        ylabel=_error_label(comparison),
-        title=title,
-    )
-    _annotate(
-        axis,
-        [_point(o) for o in outcomes],
-        [colours[o.combination.chosen] for o in outcomes],
-        xs,
-        ys,
-        [],
-    )
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=colour, marker="o", linestyle="", label=name)
-        for name, colour in colours.items()
-    ]
-    axis.legend(handles=handles, loc="lower right")
+    axis.set(xscale="log", yscale="log", xlabel="indicator (no full run)", title=title)
+    axis.set_ylabel(_error_label(comparison))
+    _write_names(axis, outcomes, indicators)
+    _legend(figure, outcomes, DOT, DOTS, {})
     return figure

@@ -11,11 +11,13 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.studies.compare_figures import (
     METHODS,
     amplitude_error,
     indicator_figure,
     pareto_figure,
+    rated,
     size_figure,
 )
 from fenicsrom.words import counted
@@ -29,20 +31,7 @@ ERRORS = {
     "friction_dissipation_per_period": "energy per period",
     "state": "wrong state",
 }
-SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
-SHORT_HEADS = {
-    "derivatives": "deriv.",
-    "speed-up": "times faster",
-    "time history %": "history %",
-    "peak normal force %": "force %",
-    "energy per period %": "energy %",
-    "indicator": "indicator",
-}
-REPORT_ONLY = ("±", "break-even", "wrong state %")
-TERMINAL_NOTE = (
-    "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
-    "normal force and the energy per period; report.html and comparison.csv have more."
-)
+VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh": "mesh"}
 
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -128,90 +117,48 @@ def error_heads(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
-    """Compose the table of the report; the first row is the header.
-
-    Args:
-        comparison: the comparison.
-        digits: digits of speed-up, errors and indicator.
-    """
-    more = {
-        "force": "elastic_force",
-        "scheme": "scheme",
-        "steps": "steps",
-        "mesh": "mesh",
-    }
+def table(comparison: Comparison) -> list[list[Any]]:
+    """Compose the table of the combinations."""
     varied = {
         head: name
-        for head, name in more.items()
+        for head, name in VARIED.items()
         if len({getattr(o.combination, name) for o in comparison.outcomes}) > 1
     }
-    full = comparison.full is not None
-    names = error_heads(comparison)
-    head = [
-        "method",
-        "modes",
-        "derivatives",
-        *varied,
-        "size",
-        "offline s",
-        "online ms",
-        "±",
-    ]
-    head += ["speed-up", "break-even", *(f"{name} %" for name in names.values())] if full else []
-    found: list[list[Any]] = [[*head, "indicator"]]
+    lines = []
     for outcome in comparison.outcomes:
-        c = outcome.combination
-        line: list[Any] = [METHODS[c.method], c.modes, c.chosen]
-        line += [getattr(c, name) or None for name in varied.values()]
-        line += [
-            len(outcome.labels) or None,
-            round(outcome.offline_seconds, 3) if outcome.offline else None,
-        ]
-        if outcome.online:
-            spread = 0.5 * (max(outcome.online) - min(outcome.online))
-            line += [
-                _rounded(1e3 * outcome.online_seconds),
-                f"{100.0 * spread / outcome.online_seconds:.0f} %",
-            ]
-        else:
-            line += [None, None]
-        if full:
-            speed = comparison.speed_up(outcome)
-            line += [_rounded(speed, digits), comparison.break_even(outcome)]
-            line += [_rounded(outcome.errors.get(name), digits) for name in ERRORS]
-        found.append([*line, _rounded(outcome.indicator, digits)])
-    return found
+        c, online = outcome.combination, outcome.online
+        line: dict[str, Any] = {"method": METHODS[c.method], "modes": c.modes}
+        line |= {"derivatives": c.chosen}
+        line |= {head: getattr(c, name) or None for head, name in varied.items()}
+        line |= {"size": len(outcome.labels) or None}
+        line |= {"offline s": round(outcome.offline_seconds, 3) if outcome.offline else None}
+        line |= {"online ms": None, "±": None}
+        if online:
+            spread = 0.5 * (max(online) - min(online)) / outcome.online_seconds
+            line["online ms"] = _rounded(1e3 * outcome.online_seconds)
+            line["±"] = f"{100.0 * spread:.0f} %"
+        if comparison.full is not None:
+            line["speed-up"] = _rounded(comparison.speed_up(outcome))
+            line["break-even"] = comparison.break_even(outcome)
+            for name, head in error_heads(comparison).items():
+                line[f"{head} %"] = _rounded(outcome.errors.get(name))
+        lines.append(line | {"indicator": _rounded(outcome.indicator)})
+    return table_of(lines)
 
 
-def terminal_table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal: the columns that decide, and errors with two digits."""
-    long, *lines = table(comparison, digits=2)
-    names = error_heads(comparison)
-    first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
-    short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
-    wanted = [name for name in long if name not in (*REPORT_ONLY, first)]
-    head = [short.get(name, name) for name in wanted]
-    rows = [dict(zip(long, line, strict=True)) for line in lines]
-    for row in rows:
-        row["method"] = SHORT_METHODS[row["method"]]
-    return [head, *([row[name] for name in wanted] for row in rows)]
-
-
-def _rounded(value: float | None, digits: int = 3) -> float | int | None:
-    """Round a number once; to three digits if it is at least 100."""
+def _rounded(value: float | None) -> float | int | None:
+    """Round a number to three digits."""
     if value is None:
         return None
-    whole = float(f"{value:.3g}")
-    return int(whole) if whole >= 100 else float(f"{value:.{digits}g}")
+    rounded = float(f"{value:.3g}")
+    return int(rounded) if rounded >= 100 else rounded
 
 
 def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
     amplitude = error_heads(comparison)["amplitude_tangential"]
-    rated = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
-    small = [o for o in rated if len(o.labels) <= SMALL]
+    small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
     if small:
         best = min(small, key=amplitude_error)
         found.append(
@@ -224,9 +171,10 @@ def sentences(comparison: Comparison) -> list[str]:
     ours, plain = comparison.rank_correlation("indicator"), comparison.rank_correlation("residual")
     if ours is not None and plain is not None:
         found.append(
-            f"Rank correlation (Spearman) with the error of the {amplitude} over {len(rated)} "
-            f"bases: {ours:.2f} for the residual in the energy norm (the indicator), {plain:.2f} "
-            "for the residual in the plain norm. The indicator needs no run of the full model."
+            f"Rank correlation (Spearman) with the error of the {amplitude} over "
+            f"{len(rated(comparison))} bases: {ours:.2f} for the residual in the "
+            f"energy norm (the indicator), {plain:.2f} for the residual in the plain norm. "
+            "The indicator needs no run of the full model."
         )
     unsteady = [
         o.combination.name
@@ -278,8 +226,7 @@ def timing_note(comparison: Comparison) -> list[str]:
 
 def pictures(comparison: Comparison) -> list[Picture]:
     """The pictures of a comparison with a full model."""
-    rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
-    if comparison.full is None or not rated:
+    if comparison.full is None or not rated(comparison):
         return []
     return [
         Picture(
@@ -304,8 +251,7 @@ def pictures(comparison: Comparison) -> list[Picture]:
 
 def report(comparison: Comparison) -> Report:
     """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
-    short = terminal_table(comparison)
-    note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
+    whole = table(comparison)
     return Report(
         "comparison",
         "error against run time",
@@ -313,8 +259,7 @@ def report(comparison: Comparison) -> Report:
         sentences(comparison) or ["There is no full model to compare with."],
         comparison.warnings,
         [
-            Section("", [short, note], page=False, keys=short[0].index("size")),
-            Section("All combinations", [table(comparison)], terminal=False),
+            Section("All combinations", [whole], keys=whole[0].index("size")),
             Section("Timing", timing_note(comparison), terminal=False),
         ],
         rows(comparison),

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.html_page import verdict_of, write_report
 from fenicsrom.post.base.origin import SCENE_FILE
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.tables import table_of, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,8 +100,6 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         SceneError: a folder holds no results, or `output` holds those of another command.
         OSError: a file cannot be written.
     """
-    from fenicsrom.post.base.tables import text_table
-
     if (output / SCENE_FILE).exists():
         raise SceneError(
             f"--output {output}: the folder holds the results of a command; give another one",
@@ -107,12 +107,8 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
             key="--output",
             source=str(output),
         )
-    names = [folder.name for folder in folders]
-    unique = len(set(names)) == len(names)
-    found = [
-        outcome(folder, name if unique else str(folder))
-        for folder, name in zip(folders, names, strict=True)
-    ]
+    unique = len({folder.name for folder in folders}) == len(folders)
+    found = [outcome(folder, folder.name if unique else str(folder)) for folder in folders]
     output.mkdir(parents=True, exist_ok=True)
     refused = [f"{one.name}: {reason}" for one in found if (reason := _unfinished(one))]
     warnings = [f"{one.name}: {line}" for one in found for line in one.summary.get("warnings", ())]
@@ -138,30 +134,32 @@ def _unfinished(one: Outcome) -> Any:
 
 def results_table(found: Sequence[Outcome]) -> list[list[Any]]:
     """A row for each motion, curve and backbone: its largest amplitude, and where it occurs."""
-    head = [
-        "folder",
-        "what",
-        "largest amplitude mm",
-        "at Hz",
-        "peak normal force N",
-        "friction J per period",
-    ]
-    rows: list[list[Any]] = [head]
+    rows = []
     for one in found:
-        if one.kind == "run":
-            for model, motion in one.summary.get("response", {}).items():
-                size = 1e3 * max(_numbers(motion["amplitude_m"]))
-                force = motion.get("peak_normal_force_N")
-                work = motion.get("friction_dissipation_per_period_J")
-                rows.append([one.name, f"{model} model", size, None, force, work])
-            continue
+        motions = one.summary.get("response", {}) if one.kind == "run" else {}
+        for model, motion in motions.items():
+            size = max(in_order(motion["amplitude_m"]))
+            rows.append(_result(one, f"{model} model", size, motion))
         for name, lines in _curves(one):
             top = max(lines, key=_amplitude)
-            values = [top.get("frequency_Hz"), top.get("peak_normal_force_N")]
-            values.append(top.get("friction_dissipation_per_period_J"))
-            numbers = [float(value) if value else None for value in values]
-            rows.append([one.name, name, 1e3 * _amplitude(top), *numbers])
-    return rows
+            rows.append(_result(one, name, _amplitude(top), top))
+    return table_of(rows)
+
+
+def _result(one: Outcome, what: str, amplitude: float, numbers: Mapping[str, Any]) -> Any:
+    """A row with the amplitude, m, and other numbers of a motion."""
+
+    def number(key: str) -> float | None:
+        return float(numbers[key]) if numbers.get(key) not in (None, "") else None
+
+    return {
+        "folder": one.name,
+        "what": what,
+        "largest amplitude mm": 1e3 * amplitude,
+        "at Hz": number("frequency_Hz"),
+        "peak normal force N": number("peak_normal_force_N"),
+        "friction J per period": number("friction_dissipation_per_period_J"),
+    }
 
 
 def differences(found: Sequence[Outcome]) -> list[list[Any]]:
@@ -173,15 +171,6 @@ def differences(found: Sequence[Outcome]) -> list[list[Any]]:
         if any(value != values[0] for value in values):
             rows.append([key, *("–" if value is None else str(value) for value in values)])
     return rows
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    """All numbers in a tree of dictionaries and lists."""
-    if isinstance(value, dict | list):
-        for item in value.values() if isinstance(value, dict) else value:
-            yield from _numbers(item)
-    elif value is not None:
-        yield float(value)
 
 
 def _amplitude(row: Mapping[str, str]) -> float:
@@ -247,8 +236,7 @@ def _label(column: str) -> str:
 @styled
 def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
     """Draw response curves and backbones with the same parameter over each other."""
-    figure = new_figure(8.4, 5.0)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.4, 5.0)
     named = [(one, *curve) for one in found for curve in _curves(one)]
     for k, (one, name, rows) in enumerate(named):
         label, colour = f"{one.name}, {name}", COLOURS[k % len(COLOURS)]
@@ -273,8 +261,7 @@ def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
 @styled
 def motions_figure(found: Sequence[Outcome]) -> Figure:
     """Draw the reduced motions of runs over the time, at the point that moves most."""
-    figure = new_figure(8.4, 4.0)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.4, 4.0)
     for one, colour in zip(found, COLOURS * len(found), strict=False):
         with np.load(one.folder / "history.npz") as history:
             time, moved = history["reduced_time"], history["reduced_displacement"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +12,11 @@ from fenicsrom.fem.mesh.inspection import Group, Inspection
 from fenicsrom.formats.physics import AXES, Physics
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture, softly
-from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.tables import table_of, text_table
 from fenicsrom.post.base.writers import write_text
 from fenicsrom.post.body.group_drawing import group_figure, group_page
 from fenicsrom.post.studies.starter import units_of
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    pass
 
 PAGE = "mesh.html"
 """The page on which the body turns."""
@@ -61,18 +58,21 @@ def lines(found: Inspection, density: float | None) -> list[str]:
         text.append(f"hint    {hint}")
     text += _physics_lines(found.physics)
     if found.groups:
-        rows = [["group", "kind", "number", "size", "", "from", "to"]]
-        for group in found.groups:
-            size = (
-                [f"{group.size:.4g}", MEASURES[group.kind, d]]
-                if group.size is not None
-                else ["", ""]
-            )
-            corners = [_point(group.low), _point(group.high)]
-            kind = "corners" if group.kind == "nodes" else group.kind
-            rows.append([group.name, kind, str(group.number), *size, *corners])
-        text += ["", text_table(rows)]
+        text += ["", text_table(table_of(_group_row(group, d) for group in found.groups))]
     return text
+
+
+def _group_row(group: Group, d: int) -> dict[str, str]:
+    """The row of a group in the table of a mesh of dimension d."""
+    return {
+        "group": group.name,
+        "kind": "corners" if group.kind == "nodes" else group.kind,
+        "number": str(group.number),
+        "size": "" if group.size is None else f"{group.size:.4g}",
+        "": "" if group.size is None else MEASURES[group.kind, d],
+        "from": _point(group.low),
+        "to": _point(group.high),
+    }
 
 
 def _physics_lines(physics: Physics) -> list[str]:

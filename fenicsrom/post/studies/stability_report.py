@@ -13,7 +13,8 @@ from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verd
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
 
 COLOURS = {
@@ -22,20 +23,6 @@ COLOURS = {
     Verdict.REFUSED: "#FCE8B2",
     Verdict.WRONG: "#E06666",
 }
-HEAD = [
-    "verdict",
-    "model",
-    "axis",
-    "value",
-    "amplitude mm",
-    "estimate",
-    "error",
-    "basis",
-    "peak N",
-    "ledger",
-    "periods",
-    "why",
-]
 HOW = (
     "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
     "error is the difference from the run with half the step; the estimate comes from the run with "
@@ -64,28 +51,28 @@ def row(finding: Finding) -> dict[str, Any]:
 
 
 def table(findings: Sequence[Finding]) -> list[list[Any]]:
-    """The findings as rows of a table; the first row is the header."""
+    """The findings as a table; empty without findings."""
 
     def short(value: float | None) -> str | None:
         return None if value is None else f"{value:.1e}"
 
-    return [HEAD] + [
-        [
-            f.verdict.value,
-            f.case.model,
-            f.case.axis,
-            f.case.value,
-            f"{1e3 * f.amplitude:.4g}" if f.amplitude is not None else None,
-            short(f.estimate),
-            short(f.error),
-            short(f.basis_error),
-            short(f.force_error),
-            short(f.imbalance),
-            f.periods,
-            f.why,
-        ]
+    return table_of(
+        {
+            "verdict": f.verdict.value,
+            "model": f.case.model,
+            "axis": f.case.axis,
+            "value": f.case.value,
+            "amplitude mm": f"{1e3 * f.amplitude:.4g}" if f.amplitude is not None else None,
+            "estimate": short(f.estimate),
+            "error": short(f.error),
+            "basis": short(f.basis_error),
+            "peak N": short(f.force_error),
+            "ledger": short(f.imbalance),
+            "periods": f.periods,
+            "why": f.why,
+        }
         for f in findings
-    ]
+    )
 
 
 def sentences(matrix: Matrix) -> list[str]:
@@ -117,8 +104,7 @@ def figure(matrix: Matrix) -> Any:
         name = finding.case.axis + ("" if model == "reduced" else f", {model} model")
         lines.setdefault(name, []).append(finding)
     widest = max(map(len, lines.values()), default=1)
-    made = new_figure(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
-    axis = made.subplots()
+    made, (axis,) = new_panels(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
     for y, findings in enumerate(lines.values()):
         for x, finding in enumerate(findings):
             axis.add_patch(_tile(x, y, COLOURS[finding.verdict]))
@@ -148,10 +134,10 @@ def _tile(x: float, y: float, colour: str) -> Any:
 def report(matrix: Matrix) -> Report:
     """The report of a matrix: `stability.csv`, `stability.json` and `stability.png`."""
     rows = [row(finding) for finding in matrix.findings]
-    tables = [
-        (verdict, [f for f in matrix.findings if f.verdict is verdict])
+    tables = {
+        verdict: table([f for f in matrix.findings if f.verdict is verdict])
         for verdict in (Verdict.WRONG, Verdict.REFUSED, Verdict.UNSTEADY, Verdict.CONVERGED)
-    ]
+    }
     return Report(
         "stability",
         "stability",
@@ -160,9 +146,8 @@ def report(matrix: Matrix) -> Report:
         [],
         [
             *(
-                Section(verdict.capitalize(), [table(found)], terminal=False)
-                for verdict, found in tables
-                if found
+                Section(verdict.capitalize(), [found], terminal=False)
+                for verdict, found in tables.items()
             ),
             Section("Left out", matrix.left_out),
         ],

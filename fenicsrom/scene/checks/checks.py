@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from operator import mul
 from typing import Any
@@ -26,6 +26,7 @@ from fenicsrom.scene.checks.curve_checks import (
     statics_problems,
 )
 from fenicsrom.scene.checks.material_checks import material_problems
+from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import Place, Region
 from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
@@ -37,12 +38,14 @@ from fenicsrom.scene.keys.times import (
     NoStep,
     Periodic,
     StepsPerPeriod,
+    StepsPerRevolution,
 )
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
 INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
+WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -62,6 +65,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        yield from _abradable_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -157,6 +161,31 @@ def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
         yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
+    if contact.abradable is None:
+        return
+    if contact.preload:
+        allowed = f"not allowed with {key}.abradable: use an approach to press the layer"
+        yield Problem(f"{key}.preload", contact.preload, allowed)
+    if scene.time.scheme != "discrete-gradient":
+        allowed = f'must be "discrete-gradient" with {key}.abradable'
+        yield Problem("time.scheme", scene.time.scheme, allowed)
+    for name in ("response", "backbone"):
+        if getattr(scene, name) is not None:
+            allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
+            yield Problem(name, "a table", allowed)
+    surface, period = contact.surface, scene.period
+    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
+    turns = 0.0 if period is None else abs(spin) * period / (2.0 * math.pi)
+    if abs(turns - round(turns)) > WHOLE_TURNS * turns:
+        allowed = (
+            f"with {key}.abradable the surface must turn in whole numbers in the period of the "
+            f"loads, {period:.6g} s, in which it turns {turns:.6g} times; lengthen the period, for "
+            "example by engine_order = 1 with harmonics"
+        )
+        yield Problem(f"{key}.abradable", "a table", allowed, ErrorKind.RANGE)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
@@ -255,8 +284,35 @@ def _rotation_problems(scene: Scene) -> Problems:
         yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+    if rotation.history:
+        yield from _history_problems(scene, rotation)
     if rotation.speeds_rpm is not None:
         yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
+    """Yield what a run at a varying speed needs."""
+    key, times = "rotation.history", [time for time, _ in rotation.history]
+    if times[0] != 0.0:
+        yield Problem(f"{key}[0]", times[0], "the first time must be 0", ErrorKind.RANGE)
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield Problem(key, times, "times must increase", ErrorKind.RANGE)
+    speeds = [speed for _, speed in rotation.history]
+    if rotation.speeds_rpm is None:
+        allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
+        yield Problem("rotation.speeds_rpm", MISSING, allowed)
+    else:
+        first, *_, last = rotation.speeds_rpm
+        for k, speed in enumerate(speeds):
+            if not first <= speed <= last:
+                allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
+                yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
+    if not rotation.coriolis:
+        yield Problem("rotation.coriolis", False, "must be true with rotation.history")
+    if isinstance(scene.time.stepping, StepsPerRevolution) and min(speeds) <= 0.0:
+        steps = scene.time.steps_per_revolution
+        allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
+        yield Problem("time.steps_per_revolution", steps, allowed)
 
 
 def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
@@ -340,6 +396,9 @@ def _duration_problems(scene: Scene) -> Problems:
     time = scene.time
     transient = [index for index, load in enumerate(scene.loads) if load.transient]
     why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
+    varies = scene.rotation is not None and bool(scene.rotation.history)
+    if varies:
+        why = "the speed of rotation varies"
     if isinstance(time.span, Periodic):
         given = ("steady_tolerance", "steady")
         default = Periodic()
@@ -357,6 +416,9 @@ def _duration_problems(scene: Scene) -> Problems:
         case StepsPerPeriod(steps_per_period=steps):
             allowed = f"use step or tolerance, because {why}"
             yield Problem("time.steps_per_period", steps, allowed)
+        case StepsPerRevolution(steps_per_revolution=steps) if not varies:
+            allowed = "only allowed with rotation.history"
+            yield Problem("time.steps_per_revolution", steps, allowed)
         case FixedStep(step=step):
             if step > duration:
                 allowed = f"must be at most the duration of {duration:g}"
@@ -369,9 +431,10 @@ def _period_problems(scene: Scene) -> Problems:
     why = "because the loads repeat"
     if isinstance(time.span, Duration):
         yield Problem("time.duration", time.span.duration, f"use periods, {why}")
-    if isinstance(time.stepping, FixedStep):
+    if isinstance(time.stepping, FixedStep | StepsPerRevolution):
+        key = fields(time.stepping)[0].name
         allowed = f"use steps_per_period or tolerance, {why}"
-        yield Problem("time.step", time.stepping.step, allowed)
+        yield Problem(f"time.{key}", getattr(time, key), allowed)
     frequencies = [load.frequency for load in scene.loads]
     lowest = min(frequency for frequency in frequencies if frequency is not None)
     for index, frequency in enumerate(frequencies):

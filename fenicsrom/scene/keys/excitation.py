@@ -48,11 +48,18 @@ class Excitation(NamedTuple):
 def excitations(scene: Scene) -> Iterator[Excitation]:
     """Yield what moves the body of a scene whose tables were read.
 
+    At a speed of rotation that varies, they are those at the speed that asks most of the steps: the
+    largest one, or the smallest one for steps of equal angles.
+
     A load table does not count if each of its rows lies at the end of a fixed step. Such steps miss
     no row, and the mean of a load over a step is exact. The check with twice the step skips every
     second row, so that the error estimate shows what the rows change.
     """
     step = scene.time.step
+    if scene.rotation is not None and scene.rotation.history:
+        speeds = [speed for _, speed in scene.rotation.history]
+        by_angle = scene.time.steps_per_revolution is not None
+        scene = scene.at_speed(min(speeds) if by_angle else max(speeds))
     for index, load in enumerate(scene.loads):
         if isinstance(load.history, Table) and step and _at_ends_of_steps(load.history.rows, step):
             continue
@@ -123,14 +130,20 @@ def highest_frequency(scene: Scene) -> float:
     return scale * max(found)
 
 
-def surface_spin(surface: Surface, rotation: Rotation | None) -> float:
-    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
+def surface_turns(surface: Surface, rotation: Rotation | None) -> float:
+    """The angle by which a surface turns for each radian of the body, as the body sees it."""
     if surface.spin is not None or rotation is None or surface.kind == "sphere":
-        return surface.spin or 0.0
+        return 0.0
     about = 1.0
     if surface.axis is not None and rotation.axis is not None:
         about = sum(a * b for a, b in zip(surface.axis, rotation.axis, strict=True))
-    return -about * rotation.omega if abs(about) > 1.0 - 1e-9 else 0.0
+    return -about if abs(about) > 1.0 - 1e-9 else 0.0
+
+
+def surface_spin(surface: Surface, rotation: Rotation | None) -> float:
+    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
+    omega = 0.0 if rotation is None else rotation.omega
+    return (surface.spin or 0.0) + surface_turns(surface, rotation) * omega
 
 
 def _wave_period(surface: Surface, rotation: Rotation | None) -> float:

@@ -121,6 +121,33 @@ class Surface:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Abradable:
+    """A layer on the surface that the body wears, such as the coating of a casing.
+
+    Attributes:
+        thickness: thickness of the layer.
+        modulus: Young's modulus of the layer.
+        yield_stress: stress at which the new layer is crushed.
+        hardening: growth of this stress with the plastic strain.
+        viscosity: growth of the stress with the rate of the plastic strain.
+        area: area of the body that presses the layer; with at = "nodes" that of all nodes together,
+            which share it in proportion to the area, length or number that they stand for.
+        width: width along the axis of the trace on a surface that turns; by default the distance
+            along the axis between the outermost contact points, in 2D the thickness of the body.
+        cells: number of angles around a surface that turns at which the worn depth is known.
+    """
+
+    thickness: Annotated[float, number(above=0.0, unit="m")]
+    modulus: Annotated[float, number(above=0.0, unit="Pa")]
+    yield_stress: Annotated[float, number(above=0.0, unit="Pa")]
+    hardening: Annotated[float, number(least=0.0, unit="Pa")] = 0.0
+    viscosity: Annotated[float, number(least=0.0, unit="N s/m²")] = 0.0
+    area: Annotated[float, number(above=0.0, unit="m²")]
+    width: Annotated[float | None, number(above=0.0, unit="m")] = None
+    cells: Annotated[int, integer(3, 1_000_000)] = 720
+
+
+@dataclass(frozen=True, kw_only=True)
 class Contact:
     """A point, or every node of a region, against a rigid plane or `surface`.
 
@@ -131,6 +158,7 @@ class Contact:
         place: where the contact is.
         normal: unit vector into the plane; not with a surface.
         surface: a round surface instead of the plane.
+        abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position; with at = "nodes" it is given per area,
             length or node, and so are both stiffnesses.
         gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
@@ -144,6 +172,7 @@ class Contact:
     place: Annotated[Place, Place]
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
+    abradable: Annotated[Abradable | None, table_of(Abradable)] = None
     preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
     gap: Annotated[float, number(least=0.0, unit="m")] = 0.0
     approach: Annotated[
@@ -198,17 +227,20 @@ SPEEDS = Rule(
 
 @dataclass(frozen=True, kw_only=True)
 class Rotation:
-    """A steady rotation about a fixed axis.
+    """A rotation about a fixed axis.
 
     The scene, its loads and its surfaces are described in the frame that turns with the body.
 
     Attributes:
-        speed_rpm: speed of rotation, positive about the axis.
+        speed_rpm: speed of rotation, positive about the axis; that of all commands but a run with
+            `history`.
         axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
         point: a point of the axis; the origin by default.
         coriolis: whether to include the Coriolis force.
         speeds_rpm: speeds at which the basis of one model for all speeds between the first and the
             last one is made, two or three as a rule; by default the model is that of `speed_rpm`.
+        history: speeds at some times of a run, linear between them and constant after the last one;
+            they must be in the range of `speeds_rpm`. By default the speed is `speed_rpm`.
     """
 
     speed_rpm: Annotated[float, number(unit="rev/min")]
@@ -216,6 +248,9 @@ class Rotation:
     point: Annotated[tuple[float, ...] | None, rules.point] = None
     coriolis: Annotated[bool, flag] = False
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    history: Annotated[
+        tuple[tuple[float, ...], ...], rows_of("time", "speed", unit="s, rev/min")
+    ] = ()
 
     @property
     def omega(self) -> float:
@@ -408,6 +443,30 @@ class Campbell:
     engine_orders: Annotated[tuple[int, ...], list_of(integer(1, 1000))] = (1, 2, 3, 4)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Map:
+    """The interaction map of `fenicsrom map`.
+
+    Attributes:
+        speeds_rpm: speeds of rotation; by default 40 over the range of speeds of [rotation].
+        revolutions: revolutions that the body makes at each speed.
+        last: number of revolutions, at the end, whose motion is shown; the engine orders have the
+            resolution 1 / last.
+        orders: highest engine order of the map.
+        start: the state in which a speed begins: at rest in the equilibrium, or where the next
+            lower ("up") or higher ("down") speed ended.
+        clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
+            same at all speeds, or in the equilibrium at each speed.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
+    revolutions: Annotated[int, integer(2, 1_000_000)] = 100
+    last: Annotated[int, integer(2, 1000)] = 20
+    orders: Annotated[int, integer(1, 1000)] = 20
+    start: Annotated[str, choice("rest", "up", "down")] = "rest"
+    clearance: Annotated[str, choice("at rest", "at speed")] = "at rest"
+
+
 @brief("title", "source", "geometry", "material", "supports", "loads", "contacts", "basis", "time")
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Scene:
@@ -437,6 +496,7 @@ class Scene:
         output: the files to write.
         compare: the models of `fenicsrom compare`.
         campbell: the diagram of `fenicsrom campbell`.
+        map: the interaction map of `fenicsrom map`.
         response: the curves of `fenicsrom response`.
         backbone: the nonlinear mode of `fenicsrom backbone`.
         statics: the equilibrium path of `fenicsrom statics`.
@@ -464,6 +524,7 @@ class Scene:
     output: Annotated[Output, table_of(Output)] = Output()
     compare: Annotated[Compare, table_of(Compare)] = Compare()
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
+    map: Annotated[Map, table_of(Map)] = Map()
     response: Annotated[Response | None, table_of(Response)] = None
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
     statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
@@ -473,8 +534,11 @@ class Scene:
     def period(self) -> float | None:
         """Period of the excitation in s, that of the lowest frequency.
 
-        The period is None if no load is harmonic, or if a load does not repeat.
+        The period is None if no load is harmonic, if a load does not repeat, or if the speed of
+        rotation varies.
         """
+        if self.rotation is not None and self.rotation.history:
+            return None
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         if not frequencies or any(load.transient for load in self.loads):
             return None
@@ -509,13 +573,19 @@ class Scene:
         return self.viscous or (self.rotation is not None and self.rotation.coriolis)
 
     @property
+    def wears(self) -> bool:
+        """Whether a surface has an abradable layer."""
+        return any(contact.abradable is not None for contact in self.contacts)
+
+    @property
     def static_only(self) -> bool:
         """Whether only the equilibrium is computed.
 
-        There is no contact, all loads are static and no duration is given.
+        There is no contact, all loads are static, the speed is constant and no duration is given.
         """
         return (
             not self.contacts
             and all(load.static for load in self.loads)
             and not isinstance(self.time.span, Duration)
+            and not (self.rotation is not None and self.rotation.history)
         )

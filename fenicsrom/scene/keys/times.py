@@ -73,6 +73,17 @@ class StepsPerPeriod:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StepsPerRevolution:
+    """Steps of equal angles at a speed of rotation that varies.
+
+    Attributes:
+        steps_per_revolution: fixed number of steps in a revolution, with rotation.history.
+    """
+
+    steps_per_revolution: Annotated[int, integer(4, 1_000_000)]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tolerance:
     """An adaptive step.
 
@@ -90,7 +101,7 @@ class NoStep:
 
 
 Span = Periodic | Duration | EquilibriumOnly
-Stepping = FixedStep | StepsPerPeriod | Tolerance | NoStep
+Stepping = FixedStep | StepsPerPeriod | StepsPerRevolution | Tolerance | NoStep
 SPANS = OneOf(
     EquilibriumOnly,
     duration=Duration,
@@ -98,7 +109,13 @@ SPANS = OneOf(
     steady_tolerance=Periodic,
     steady=Periodic,
 )
-STEPPINGS = OneOf(NoStep, step=FixedStep, steps_per_period=StepsPerPeriod, tolerance=Tolerance)
+STEPPINGS = OneOf(
+    NoStep,
+    step=FixedStep,
+    steps_per_period=StepsPerPeriod,
+    steps_per_revolution=StepsPerRevolution,
+    tolerance=Tolerance,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +176,12 @@ class Time:
     def steps_per_period(self) -> int | None:
         """The number of steps in a period; None if the step is chosen otherwise."""
         return self.stepping.steps_per_period if isinstance(self.stepping, StepsPerPeriod) else None
+
+    @property
+    def steps_per_revolution(self) -> int | None:
+        """The number of steps in a revolution; None if the step is chosen otherwise."""
+        found = self.stepping
+        return found.steps_per_revolution if isinstance(found, StepsPerRevolution) else None
 
     @property
     def tolerance(self) -> float | None:

@@ -11,7 +11,13 @@ from dataclasses import fields, replace
 from typing import Any
 
 from fenicsrom.scene.keys.schema import Scene
-from fenicsrom.scene.keys.times import FixedStep, Stepping, StepsPerPeriod, Tolerance
+from fenicsrom.scene.keys.times import (
+    FixedStep,
+    Stepping,
+    StepsPerPeriod,
+    StepsPerRevolution,
+    Tolerance,
+)
 from fenicsrom.scene.reading.overrides import override_table
 from fenicsrom.scene.reading.reading import parse_scene, scene_table
 
@@ -50,6 +56,8 @@ def refined(scene: Scene, factor: float = 2) -> Scene:
             stepping = Tolerance(tolerance=tolerance / factor**3)
         case StepsPerPeriod(steps_per_period=steps):
             stepping = StepsPerPeriod(steps_per_period=max(int(steps * factor), 2))
+        case StepsPerRevolution(steps_per_revolution=steps):
+            stepping = StepsPerRevolution(steps_per_revolution=max(int(steps * factor), 2))
         case FixedStep(step=step):
             assert scene.time.duration is not None
             stepping = FixedStep(step=min(step / factor, scene.time.duration))

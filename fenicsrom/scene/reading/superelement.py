@@ -33,6 +33,7 @@ EXCLUDED = (
     "reference",
     "compare",
     "campbell",
+    "map",
     "statics",
 )
 """Tables that describe a body with a mesh, or that need the matrices of the body at every speed."""

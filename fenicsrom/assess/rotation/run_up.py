@@ -1,0 +1,144 @@
+"""A motion at a speed of rotation that varies: amplitudes by revolutions, and the shaft.
+
+Amplitudes are measured from the equilibrium at the present speed. With the angular momentum L of
+the body about the axis and the moments M of the loads and of the contacts about it, the shaft turns
+the body with the torque
+
+    tau = dL/dt − M.    (1)
+
+Its work, the integral of tau Ω, is that of the mean torques and speeds of the steps. It speeds the
+body up, and it pays for what the loads and the casing take: M Ω. Nearly all the heat of friction
+comes from the shaft.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.turning import angle_at, speed_at
+from fenicsrom.online.model.turning import rest_energy
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.step.speed_range import SNAPSHOTS, RangeModel
+from fenicsrom.online.store.archive import StoredModel
+
+
+@dataclass(frozen=True, eq=False)
+class RunUp:
+    """A motion at a varying speed, by its k revolutions; the last one may not be complete.
+
+    Attributes:
+        time: (k,) end of each revolution, s.
+        speed: (k,) mean speed, rad/s.
+        amplitude: (k,) largest distance of a contact point, or of the probe without contact, from
+            the equilibrium of the present speed, m.
+        peak_force: (k,) largest normal force, N.
+        friction: (k,) energy dissipated by friction, J.
+        torque: (k,) mean torque of the shaft (1), N m.
+        power: (k,) its mean power, W.
+        shaft_work: work of the shaft in the whole run, J.
+        contact_work: work that the contacts take from the shaft, J.
+        load_work: work that the loads take from the shaft, J.
+        momentum: (2,) angular momentum at the start and at the end, kg m²/s.
+        energy_rise: rise of the kinetic, elastic and centrifugal energy, seen at rest, J.
+    """
+
+    time: Array
+    speed: Array
+    amplitude: Array
+    peak_force: Array
+    friction: Array
+    torque: Array
+    power: Array
+    shaft_work: float
+    contact_work: float
+    load_work: float
+    momentum: Array
+    energy_rise: float
+
+
+def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
+    """Measure the motion of a model at a varying speed; None at a constant speed.
+
+    Raises:
+        ConvergenceError: there is no equilibrium at one of the speeds.
+    """
+    turning, whole = stored.model.turning, stored.whole
+    if not turning.history.size or whole is None or motion.turning is None:
+        return None
+    time, steps = motion.time, np.diff(motion.time)
+    omega, angle = (np.array([f(turning.history, t) for t in time]) for f in (speed_at, angle_at))
+    momentum, by_loads = motion.turning[:, 0], motion.turning[:, 2]
+    by_contacts = _contact_moment(stored.model.points, stored.scene.rotation, motion)
+    loads = steps * _middle(by_loads)
+    contacts = steps * by_contacts
+    impulse = np.diff(momentum) - loads - contacts
+    works = _middle(omega) * np.array([impulse, -contacts, -loads])
+    moved = motion.displacement - _at_rest(whole, omega, motion)
+    distance = np.linalg.norm(moved, axis=2).max(axis=1)
+    force = motion.force[:, :, 0].max(axis=1, initial=0.0)
+    # the energy seen at rest is that in the frame, with L and J in place of the centrifugal part
+    turned = omega * momentum - 0.5 * omega**2 * turning.inertia
+    known = np.array([rest_energy(turning, speed) for speed in omega[[0, -1]]])
+    energy = (motion.kinetic + motion.elastic + turned)[[0, -1]] + known
+
+    ends = np.arange(np.floor(angle[0] / (2 * np.pi)) + 1.0, np.ceil(angle[-1] / (2 * np.pi)) + 1)
+    rows = np.unique(np.searchsorted(angle, 2 * np.pi * ends - 1e-9).clip(max=time.size - 1))
+    first = np.concatenate([[0], rows[:-1]])
+    lengths = time[rows] - time[first]
+
+    def peaks(values: Array) -> Array:
+        return np.array([values[i : j + 1].max() for i, j in zip(first, rows, strict=True)])
+
+    return RunUp(
+        time[rows],
+        (angle[rows] - angle[first]) / lengths,
+        peaks(distance),
+        peaks(force),
+        motion.friction_dissipation[rows] - motion.friction_dissipation[first],
+        np.add.reduceat(impulse, first) / lengths,
+        np.add.reduceat(works[0], first) / lengths,
+        float(works[0].sum()),
+        float(works[1].sum()),
+        float(works[2].sum()),
+        momentum[[0, -1]],
+        float(energy[1] - energy[0]),
+    )
+
+
+def _middle(values: Array) -> Array:
+    """The means (ns - 1,) of neighbours."""
+    return 0.5 * (values[1:] + values[:-1])
+
+
+def _at_rest(whole: RangeModel, omega: Array, motion: Motion) -> Array:
+    """The displacements (ns, P, d) in the equilibria at some speeds (ns,), m."""
+    model = whole.model
+    rows, offset = model.contact_rows, model.contact_offset
+    if not len(rows):
+        rows, offset = model.probe, model.probe_offset
+    squares = np.linspace(omega.min() ** 2, omega.max() ** 2, SNAPSHOTS)
+    known = [offset + rows @ whole.equilibrium(float(speed)) for speed in np.sqrt(squares)]
+    found = CubicSpline(squares, known)(omega**2)
+    return np.asarray(found.reshape(motion.displacement.shape))
+
+
+def _contact_moment(points: ContactPoints, rotation: Any, motion: Motion) -> Array:
+    """The mean moment of the contacts on the body about the axis in each step (ns - 1,), N m."""
+    d = points.position.shape[1]
+    place = np.array(rotation.point or (0.0,) * d)
+    x = 0.5 * (motion.displacement[1:] + motion.displacement[:-1])
+    if not motion.force.shape[1]:
+        return np.zeros(motion.time.size - 1)
+    arm = points.position - place + np.einsum("npk,pkx->npx", x, points.frame)
+    force = -np.einsum("npk,pkx->npx", motion.mean_force[1:], points.frame)
+    if d == 2:
+        along = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+    else:
+        along = np.cross(arm, force) @ np.array(rotation.axis)
+    return np.asarray(along.sum(axis=1))

@@ -1,0 +1,307 @@
+"""The report of an interaction map: picture, curves, tables and files."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.assess.studies.interaction import (
+    LARGE,
+    OTHER,
+    PERIOD,
+    TORUS,
+    UNSETTLED,
+    InteractionMap,
+    Line,
+)
+from fenicsrom.files import atomic_write
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
+VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_"}
+"""Mark of each verdict."""
+CURVES = (
+    ("amplitude", 1e3, "amplitude, mm"),
+    ("peak_force", 1.0, "peak force, N"),
+    ("contact", 100.0, "contact, % of time"),
+    ("clearance", 100.0, "clearance\nconsumed, %"),
+)
+"""Attribute of a line, its factor and its label."""
+
+
+def _errors(line: Line) -> tuple[float | None, float | None]:
+    """The largest errors of a line by the basis and by the step, relative; None unchecked."""
+    if not line.errors.size:
+        return None, None
+    largest = max(float(line.amplitudes.max()), 1e-300)
+    return float(line.by_basis.max()) / largest, float(line.by_step.max()) / largest
+
+
+def _named(verdict: str, period: int) -> str:
+    """The verdict in words."""
+    return f"period {period}" if period else verdict
+
+
+def rows(found: InteractionMap) -> list[dict[str, Any]]:
+    """The rows of `map.csv`."""
+    made = []
+    for line in found.lines:
+        basis, step = _errors(line)
+        other = line.other if np.isfinite(line.other) else None
+        top = int(np.argmax(line.amplitudes))
+        made.append(
+            {
+                "speed_rpm": line.speed_rpm,
+                "amplitude_m": line.amplitude,
+                "engine_order": float(found.orders[top]),
+                "peak_force_N": line.peak_force,
+                "contact_fraction": line.contact,
+                "clearance_consumed": line.clearance if np.isfinite(line.clearance) else None,
+                "verdict": line.verdict,
+                "period_revolutions": line.period or None,
+                "basis_error": basis,
+                "step_error": step,
+                "other_amplitude_m": other,
+                **{f"mode_{k + 1}_free_hz": float(f) for k, f in enumerate(line.free_hz)},
+                **{f"mode_{k + 1}_closed_hz": float(f) for k, f in enumerate(line.closed_hz)},
+            }
+        )
+    return made
+
+
+def onset_table(found: InteractionMap) -> list[list[Any]]:
+    """The speeds at which the excitation meets the modes; the first row is the header."""
+    head = ["mode", "engine order", "free rpm", "closed rpm"]
+    lines = [
+        [mode, order, *("" if at is None else f"{at:.6g}" for at in speeds)]
+        for mode, order, *speeds in found.onsets()
+    ]
+    return [head, *lines]
+
+
+def speed_table(found: InteractionMap) -> list[list[Any]]:
+    """The largest amplitude at each speed; the first row is the header."""
+    head = ["rpm", "amplitude mm", "engine order", "peak N", "contact %", "motion"]
+    head += ["basis error %", "step error %", "from another start mm"]
+    lines = []
+    for line, row in zip(found.lines, rows(found), strict=True):
+        errors = [None if error is None else f"{100 * error:.2g}" for error in _errors(line)]
+        other = f"{1e3 * line.other:.4g}" if line.coexists else None
+        numbers = [f"{line.speed_rpm:g}", f"{1e3 * line.amplitude:.4g}"]
+        numbers += [f"{row['engine_order']:g}", f"{line.peak_force:.4g}"]
+        motion = _named(line.verdict, line.period)
+        lines.append([*numbers, f"{100 * line.contact:.0f}", motion, *errors, other])
+    return [head, *lines]
+
+
+def sentences(found: InteractionMap) -> list[str]:
+    """The results in sentences."""
+    table, top = found.scene.map, max(found.lines, key=lambda line: line.amplitude)
+    start = {
+        "rest": "each from rest in its equilibrium",
+        "up": "each from the end of the next lower speed",
+        "down": "each from the end of the next higher speed",
+    }[table.start]
+    kinds = [line.verdict for line in found.lines]
+    verdicts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in VERDICTS if kind in kinds)
+    lines = [
+        f"{counted(len(found.lines), 'speed')} from {found.lines[0].speed_rpm:g} to "
+        f"{found.lines[-1].speed_rpm:g} rpm, {start}: {table.revolutions} revolutions of "
+        f"{found.steps} steps with {counted(found.size, 'coordinate')}; the last {table.last} are "
+        f"shown. The clearance holds {table.clearance}.",
+        f"Largest amplitude {1e3 * top.amplitude:.4g} mm at {top.speed_rpm:g} rpm, with a peak "
+        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}).",
+        f"Motions: {verdicts}.",
+        f"The speeds took {found.column('seconds').sum():.0f} CPU s, all {found.seconds:.0f} s.",
+    ]
+    checked = [line for line in found.lines if line.errors.size]
+    if checked:
+        worst = max(checked, key=lambda line: float(line.errors.max()))
+        basis, step = _errors(worst)
+        lines.append(
+            f"Errors were estimated at {counted(len(checked), 'speed')}. The largest is that at "
+            f"{worst.speed_rpm:g} rpm: {100 * (basis or 0.0):.2g} % by the basis and "
+            f"{100 * (step or 0.0):.2g} % by the step, of the largest amplitude there."
+        )
+    if found.reused:
+        lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
+    if found.interrupted:
+        lines.append("The map was interrupted; --resume continues it.")
+    return lines
+
+
+def summary(found: InteractionMap) -> dict[str, Any]:
+    """The contents of `map.json`."""
+    names = ("mode", "engine_order", "free_rpm", "closed_rpm")
+    return {
+        "scene": found.scene.source,
+        "coordinates": found.size,
+        "steps_per_revolution": found.steps,
+        "excited_orders": list(found.excited),
+        "onsets": [dict(zip(names, onset, strict=True)) for onset in found.onsets()],
+        "speeds": rows(found),
+        "reused": found.reused,
+        "interrupted": found.interrupted,
+        "seconds": found.seconds,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+@styled
+def figure(found: InteractionMap) -> Figure:
+    """Amplitudes over speed and frequency, with excitation, modes, errors and other motions."""
+    drawn = new_figure(9.0, 5.6)
+    axis = drawn.subplots()
+    speeds, orders, values = found.speeds_rpm, found.orders, 1e3 * found.amplitudes
+    top = float(values.max(initial=0.0)) or 1.0
+    edges = _edges(speeds)
+    half = 0.5 / found.scene.map.last
+    sides = np.append(orders - half, orders[-1] + half)
+    mesh = axis.pcolormesh(
+        np.broadcast_to(edges, (sides.size, edges.size)),
+        sides[:, None] * edges / 60.0,
+        np.log10(np.maximum(values, DARKEST * top)).T,
+        cmap="Greys",
+        rasterized=True,
+    )
+    bar = drawn.colorbar(mesh, ax=axis, label="amplitude, mm")
+    ticks = np.arange(np.ceil(np.log10(DARKEST * top)), np.log10(top) + 1e-9)
+    bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
+    _draw_modes(axis, found)
+    _draw_marks(axis, found)
+    seen = values > DARKEST * top
+    highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
+    highest = 1.1 * max(highest, float(found.column("free_hz").max(initial=0.0)))
+    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
+    axis.grid(False)
+    drawn.legend(loc="outside upper center", ncols=4)
+    return drawn
+
+
+def _edges(speeds: Any) -> Any:
+    """The edges (s + 1,) of the columns of some speeds (s,)."""
+    if speeds.size == 1:
+        return speeds[0] * np.array([0.99, 1.01])
+    between = 0.5 * (speeds[1:] + speeds[:-1])
+    return np.concatenate([[2 * speeds[0] - between[0]], between, [2 * speeds[-1] - between[-1]]])
+
+
+def _draw_modes(axis: Axes, found: InteractionMap) -> None:
+    """Draw the excited engine orders and the frequencies of the modes, free and closed."""
+    speeds = found.speeds_rpm
+    for k, order in enumerate(found.excited):
+        label = None if k else "excitation"
+        axis.plot(speeds, order * speeds / 60.0, ":", color=COLOURS[0], lw=0.8, label=label)
+    for name, style, label in (("free_hz", "-", "modes"), ("closed_hz", "--", "modes, closed")):
+        for mode, column in enumerate(found.column(name).T):
+            first = None if mode else label
+            axis.plot(speeds, column, style, color=COLOURS[1], lw=1.2, label=first)
+
+
+def _draw_marks(axis: Axes, found: InteractionMap) -> None:
+    """Mark cells with large errors, and speeds with several motions."""
+    x, y = [], []
+    for line in found.lines:
+        for order in found.orders[: line.errors.size][line.errors > LARGE]:
+            x.append(line.speed_rpm)
+            y.append(order * line.speed_rpm / 60.0)
+    if x:
+        label = f"error above {100 * LARGE:g} %"
+        axis.plot(x, y, "s", color=COLOURS[3], ms=4, mfc="none", label=label)
+    several = [line.speed_rpm for line in found.lines if line.coexists]
+    if several:
+        look: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "clip_on": False}
+        top = np.ones(len(several))
+        axis.plot(several, top, "v", color=COLOURS[2], label="several motions", **look)
+
+
+@styled
+def curves_figure(found: InteractionMap) -> Figure:
+    """Amplitude, peak force, contact and clearance over the speed."""
+    chosen = [curve for curve in CURVES if np.any(np.isfinite(found.column(curve[0])))]
+    drawn = new_figure(9.0, 1.9 * len(chosen))
+    panels = drawn.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
+    verdicts = found.column("verdict")
+    for panel, (name, factor, label) in zip(panels, chosen, strict=True):
+        values = factor * found.column(name)
+        panel.plot(found.speeds_rpm, values, "-", color="#A6ABB0", lw=1.0)
+        for verdict, mark in VERDICTS.items():
+            mine = verdicts == verdict
+            if mine.any():
+                panel.plot(
+                    found.speeds_rpm[mine],
+                    values[mine],
+                    mark,
+                    ms=3.5,
+                    color=COLOURS[0],
+                    label=verdict,
+                )
+        panel.set_ylabel(label)
+    others = [(line.speed_rpm, 1e3 * line.other) for line in found.lines if line.coexists]
+    if others:
+        panels[0].plot(*np.transpose(others), "v", color=COLOURS[2], label="from another start")
+    panels[-1].set_xlabel("speed, rpm")
+    handles, labels = panels[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=5)
+    return drawn
+
+
+def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
+    """Write the arrays of a map, or add a warning where h5py is not installed.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if (reason := missing_module("h5py")) is not None:
+        found.warnings.append(f"{path.name} was not written: {reason}.")
+        return []
+    import h5py  # type: ignore[import-untyped]
+
+    names = ("speed_rpm", "amplitude", "peak_force", "contact", "clearance", "period", "other")
+    with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
+        file["engine_order"], file["amplitudes"] = found.orders, found.amplitudes
+        errors = np.full(found.amplitudes.shape, np.nan)
+        for row, line in zip(errors, found.lines, strict=True):
+            row[: line.errors.size] = line.errors
+        file["relative_errors"] = errors
+        for name in (*names, "free_hz", "closed_hz"):
+            file[name] = found.column(name)
+        file["verdict"] = [line.verdict for line in found.lines]
+    return [path]
+
+
+def report(found: InteractionMap) -> Report:
+    """The report of a map: `map.csv`, `map.json`, `map.png` and `map_curves.png`."""
+    return Report(
+        "map",
+        "interaction map",
+        found.scene,
+        sentences(found),
+        found.warnings,
+        [
+            Section("Speeds of resonance", [onset_table(found)], keys=2, most=20),
+            Section("Speeds", [speed_table(found)], most=20),
+        ],
+        rows(found),
+        lambda: summary(found),
+        [
+            Picture("Interaction map", "map.png", lambda: figure(found)),
+            Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
+        ],
+        varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
+        failure=found.unfinished,
+    )

@@ -1,0 +1,228 @@
+"""Interaction maps against the exact solution of two modes that rub a casing of two lobes.
+
+The two modes have unit mass, omega_i^2 = (2 pi (100, 410))^2 + (1.8, 2.5) Omega^2, and one contact
+point at 300 m from the axis, so that curvature and the lobe's argument do not matter.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene
+
+from fenicsrom import study
+from fenicsrom.assess.studies.interaction import InteractionMap, verdict_of
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.study.maps import LINES
+
+Array = NDArray[np.float64]
+SQUARES, STIFFENING = (2.0 * np.pi * np.array([100.0, 410.0])) ** 2, np.array([1.8, 2.5])
+RADIAL, TANGENTIAL = np.array([0.5, 2.0]), np.array([3.0, -1.0])  # kg^-1/2
+RADIUS = 300.0  # m
+GAP, LOBE, SPRING, FRICTION, DAMPING = 2e-4, 2.5e-4, 1e6, 0.15, 6.0
+
+
+def two_modes(*changes: str, **contact: float) -> StoredModel:
+    """The model for a range of speeds; `contact` gives other keys than a gap."""
+    scene = beam_scene(
+        2,
+        (
+            "geometrically_nonlinear=false",
+            f"material.mass_damping={DAMPING}",
+            "rotation={speed_rpm=3000.0, speeds_rpm=[0.0, 9000.0]}",
+            "time.steps_per_period=600",
+            *changes,
+        ),
+        loads=[
+            {
+                "group": "load",
+                "at": "centre",
+                "direction": [0.0, 1.0],
+                "force": 1e-9,
+                "engine_order": 1,
+            }
+        ],
+        contacts=[
+            {
+                "group": "tip",
+                "at": "centre",
+                "normal_stiffness": SPRING,
+                "tangential_stiffness": SPRING,
+                "friction": FRICTION,
+                "surface": {
+                    "kind": "cylinder",
+                    "point": [0.0, 0.0],
+                    "waves": [[2, LOBE, np.pi]],
+                },
+                **(contact or {"gap": GAP}),
+            }
+        ],
+    )
+    elastic = ElasticPolynomial(np.zeros(2), np.diag(SQUARES), np.zeros((0, 0)), np.zeros((0, 0)))
+    points = ContactPoints(
+        np.zeros(1, dtype=np.int64),
+        np.ones(1),
+        np.array([[RADIUS, 0.0]]),
+        np.eye(2)[None],
+    )
+    rows = np.array([RADIAL, TANGENTIAL])
+    model = reduced_model(
+        mass=np.eye(2),
+        damping=DAMPING,
+        elastic=elastic,
+        loads=np.array([[1.0], [0.0]]),
+        load_histories=load_histories(scene),
+        points=points,
+        contact_rows=rows,
+        contact_offset=np.zeros(2),
+        probe=rows,
+        probe_offset=np.zeros(2),
+    )
+    whole = RangeModel(
+        model,
+        np.zeros(2),
+        -np.diag(STIFFENING),
+        np.zeros((0, 0)),
+        np.pi / 30.0 * np.array([0.0, 9000.0]),
+        np.zeros((2, 2)),
+        modes=2,
+        masters=0,
+        errors=RangeErrors(*np.zeros((4, 1))),
+        mesh_errors=np.zeros(0),
+    )
+    return StoredModel(model, scene, "rubin", (), 2, np.zeros(0), {}, whole=whole).at_speed()
+
+
+def mapped(stored: StoredModel, speeds: str, *changes: str, **options: Any) -> InteractionMap:
+    """The map of a model at some speeds."""
+    table = (f"map.speeds_rpm={speeds}", "map.revolutions=300", "map.last=10", *changes)
+    return study.interaction_map(stored.with_overrides(table), **options)
+
+
+def test_lines_match_the_exact_motions() -> None:
+    """Half ranges, peak forces and contact fractions by events located to 1e-16 s."""
+    found = mapped(two_modes(), "[1500, 4100, 4400, 5000, 7000]")
+    exact = (
+        (3.404186e-5, 12.16375, 0.152),
+        (4.701505e-4, 29.91217, 0.274),
+        (9.430262e-4, 331.30685, 0.404),
+        (5.605279e-5, 80.15742, 0.199),
+        (3.832306e-4, 190.78964, 0.313),
+    )
+    for line, (amplitude, force, contact) in zip(found.lines, exact, strict=True):
+        assert line.amplitude == pytest.approx(amplitude, rel=5e-3)
+        assert line.peak_force == pytest.approx(force, rel=1e-2)
+        assert line.contact == pytest.approx(contact, abs=5e-3)
+        assert (line.verdict, line.period) == ("period", 1)
+        top = found.orders[np.argmax(line.amplitudes)]
+        assert top % 2 == 0
+    assert found.lines[0].by_step.max() / 3.404186e-5 < 5e-3
+    assert not found.lines[0].coexists
+
+
+def test_onsets_match_the_crossings() -> None:
+    """Of the free blade; closed, with the friction of a sliding casing, from the characteristic
+    polynomial."""
+    found = mapped(two_modes(), "[500, 3000, 6000, 9000]", "map.revolutions=10", "map.orders=12")
+    onsets = {(mode, order): speeds for mode, order, *speeds in found.onsets()}
+    free = {
+        (1, 12): 503.155,
+        (1, 10): 605.474,
+        (1, 8): 760.775,
+        (1, 6): 1025.978,
+        (1, 4): 1592.235,
+        (1, 2): 4045.199,
+        (2, 12): 2068.03,
+        (2, 10): 2491.34,
+        (2, 8): 3136.88,
+        (2, 6): 4250.23,
+        (2, 4): 6695.27,
+    }
+    for key, speed in free.items():
+        assert onsets[key][0] == pytest.approx(speed, rel=1e-5)
+    assert onsets[1, 2][1] == pytest.approx(5354.2, rel=1e-3)
+    assert onsets[2, 4][1] == pytest.approx(8425.3, rel=1e-3)
+
+
+def test_permanent_contact_converges_to_the_linear_response() -> None:
+    """With a preload the contact never opens; the errors are those of the step, of second order."""
+    exact = np.array([1.91089063e-4, 3.21745144e-4, 6.13255397e-4, 1.60085298e-4])
+    errors = []
+    for steps in (300, 600):
+        stored = two_modes(f"time.steps_per_period={steps}", preload=2000.0)
+        found = mapped(stored, "[3000, 4500, 5000, 6000]", "map.revolutions=500")
+        assert {line.contact for line in found.lines} == {1.0}
+        assert all(np.isnan(line.clearance) for line in found.lines)
+        errors.append(found.amplitudes[:, found.orders == 2.0][:, 0] / exact - 1.0)
+    assert np.abs(errors[1]).max() < 1e-3
+    assert np.abs((4.0 * errors[1] - errors[0]) / 3.0).max() < 2e-4
+
+
+@pytest.mark.slow
+def test_up_and_down_follow_different_motions() -> None:
+    """Peaks of the exact motions, each from the state before, within 1 %."""
+    stored = two_modes()
+    for start, speeds, at, amplitude in (
+        ("up", "{first=4400, last=4700, number=13}", 4650.0, 4.16e-3),
+        ("up", "{first=7100, last=7325, number=10}", 7275.0, 1.287e-3),
+        ("down", "{first=7100, last=7325, number=10}", 7125.0, 5.816e-4),
+    ):
+        found = mapped(stored, speeds, f"map.start='{start}'")
+        line = max(found.lines, key=lambda line: line.amplitude)
+        assert (line.speed_rpm, line.verdict) == (at, "period")
+        assert line.amplitude == pytest.approx(amplitude, rel=0.015)  # 1 %, and that of the step
+
+
+@pytest.mark.slow
+def test_coexisting_motions_are_flagged() -> None:
+    """At 3000 rpm there is a motion of period 1, 2.764831e-5 m; from rest another one is found."""
+    found = mapped(two_modes(), "[3000, 3050]", "map.revolutions=1000")
+    line = found.lines[0]
+    assert line.verdict == "torus" and line.amplitude > 4e-5
+    assert line.coexists and line.other == pytest.approx(2.764831e-5, rel=0.01)
+    assert any("3000 rpm: another start leads to another motion" in one for one in found.warnings)
+
+
+def test_verdict_tells_periods_tori_and_other_motions() -> None:
+    steps, last = 100, 20
+    turns = np.arange(steps * last) / steps
+    noise = np.random.default_rng(1).standard_normal(turns.size)
+
+    def verdict(x: Array) -> tuple[str, int]:
+        return verdict_of(x[:, None], steps)
+
+    two = np.cos(4.0 * np.pi * turns)
+    assert verdict(two) == ("period", 1)
+    assert verdict(two + 0.1 * np.cos(np.pi * turns)) == ("period", 2)
+    assert verdict(two + 0.3 * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)) == ("torus", 0)
+    assert verdict(two + 0.3 * noise) == ("not periodic", 0)
+    assert verdict(two * np.exp(-0.01 * turns)) == ("not settled", 0)
+
+
+def test_stopped_map_continues(tmp_path: Path) -> None:
+    """The speeds that are kept are not computed again; another scene does not take them."""
+    stored = two_modes("output.pictures=false")
+    few = ("map.revolutions=20",)
+
+    def stop() -> bool:
+        return len(list((tmp_path / LINES).glob("*.npz"))) == 2
+
+    part = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, stop=stop)
+    assert part.interrupted and len(part.lines) == 2
+    whole = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, resume=True)
+    assert (whole.reused, len(whole.lines), whole.interrupted) == (2, 3, False)
+    fresh = mapped(stored, "[2000, 3000, 4000]", *few)
+    np.testing.assert_array_equal(whole.amplitudes, fresh.amplitudes)
+    other = mapped(stored, "[2000, 2100]", *few, "map.last=5", folder=tmp_path)
+    assert other.reused == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"map.csv", "map.json", "map.h5", "report.html"} <= names
