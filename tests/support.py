@@ -252,15 +252,8 @@ def enriched(
     theta = modal_derivatives(
         found.vectors, found.labels, labels, solid.tangent_derivative, found.inverse
     )
-    basis = build_basis(
-        method,
-        found.masters,
-        found.rows,
-        np.concatenate([found.normal, theta], axis=1),
-        [*found.labels[:modes], *labels],
-        solid.mass_inner,
-        solid.comm.allreduce,
-    )
+    vectors = np.concatenate([found.normal, theta], axis=1)
+    basis = build_basis(solid, found, vectors, [*found.labels[:modes], *labels])
     return found, theta, basis
 
 

@@ -252,32 +252,6 @@ def test_history_that_is_damaged_is_refused(tmp_path: Path) -> None:
     assert kind() is ErrorKind.FILE
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"time": np.array([0.0, np.nan])},
-        {"time": np.zeros(5)},
-        {"force": np.zeros((3, 1))},
-        {"displacement": np.zeros(4)},
-        {"work": np.zeros(2)},
-        {"state": np.array(["a"])},
-        {"newton_from": np.zeros(3)},
-    ],
-)
-def test_history_with_array_of_wrong_shape_or_content_is_refused(
-    tmp_path: Path, change: dict[str, Any]
-) -> None:
-    from fenicsrom.post.run.summary import write_history
-
-    _, _, motion = oscillator()
-    path = write_history(tmp_path / "history.npz", {"reduced": motion})
-    with np.load(path) as file:
-        arrays = dict(file)
-    np.savez(path, **arrays | {f"reduced_{name}": array for name, array in change.items()})
-    with refusal(ErrorKind.FORMAT, file=path.name):
-        fenicsrom.read_history(path)
-
-
 @pytest.mark.parametrize("period", [0.0, -1.0, float("nan"), float("inf")])
 def test_period_of_history_that_is_not_positive_is_refused(tmp_path: Path, period: float) -> None:
     with refusal(ErrorKind.RANGE, file="history.npz"):

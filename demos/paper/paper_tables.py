@@ -181,15 +181,7 @@ def third_order_table() -> Table:
         ),
     ):
         block = np.concatenate([modes.normal, vectors], axis=1)
-        basis = build_basis(
-            "rubin",
-            modes.masters,
-            modes.rows,
-            block,
-            ["1V", *names],
-            beam.mass_inner,
-            beam.comm.allreduce,
-        )
+        basis = build_basis(beam, modes, block, ["1V", *names])
         motion = simulate(project_intrusively(beam, basis), of)
         wrong = motion_errors(motion, full("beam", "high_load"))["amplitude_tangential"]
         found.append([name, basis.size, f"{wrong:.2g}"])

@@ -16,8 +16,9 @@ and named. Source: Mashayekhi and Zucca (2024), eqs. (12) and (13).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.words import brief
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.modes import ComponentModes
+    from fenicsrom.reduction.protocols import Structure
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
@@ -74,25 +79,19 @@ class ReducedBasis:
 
 
 def build_basis(
-    method: str,
-    masters: Array,
-    rows: Array,
+    structure: Structure,
+    modes: ComponentModes,
     vectors: Array,
     labels: Sequence[str],
-    inner: Callable[[Array, Array], Array],
-    total: Callable[[Array], Array],
     dependence: float = DEPENDENCE,
 ) -> ReducedBasis:
     """Orthonormalise the vectors and assemble the basis.
 
     Args:
-        method: name of the method.
-        masters: (local, m) R_m.
-        rows: (m, local) Bᵀ.
+        structure: the structure.
+        modes: its component modes, which give the method, R_m and Bᵀ.
         vectors: (local, k) normal modes and derivatives, the most important first.
         labels: (k,) labels of the vectors.
-        inner: gives the mass inner products of two blocks over all ranks.
-        total: sums an array over all ranks.
         dependence: a vector is dropped if the relative norm of its independent part is at most
             this.
 
@@ -102,24 +101,20 @@ def build_basis(
     Raises:
         AccuracyError: Bᵀ R differs from [I, 0], or R_s is not orthonormal (`ORTHOGONALITY`).
     """
-    enrichment, names, dropped = _orthonormalised(
-        vectors, labels, masters, rows, inner, total, dependence
-    )
-    m = masters.shape[1]
-    r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
-    gram = inner(r, r)
-    _check(method, m, rows, r, gram, total)
+    enrichment, names, dropped = _orthonormalised(structure, modes, vectors, labels, dependence)
+    m = modes.masters.shape[1]
+    r = np.ascontiguousarray(np.concatenate([modes.masters, enrichment], axis=1))
+    gram = structure.mass_inner(r, r)
+    _check(structure, modes, r, gram)
     static = [f"{k + 1}S" for k in range(m)]
-    return ReducedBasis(method, r, (*static, *names), m, dropped, scaled_condition(gram))
+    return ReducedBasis(modes.method, r, (*static, *names), m, dropped, scaled_condition(gram))
 
 
 def _orthonormalised(
+    structure: Structure,
+    modes: ComponentModes,
     vectors: Array,
     labels: Sequence[str],
-    masters: Array,
-    rows: Array,
-    inner: Callable[[Array, Array], Array],
-    total: Callable[[Array], Array],
     dependence: float,
 ) -> tuple[Array, list[str], dict[str, float]]:
     """Apply (2) to the vectors, and orthonormalise each vector against the kept ones before it.
@@ -132,9 +127,11 @@ def _orthonormalised(
         The kept vectors (local, k), their labels, and for the label of each other vector the
         relative norm of its independent part.
     """
+    inner, total = structure.mass_inner, structure.comm.allreduce
+    masters, rows = modes.masters, modes.rows
     kept, dropped = vectors[:, :0], dict[str, float]()
     names: list[str] = []
-    sizes = _norms(vectors, inner)
+    sizes = np.sqrt(np.maximum(np.diag(inner(vectors, vectors)), 0.0))
     rest = (vectors - masters @ total(rows @ vectors)) / np.where(sizes > 0.0, sizes, 1.0)
     first = 0
     while first < len(labels):
@@ -156,11 +153,6 @@ def _orthonormalised(
         names += labels[first : first + block.shape[1]]
         first, rest = first + block.shape[1], rest[:, block.shape[1] :]
     return kept, names, dropped
-
-
-def _norms(vectors: Array, inner: Callable[[Array, Array], Array]) -> Array:
-    """The norms (k,) of vectors (local, k)."""
-    return np.sqrt(np.maximum(np.diag(inner(vectors, vectors)), 0.0))
 
 
 def _normalised(block: Array, gram: Array, dependence: float) -> Array:
@@ -186,21 +178,19 @@ def _normalised(block: Array, gram: Array, dependence: float) -> Array:
     return np.asarray(block[:, :taken] @ inverse.T)
 
 
-def _check(
-    method: str, m: int, rows: Array, r: Array, gram: Array, total: Callable[[Array], Array]
-) -> None:
+def _check(structure: Structure, modes: ComponentModes, r: Array, gram: Array) -> None:
     """Check the properties (1) of a basis R (local, n) with the Gram matrix Rᵀ M R (n, n).
 
     Raises:
         AccuracyError: a property does not hold.
     """
-    n = r.shape[1]
+    total, rows, m, n = structure.comm.allreduce, modes.rows, modes.rows.shape[0], r.shape[1]
     contact_error = np.abs(total(rows @ r) - np.eye(m, n)).max(initial=0.0)
     skewness = np.abs(gram[m:, m:] - np.eye(n - m)).max(initial=0.0)
     largest = max(1.0, np.abs(total(np.abs(rows) @ np.abs(r))).max(initial=0.0))
     if contact_error > ORTHOGONALITY * largest or skewness > 100 * ORTHOGONALITY:
         raise AccuracyError(
-            f"the {method} basis is inaccurate: the contact displacements are wrong by "
+            f"the {modes.method} basis is inaccurate: the contact displacements are wrong by "
             f"{contact_error:.1e}, the orthogonality by {skewness:.1e}",
             kind=ErrorKind.BASIS,
         )

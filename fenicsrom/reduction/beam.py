@@ -7,7 +7,6 @@ it treats the solid.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,15 +18,15 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.model.dense_model import DenseModel
-from fenicsrom.online.model.loads import LoadHistories
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
+from fenicsrom.reduction.damping import viscous_damping
+from fenicsrom.reduction.projection import projected_terms
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
-from fenicsrom.scene import Damping, Load, Scene
+from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
@@ -63,25 +62,6 @@ class Cholesky:
         return np.asarray(scipy.linalg.cho_solve(self._factor, block))
 
 
-@dataclass(frozen=True, eq=False)
-class BeamPlaces:
-    """Where loads and contacts act on a beam of n unknowns, in a space of d dimensions.
-
-    Attributes:
-        load_vectors: (n, loads) load vectors of unit loads.
-        load_histories: time factors of the loads.
-        points: the contact points.
-        contact_rows: (m, n) Bᵀ.
-        probe_rows: (d, n) displacement of the probe.
-    """
-
-    load_vectors: Array
-    load_histories: LoadHistories
-    points: ContactPoints
-    contact_rows: Array
-    probe_rows: Array
-
-
 class BeamStructure:
     """The 1D beam as a `fenicsrom.reduction.protocols.Structure`.
 
@@ -93,58 +73,59 @@ class BeamStructure:
     gyroscopic = None
     comm = SerialCommunicator()
 
-    def __init__(
-        self,
-        beam: TimoshenkoBeam,
-        places: BeamPlaces,
-        mass_damping: float,
-        source: str,
-        damping: Damping = UNDAMPED,
-        excitation: float = 0.0,
-    ):
-        """Factorise the stiffness.
-
-        Args:
-            beam: the beam.
-            places: the places of loads and contacts.
-            mass_damping: α of the damping C = α M, 1/s.
-            source: name of the scene file, for messages.
-            damping: the other damping.
-            excitation: the highest frequency that the scene excites, Hz.
-        """
-        self.excitation = excitation
-        self.beam, self.source, self.mass_damping = beam, source, mass_damping
+    def __init__(self, beam: TimoshenkoBeam, scene: Scene):
+        """Find where loads and contacts act, and factorise the stiffness."""
+        self.beam, self.source = beam, scene.source
+        self.mass_damping, self.excitation = scene.material.mass_damping, highest_frequency(scene)
         self.geometrically_nonlinear = not beam.linear
         self.mass, self.stiffness = beam.mass, beam.stiffness
         self.size = self.local = self.free = beam.mass.shape[0]
-        self.dimension = places.probe_rows.shape[0]
-        self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
-        self.points, self.contact_rows = places.points, csr_array(places.contact_rows)
-        self.probe_rows = places.probe_rows
+        self.dimension = d = scene.geometry.dimension
+        self.probe_rows = self._rows(beam.tip_node)
+        loads = [self._load_vector(load) for load in scene.loads]
+        self.load_vectors: Array = np.array(loads).reshape(-1, self.size).T
+        self.load_histories = histories_of(scene.loads)
+        frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
+        rows: Array = np.zeros((0, self.size))
+        self.points = no_points(d)
+        if frames:
+            position = np.zeros((1, d))
+            position[0, 0] = beam.length
+            number = np.zeros(1, dtype=np.int64)
+            self.points = ContactPoints(number, np.ones(1), position, np.array(frames))
+            rows = np.concatenate([axes @ self.probe_rows for axes in frames])
+        self.contact_rows = csr_array(rows)
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
-        self.viscous = viscous_damping(self, damping)
+        self.viscous = viscous_damping(self, scene.damping)
+
+    def _rows(self, node: int) -> Array:
+        """(d, n) displacement of a node."""
+        found = np.zeros((self.dimension, self.size))
+        for component in range(2):
+            found[component, self.beam.unknown(node, component)] = 1.0
+        return found
+
+    def _load_vector(self, load: Load) -> Array:
+        """The load vector (n,) of a load of size 1."""
+        direction = np.array(load.direction)
+        if not load.everywhere:
+            return direction @ self._rows(self.beam.load_node)
+        found = self.beam.translated @ direction[:2]
+        return np.asarray(-found if load.moves_supports else found)
 
     def full_model(self) -> DenseModel:
         """The full model for the time integration."""
         linear = self.beam.linear
+        terms = projected_terms(self, np.eye(self.size)) | {"loads": self.load_vectors}
         return DenseModel(
-            self.mass,
-            self.mass_damping,
-            self.beam.elastic,
-            self.beam.energy,
-            self.load_vectors,
-            self.load_histories,
-            self.points,
-            self.contact_rows.toarray(),
-            np.zeros(self.contact_rows.shape[0]),
-            self.probe_rows,
-            np.zeros(self.probe_rows.shape[0]),
-            None if self.viscous is None else self.viscous.times(np.eye(self.size)),
+            elastic=self.beam.elastic,
+            energy=self.beam.energy,
             linear=linear,
             gauss_points=1 if linear else self.gauss_points,
+            **terms,
         )
 
     def inner(self, a: Array, b: Array) -> Array:
@@ -304,9 +285,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
             f"{scene.source}: {error}", kind=error.kind, key=error.key, source=scene.source
         ) from None
     _check_planar(scene)
-    places = _places(scene, beam)
-    damping, excitation = scene.material.mass_damping, highest_frequency(scene)
-    return BeamStructure(beam, places, damping, scene.source, scene.damping, excitation)
+    return BeamStructure(beam, scene)
 
 
 def _check_planar(scene: Scene) -> None:
@@ -342,44 +321,3 @@ def _check_planar(scene: Scene) -> None:
             refuse(f"the 1D beam moves in the x-y plane, but {list(vector)} leaves this plane")
     if any(load.static and load.size for load in scene.loads):
         refuse("the 1D beam starts undeformed; remove the static loads")
-
-
-def _load_vector(load: Load, at_load: Array, beam: TimoshenkoBeam) -> Array:
-    """The load vector (n,) of a load of size 1.
-
-    Args:
-        load: the load.
-        at_load: (d, n) displacement of the node at which forces act.
-        beam: the beam.
-    """
-    direction = np.array(load.direction)
-    if not load.everywhere:
-        return direction @ at_load
-    found = beam.translated @ direction[:2]
-    return np.asarray(-found if load.moves_supports else found)
-
-
-def _places(scene: Scene, beam: TimoshenkoBeam) -> BeamPlaces:
-    """Find where the loads and contacts of a scene act on its beam."""
-    n, d = beam.mass.shape[0], scene.geometry.dimension
-
-    def rows(node: int) -> Array:
-        found = np.zeros((d, n))
-        found[0, beam.unknown(node, 0)] = found[1, beam.unknown(node, 1)] = 1.0
-        return found
-
-    tip, at_load = rows(beam.tip_node), rows(beam.load_node)
-    loads = [_load_vector(load, at_load, beam) for load in scene.loads]
-    frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
-    points = no_points(d)
-    if frames:
-        position = np.zeros((1, d))
-        position[0, 0] = beam.length
-        points = ContactPoints(np.zeros(1, dtype=np.int64), np.ones(1), position, np.array(frames))
-    return BeamPlaces(
-        np.array(loads).reshape(-1, n).T,
-        histories_of(scene.loads),
-        points,
-        np.concatenate([axes @ tip for axes in frames] or [np.zeros((0, n))]),
-        tip,
-    )

@@ -84,33 +84,12 @@ def candidate_model(structure: Structure, options: Basis, found: Reduction) -> R
 
 
 def extended_basis(structure: Structure, options: Basis, found: Reduction) -> ReducedBasis:
-    """[R, W] of (1); arguments as `candidate_model`."""
-    return candidate_basis(
-        structure, options, found.modes, found.selection, found.derivatives, found.basis
-    )
+    """[R, W] of (1), whose first n vectors are those of the basis.
 
-
-def candidate_basis(
-    structure: Structure,
-    options: Basis,
-    modes: ComponentModes,
-    selection: Selection,
-    derivatives: Derivatives,
-    basis: ReducedBasis,
-) -> ReducedBasis:
-    """Extend a basis by its candidates.
-
-    Args:
-        structure: the structure.
-        options: the options of the basis.
-        modes: its component modes.
-        selection: the modes and derivatives that were selected.
-        derivatives: the derivatives of the basis.
-        basis: the basis R.
-
-    Returns:
-        [R, W] of (1); the first n vectors are those of the basis.
+    Arguments as `candidate_model`.
     """
+    modes, selection = found.modes, found.selection
+    derivatives, basis = found.derivatives, found.basis
     more = _more_modes(structure, options, modes)
     count, masters = modes.omega.size, modes.rows.shape[0]
     left_out = [label for label in modes.labels if label not in selection.modes]
@@ -194,15 +173,8 @@ def _extended(
     labels: list[str],
 ) -> ReducedBasis:
     """The basis with more vectors (local, k), orthonormalised against those of the basis."""
-    return build_basis(
-        modes.method,
-        modes.masters,
-        modes.rows,
-        np.concatenate([basis.vectors[:, basis.masters :], vectors], axis=1),
-        [*basis.labels[basis.masters :], *labels],
-        structure.mass_inner,
-        structure.comm.allreduce,
-    )
+    vectors = np.concatenate([basis.vectors[:, basis.masters :], vectors], axis=1)
+    return build_basis(structure, modes, vectors, [*basis.labels[basis.masters :], *labels])
 
 
 def _combinations(

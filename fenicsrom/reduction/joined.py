@@ -118,16 +118,8 @@ def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel
         *extra,
     ]
     blocks = np.concatenate(vectors, axis=1)
-    basis = build_basis(
-        "rubin",
-        first.masters,
-        first.rows,
-        blocks,
-        [f"{k + 1}J" for k in range(blocks.shape[1])],
-        structure.mass_inner,
-        structure.comm.allreduce,
-        DEPENDENCE,
-    )
+    labels = [f"{k + 1}J" for k in range(blocks.shape[1])]
+    basis = build_basis(structure, first, blocks, labels, DEPENDENCE)
     if basis.size > LARGEST:
         raise SceneError(
             f"{structure.source}: rotation.speeds_rpm: the joined basis has {basis.size} "

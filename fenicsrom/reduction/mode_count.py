@@ -13,8 +13,9 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.protocols import Inverse, Structure
+from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.checks import LEAST_MODES
-from fenicsrom.scene.keys.excitation import HIGHEST_MODE
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 
 ENOUGH = 1.5
 """The last mode of any basis should be above this multiple of the highest excited frequency."""
@@ -78,14 +79,14 @@ def solve_eigenmodes(
     return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
 
-def missing_modes(highest: float, frequencies: Array) -> str | None:
+def missing_modes(scene: Scene, frequencies: Array) -> str | None:
     """Give a warning of loads that are too fast for the modes of a basis; None without such loads.
 
     Args:
-        highest: the highest frequency that the scene excites, Hz.
+        scene: the scene.
         frequencies: (v,) natural frequencies of the normal modes, Hz.
     """
-    last = float(np.max(frequencies, initial=0.0))
+    highest, last = highest_frequency(scene), float(np.max(frequencies, initial=0.0))
     if highest * ENOUGH <= last or highest == 0.0:
         return None
     return (

@@ -192,15 +192,8 @@ def linear_model(structure: Structure, modes: ComponentModes) -> LinearModel:
         modes: component modes of the structure.
     """
     labels = [label for label in modes.labels if label.endswith("V")]
-    basis = build_basis(
-        modes.method,
-        modes.masters,
-        modes.rows,
-        np.concatenate([modes.normal, modes.loads.vectors], axis=1),
-        [*labels, *modes.loads.labels],
-        structure.mass_inner,
-        structure.comm.allreduce,
-    )
+    vectors = np.concatenate([modes.normal, modes.loads.vectors], axis=1)
+    basis = build_basis(structure, modes, vectors, [*labels, *modes.loads.labels])
     return LinearModel(basis.vectors, project(structure, basis, nonlinear=False))
 
 

@@ -218,15 +218,7 @@ def enrich(
         [modes.normal[:, kept], modes.loads.vectors, derivatives.vectors], axis=1
     )
     labels = [*(modes.labels[k] for k in kept), *modes.loads.labels, *derivatives.labels]
-    return build_basis(
-        modes.method,
-        modes.masters,
-        modes.rows,
-        vectors,
-        labels,
-        structure.mass_inner,
-        structure.comm.allreduce,
-    )
+    return build_basis(structure, modes, vectors, labels)
 
 
 def reduce(structure: Structure, options: Basis, basis: ReducedBasis) -> ReducedModel | DenseModel:

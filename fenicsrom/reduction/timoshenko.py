@@ -127,11 +127,10 @@ class TimoshenkoBeam:
         shear: S of (3), N.
         bending: EI, N m².
         linear: whether displacements are small, so that `stiffness` is the tangent everywhere.
-        mass: consistent mass (n, n), kg, kg m and kg m²; read-only.
-        stiffness: tangent of the undeformed beam (n, n); read-only.
+        mass: consistent mass (n, n), kg, kg m and kg m².
+        stiffness: tangent of the undeformed beam (n, n).
         load_node: node at which the load acts.
-        translated: (n, 2) load vectors of unit accelerations along and across the beam, kg;
-            read-only.
+        translated: (n, 2) load vectors of unit accelerations along and across the beam, kg.
     """
 
     elements: int
@@ -157,15 +156,7 @@ class TimoshenkoBeam:
             node: 1 (next to the clamp) to `elements` (the tip).
             component: 0 for u (along the beam), 1 for w (across), 2 for θ (from the first axis to
                 the second).
-
-        Raises:
-            IndexError: the node is not a free node, or there is no such component.
         """
-        if not (1 <= node <= self.elements and 0 <= component < UNKNOWNS):
-            raise IndexError(
-                f"node {node}, component {component}: nodes must be 1 to {self.elements}, "
-                "components 0 to 2"
-            )
         return UNKNOWNS * (node - 1) + component
 
     def elastic(self, q: Array) -> tuple[Array, Array]:
@@ -222,9 +213,6 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
     stiffness = _assemble(np.zeros(UNKNOWNS * (n + 1)), length, axial, shear, bending)[2][
         UNKNOWNS:, UNKNOWNS:
     ].copy()
-    translated.setflags(write=False)
-    mass.setflags(write=False)
-    stiffness.setflags(write=False)
     return TimoshenkoBeam(
         n,
         section.length,

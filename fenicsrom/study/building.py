@@ -63,11 +63,10 @@ def set_modes(run: Run, found: ComponentModes) -> None:
     from fenicsrom.reduction.modes import with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
-    from fenicsrom.scene.keys.excitation import highest_frequency
 
     study = run.study
     study.modes, study.scene = found, with_mode_count(study.scene, found)
-    sentence = missing_modes(highest_frequency(study.scene), found.frequencies_hz)
+    sentence = missing_modes(study.scene, found.frequencies_hz)
     if sentence is not None:
         study.warnings.append(sentence)
     for label, share in study.modes.loads.shares.items():

@@ -8,42 +8,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.fem.solid.solid import Solid
-    from fenicsrom.online.contact.points import ContactPoints
 
 
 class LateSolid:
-    """Stands for a solid; the attributes that are not listed here build the solid.
+    """Stands for a solid; an attribute that is not known builds the solid."""
 
-    Attributes:
-        comm: the communicator.
-        free: see `fenicsrom.fem.solid.solid.Solid`, as the other attributes.
-        extent: see there.
-        loaded: see there.
-        unstable: see there.
-        equilibrium: see there.
-        points: see there.
-        warnings: see there.
-    """
+    warnings: list[str]
 
-    def __init__(
-        self,
-        build: Callable[[], Solid],
-        comm: Any,
-        *,
-        free: int,
-        extent: float,
-        loaded: bool,
-        unstable: int,
-        equilibrium: Array,
-        points: ContactPoints,
-        warnings: list[str],
-    ):
-        """Keep what is known, and the function that builds the solid."""
+    def __init__(self, build: Callable[[], Solid], **known: Any):
+        """Keep the function that builds the solid, and attributes with their values."""
         self._build = build
         self._solid: Solid | None = None
-        self.comm, self.free, self.loaded, self.unstable = comm, free, loaded, unstable
-        self.extent = extent
-        self.equilibrium, self.points, self.warnings = equilibrium, points, warnings
+        self.__dict__ |= known
 
     def __getattr__(self, name: str) -> Any:
         """Give an attribute of the solid, which is built at the first call."""

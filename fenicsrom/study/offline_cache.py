@@ -50,6 +50,9 @@ BODY = ", ".join(MODES_STAGES[:2])
 Contents = tuple[dict[str, Any], dict[str, Any]]
 
 WHAT = "the offline results"
+SOLID = ("free", "extent", "loaded", "unstable")
+MODES = ("omega", "normal", "static", "masters", "rows")
+"""Attributes of the solid and of its component modes that the first archive holds."""
 
 
 class OfflineCache:
@@ -135,15 +138,14 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
 
 def _modes_contents(run: Run) -> Contents:
     """The archive of the equilibrium and the modes."""
-    study, modes = run.study, run.study.modes
+    from fenicsrom.reduction.mode_count import missing_modes
+
+    study, modes, solid = run.study, run.study.modes, run.study.solid
     assert modes is not None
-    solid = study.solid
+    missing = missing_modes(study.scene, modes.frequencies_hz)  # depends on loads that may change
     header = {
-        "free": solid.free,
-        "extent": solid.extent,
-        "loaded": solid.loaded,
-        "unstable": solid.unstable,
-        "warnings": [text for text in study.warnings if text != _missing(study.scene, modes)],
+        "solid": {name: getattr(solid, name) for name in SOLID},
+        "warnings": [text for text in study.warnings if text != missing],
         "body": _fingerprint(solid),
         "method": modes.method,
         "labels": modes.labels,
@@ -151,8 +153,8 @@ def _modes_contents(run: Run) -> Contents:
         "load_labels": modes.loads.labels,
         "load_shares": modes.loads.shares,
     }
-    arrays = {name: getattr(modes, name) for name in ("omega", "normal", "static")}
-    arrays |= {"masters": modes.masters, "rows": modes.rows, "loads": modes.loads.vectors}
+    arrays = {name: getattr(modes, name) for name in MODES}
+    arrays["loads"] = modes.loads.vectors
     arrays |= {f"point_{name}": value for name, value in solid.points._asdict().items()}
     arrays["equilibrium"] = solid.equilibrium
     if study.deflection is not None:
@@ -172,33 +174,22 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     scene, body = run.study.scene, str(header["body"])
     solid = LateSolid(
         lambda: _build(run, scene, body),
-        run.comm,
-        free=int(header["free"]),
-        extent=float(header["extent"]),
-        loaded=bool(header["loaded"]),
-        unstable=int(header["unstable"]),
+        **header["solid"],
+        comm=run.comm,
         equilibrium=arrays["equilibrium"],
         points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
-        warnings=list(header["warnings"]),
+        warnings=header["warnings"],
     )
     inverse: Any = LateInverse(solid)
-    rows, masters = arrays["rows"], arrays["masters"]
-    if header["method"] == "craig-bampton" and rows.shape[0]:
-        inverse = ConstrainedInverse(inverse, rows, masters, solid)
-    labels = tuple(header["labels"])
-    shares = {str(name): float(value) for name, value in header["load_shares"].items()}
-    loads = LoadVectors(tuple(header["load_labels"]), arrays["loads"], shares)
+    if header["method"] == "craig-bampton" and arrays["rows"].shape[0]:
+        inverse = ConstrainedInverse(inverse, arrays["rows"], arrays["masters"], solid)
     found = ComponentModes(
-        str(header["method"]),
-        arrays["omega"],
-        arrays["normal"],
-        arrays["static"],
-        masters,
-        rows,
-        inverse,
-        labels,
-        float(header["condition"]),
-        loads,
+        method=header["method"],
+        labels=tuple(header["labels"]),
+        flexibility_condition=header["condition"],
+        inverse=inverse,
+        loads=LoadVectors(tuple(header["load_labels"]), arrays["loads"], header["load_shares"]),
+        **{name: arrays[name] for name in MODES},
     )
     run.study.solid, run.study.deflection = solid, arrays.get("deflection")
     if "deformation" in arrays:
@@ -242,34 +233,22 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     stored = model_of_contents(Path(study.scene.source), header["model"], arrays).with_scene(
         study.scene
     )
-    selection = Selection(
-        tuple(chosen["modes"]),
-        tuple(chosen["derivatives"]),
-        chosen["modal_coordinates"],
-        chosen["weights"],
-    )
+    labels = {name: tuple(chosen[name]) for name in ("modes", "derivatives")}
+    selection = Selection(**chosen | labels)
     extended = ReducedBasis(
         stored.method, vectors, (*stored.labels, *stored.further), **header["basis"]
     )
     basis = replace(extended, vectors=vectors[:, : stored.size], labels=stored.labels)
-    labels, warnings = tuple(header["derivatives"]), list(header["warnings"])
+    kept = tuple(header["derivatives"])
     # nothing raises from here on: the record has all or nothing
     study.selection, study.basis, study.extended = selection, basis, extended
-    study.derivatives = Derivatives(labels, derivatives, sizes=header["sizes"])
+    study.derivatives = Derivatives(kept, derivatives, sizes=header["sizes"])
     study.model, study.candidates = stored.model, stored.candidates
     study.tables, study.further = stored.tables, stored.further
     study.finer, study.finer_labels = stored.finer, stored.finer_labels
     study.mesh_check = MeshCheck(**header["mesh_check"])
-    study.warnings.extend(warnings)
+    study.warnings.extend(header["warnings"])
     building.note_selection(study)
-
-
-def _missing(scene: Scene, modes: Any) -> str | None:
-    """The warning of loads of the run that are too fast for the modes."""
-    from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.scene.keys.excitation import highest_frequency
-
-    return missing_modes(highest_frequency(scene), modes.frequencies_hz)
 
 
 def _build(run: Run, scene: Scene, body: str) -> Solid:

@@ -172,7 +172,11 @@ def _make_room(
     }
     earlier = _earlier_results(folder, record)
     continued = _continues(folder, record, scene, origin)
-    same = continued or (record is not None and _is_same_run(folder, record, scene, origin))
+    same = continued or (
+        record is not None
+        and record.get("task") == list(origin.task)
+        and _has_same_scene(folder, record, scene)
+    )
     if not overwrite:
         if record is not None and earlier and not same:
             what = f"another run ({record['command']}, {record['began']})"
@@ -200,11 +204,6 @@ def _continues(folder: Path, record: dict[str, Any] | None, scene: Scene, origin
     inside = folder.resolve() in origin.resume.resolve().parents
     sweeps = origin.task[0] in ("sweep", "map")
     return same_command and inside and (not sweeps or _has_same_scene(folder, record, scene))
-
-
-def _is_same_run(folder: Path, record: dict[str, Any], scene: Scene, origin: Origin) -> bool:
-    """Whether the folder holds the same task on the same scene and the same mesh file."""
-    return record.get("task") == list(origin.task) and _has_same_scene(folder, record, scene)
 
 
 def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:

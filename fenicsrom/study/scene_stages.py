@@ -29,6 +29,8 @@ from fenicsrom.study.reasons import (
 )
 from fenicsrom.study.stage import Item, Run, Stage
 
+Work = Callable[[Run], None]
+
 ALL_STATIC = "no load varies in time, so only the equilibrium is computed"
 MODES_ONLY = "only the modes are asked for"
 
@@ -57,50 +59,35 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     moving, why_not = _moving(scene, modes_only)
     reference, basis = scene.reference, scene.basis
     full, beam = reference.full, reference.beam is not None
-    full_reason = f"reference.full is {toml_text(full)}" if moving else why_not
+    full_reason = f"reference.full is {toml_text(full)}"
+    beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
+
+    def moved(
+        name: str, needed: bool, reason: str, work: Work, parts: tuple[Item, ...] = ()
+    ) -> Stage:
+        """Make a stage that only models with a motion need."""
+        if not moving:
+            return Stage(name, False, why_not, work)
+        return Stage(name, needed, reason, work, parts)
+
     listed = [
         *offline_stages(scene, modes_only),
-        Stage(
-            "beam check",
-            moving and beam,
-            f"reference.beam is {'given' if beam else 'not given'}" if moving else why_not,
-            lambda run: motions.check_beam(run.study),
-        ),
-        Stage(
+        moved("beam check", beam, beam_reason, lambda run: motions.check_beam(run.study)),
+        moved(
             "reduced motion",
-            moving,
-            f"time.scheme is {scene.time.scheme}" if moving else why_not,
+            True,
+            f"time.scheme is {scene.time.scheme}",
             lambda run: motions.integrate(run, "reduced"),
-            parts=(newton_item(scene),) if moving else (),
+            (newton_item(scene),),
         ),
-        Stage(
-            "size",
-            moving and basis.adapts,
-            size_reason(scene) if moving else why_not,
-            motions.fit_size,
-        ),
-        Stage(
-            "mode comparison",
-            moving and full,
-            full_reason,
-            lambda run: motions.compare_modes(run.study),
-        ),
-        Stage(
-            "full motion",
-            moving and full,
-            full_reason,
-            lambda run: motions.integrate(run, "full"),
-        ),
-        Stage(
-            "beam motion",
-            moving and beam,
-            f"reference.beam is {'given' if beam else 'not given'}" if moving else why_not,
-            lambda run: motions.integrate(run, "beam"),
-        ),
-        Stage(
+        moved("size", basis.adapts, size_reason(scene), motions.fit_size),
+        moved("mode comparison", full, full_reason, lambda run: motions.compare_modes(run.study)),
+        moved("full motion", full, full_reason, lambda run: motions.integrate(run, "full")),
+        moved("beam motion", beam, beam_reason, lambda run: motions.integrate(run, "beam")),
+        moved(
             "checks",
-            moving,
-            "energy balance, time step, basis and mesh" if moving else why_not,
+            True,
+            "energy balance, time step, basis and mesh",
             lambda run: motions.check(run.study),
         ),
         Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
@@ -118,6 +105,11 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     listed = nonlinear and not by_motion and basis.derivatives not in ("none", ())
     derivatives = derivatives_reason(scene) if with_modes else ALL_STATIC
     which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
+    candidates, reduction = why_not, why_not
+    parts: tuple[Item, ...] = ()
+    if with_basis:
+        candidates = "vectors that the basis leaves out: they judge it, and it may take them"
+        reduction, parts = elastic_reason(scene), reduction_parts(scene)
     return [
         Stage(
             "mesh", True, f"{scene.geometry.mesh.name}, {scene.geometry.dimension}D", building.mesh
@@ -142,21 +134,8 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             "derivatives", with_modes and (selecting or listed), derivatives, building.derivatives
         ),
         Stage("basis", with_basis, which if with_basis else why_not, building.basis),
-        Stage(
-            "candidates",
-            with_basis,
-            "vectors that the basis leaves out: they judge it, and it may take them"
-            if with_basis
-            else why_not,
-            building.candidates,
-        ),
-        Stage(
-            "reduction",
-            with_basis,
-            elastic_reason(scene) if with_basis else why_not,
-            building.reduced_model,
-            reduction_parts(scene) if with_basis else (),
-        ),
+        Stage("candidates", with_basis, candidates, building.candidates),
+        Stage("reduction", with_basis, reduction, building.reduced_model, parts),
         Stage(
             "finer elements",
             True,
@@ -172,7 +151,7 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     output = scene.output
     moving, why_not = _moving(scene, modes_only)
 
-    def wanted(name: str, key: str, needed: bool, write: Callable[[Run], None]) -> Stage:
+    def wanted(name: str, key: str, needed: bool, write: Work) -> Stage:
         """Make a stage that the key of the [output] table switches on."""
         on = getattr(output, key)
         reason = f"output.{key} is {toml_text(on)}" if needed or not on else why_not

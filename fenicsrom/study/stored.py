@@ -49,7 +49,6 @@ def rerun(
     from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.scene.keys.excitation import highest_frequency
 
     watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None
@@ -58,7 +57,7 @@ def rerun(
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     warnings += range_warnings(stored)
     warnings += [] if stored.whole is None else of_range(stored.whole).warnings(scene)
-    too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
+    too_few = missing_modes(scene, stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)
     left_out = rerun_left_out(stored, motion)

@@ -90,8 +90,6 @@ def test_estimate_of_a_transient_covers_its_error(touching: bool) -> None:
     with pytest.raises(AccuracyError) as refusal:
         verdicts.check_time_error(scene, estimate, measures.is_unsteady(motion))
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.TIME_STEP, "time.step")
-    reason = verdicts.rejection_reason(model, scene, motion)
-    assert reason is not None and reason.kind is ErrorKind.TIME_STEP
 
 
 def test_resumed_run_is_judged_by_its_own_record() -> None:
@@ -177,7 +175,7 @@ def test_recommended_steps_pass_the_check(steps: int) -> None:
 def test_recommended_step_uses_the_key_of_the_scene() -> None:
     _, scene, _ = oscillator(8)
     for key, value, advised in (("tolerance", 0.032, 0.0005), ("step", 0.1, 0.025)):
-        time = scene.time.changed(**{key: value})
+        time = scene.time.changed(**{key: value, "duration": 10.0})
         with pytest.raises(
             AccuracyError,
             match=rf'try {key} = {advised:g}; or try time.scheme = "generalised-alpha"',

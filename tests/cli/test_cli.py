@@ -149,12 +149,7 @@ BLOCKED = (
 WITHOUT = f"""
 import sys
 
-class Blocker:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {BLOCKED!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-
-sys.meta_path.insert(0, Blocker())
+sys.modules.update(dict.fromkeys({BLOCKED!r}))  # what is None cannot be imported
 from fenicsrom.cli import main
 sys.exit(main(sys.argv[1:]))
 """

@@ -3,6 +3,7 @@ named."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from support import enriched
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.reduction.basis import DEPENDENCE, build_basis
+from fenicsrom.reduction.beam import SerialCommunicator
 
 Array = NDArray[np.float64]
 
@@ -23,10 +25,6 @@ def inner(a: Array, b: Array) -> Array:
     return a.T @ (WEIGHTS[:, None] * b)
 
 
-def same(values: Array) -> Array:
-    return values
-
-
 N = 12
 WEIGHTS = np.linspace(1.0, 3.0, N)
 ROWS = np.eye(2, N) + 0.1 * np.eye(2, N, 3)
@@ -34,7 +32,9 @@ MASTERS = np.linalg.pinv(ROWS) + (np.eye(N) - np.linalg.pinv(ROWS) @ ROWS)[:, 5:
 
 
 def make(vectors: Array, labels: list[str], masters: Array = MASTERS) -> Any:
-    return build_basis("rubin", masters, ROWS, vectors, labels, inner, same)
+    structure: Any = SimpleNamespace(mass_inner=inner, comm=SerialCommunicator())
+    modes: Any = SimpleNamespace(method="rubin", masters=masters, rows=ROWS[: masters.shape[1]])
+    return build_basis(structure, modes, vectors, labels)
 
 
 def test_basis_has_identity_block_orthonormal_rest_and_labels() -> None:
@@ -82,9 +82,7 @@ def test_masters_that_do_not_fit_the_rows_are_refused() -> None:
 
 
 def test_basis_without_contact_or_enrichment_is_made() -> None:
-    none = build_basis(
-        "rubin", np.zeros((N, 0)), np.zeros((0, N)), np.eye(N)[:, :2], ["1V", "2V"], inner, same
-    )
+    none = make(np.eye(N)[:, :2], ["1V", "2V"], np.zeros((N, 0)))
     assert none.labels == ("1V", "2V") and none.masters == 0
     np.testing.assert_allclose(inner(none.vectors, none.vectors), np.eye(2), atol=1e-14)
     plain = make(np.zeros((N, 0)), [])

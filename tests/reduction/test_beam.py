@@ -336,9 +336,6 @@ def test_places_of_beam_are_nodes() -> None:
         0,
         59,
     )
-    for node, component in ((0, 1), (21, 0), (5, 3)):
-        with pytest.raises(IndexError, match="nodes must be 1 to 20"):
-            beam.unknown(node, component)
 
 
 @pytest.mark.parametrize(
@@ -357,10 +354,3 @@ def test_beam_of_a_solid_in_space_moves_in_the_plane() -> None:
     assert np.any(found.load_vectors) and found.contact_rows.shape[0] == 3
     with refusal(ErrorKind.CONFLICT, "reference.beam", names="leaves this plane"):
         beam_structure(beam_scene(3, ("loads.0.direction=[0.0, 0.6, 0.8]",), **table))
-
-
-def test_matrices_of_beam_are_read_only() -> None:
-    beam = timoshenko(PAPER, STEEL, True)
-    for matrix in (beam.mass, beam.elastic(np.zeros(60))[1]):
-        with pytest.raises(ValueError, match="read-only"):
-            matrix[0, 0] = 1.0

@@ -12,7 +12,7 @@ from support import beam_scene
 from fenicsrom.arrays import Array
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
-from fenicsrom.reduction.candidates import candidate_basis, missing_derivatives
+from fenicsrom.reduction.candidates import extended_basis, missing_derivatives
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis, Scene
@@ -25,10 +25,7 @@ def extended(scene: Scene) -> tuple[BeamStructure, Reduction, ReducedBasis]:
     """The beam of a scene, its reduction, and the basis with its candidates."""
     beam = beam_structure(scene)
     found = Reduction(beam, scene, lambda stage: nullcontext())
-    basis = candidate_basis(
-        beam, scene.basis, found.modes, found.selection, found.derivatives, found.basis
-    )
-    return beam, found, basis
+    return beam, found, extended_basis(beam, scene.basis, found)
 
 
 def reduced(method: str, derivatives: object = "none") -> tuple[BeamStructure, Reduction, Array]:

@@ -106,10 +106,11 @@ def test_automatic_modes_are_limited_with_a_warning() -> None:
 
 
 def test_modes_below_the_excitation_are_missed() -> None:
-    assert missing_modes(10.0, np.array([3.0, 15.0])) is None
-    assert missing_modes(0.0, np.zeros(0)) is None
+    scene = scene_with("loads.0.frequency=10")
+    assert missing_modes(scene, np.array([3.0, 15.0])) is None
+    assert missing_modes(scene_with("loads.0.force=0"), np.zeros(0)) is None
     for frequencies in (np.array([3.0, 14.9]), np.zeros(0)):
-        sentence = missing_modes(10.0, frequencies)
+        sentence = missing_modes(scene, frequencies)
         assert sentence is not None and "basis.modes" in sentence
 
 

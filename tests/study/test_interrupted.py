@@ -148,7 +148,7 @@ def test_resumed_run_keeps_the_coordinates_that_joined_its_basis(tmp_path: Path)
         (
             *STOCKY,
             "basis.modes=1",
-            "basis.accuracy=1e-3",
+            "basis.accuracy=1e-4",
             "material.mass_damping=100.0",
             "time={periods=60, steps_per_period=40}",
             "loads.0.force=1e5",

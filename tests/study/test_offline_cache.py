@@ -85,6 +85,7 @@ ONLINE = {
     "compare",
     "statics",
     "campbell",
+    "map",
     "backbone",
     "basis.accuracy",
     "basis.size",

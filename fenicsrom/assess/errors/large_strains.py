@@ -46,22 +46,18 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
                 f"{state.volume_ratio:.2g} at ({place}) m, where the St Venant-Kirchhoff law has "
                 "no meaning"
             ]
-    for where, state in states:
-        if state.smallest_stretch < 1.0 - LARGE_STRAIN:
-            largest = 1.0 - min(other.smallest_stretch for _, other in states)
-            return [
-                f"the compressive strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
-                f"{100.0 * largest:.3g} %: the St Venant-Kirchhoff law softens in compression and "
-                "loses its stiffness at 42 %"
-            ]
-    for where, state in states:
-        if state.largest_stretch > 1.0 + LARGE_STRAIN:
-            largest = max(other.largest_stretch for _, other in states) - 1.0
-            return [
-                f"the tensile strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
-                f"{100.0 * largest:.3g} %: the St Venant-Kirchhoff law is made for small strains, "
-                "and hardens in tension"
-            ]
+    compressed = [1.0 - state.smallest_stretch for _, state in states]
+    extended = [state.largest_stretch - 1.0 for _, state in states]
+    for strains, name, meaning in (
+        (compressed, "compressive", "softens in compression and loses its stiffness at 42 %"),
+        (extended, "tensile", "is made for small strains, and hardens in tension"),
+    ):
+        for (where, _), strain in zip(states, strains, strict=True):
+            if strain > LARGE_STRAIN:
+                return [
+                    f"the {name} strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
+                    f"{100.0 * max(strains):.3g} %: the St Venant-Kirchhoff law {meaning}"
+                ]
     return []
 
 

@@ -31,7 +31,6 @@ from fenicsrom.assess.errors.estimates import (
 )
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
@@ -221,16 +220,6 @@ def finer_mesh(scene: Scene, estimate: float) -> str:
         f"make the elements {factor:.2g} times smaller along the directions in which the body "
         "bends (geometry.parameters, or the mesh file)"
     )
-
-
-def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """The error of a motion that fails the checks of its energy and of its time step, or None."""
-    try:
-        check_energy(motion)
-        check_time_error(scene, step_errors(model, scene, motion).largest, is_unsteady(motion))
-    except AccuracyError as error:
-        return error
-    return None
 
 
 def recommended_step(scene: Scene, estimate: float) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, distances
@@ -20,19 +20,9 @@ from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import counted
 
-if TYPE_CHECKING:
-    from fenicsrom.reduction.stages import Reduction
-
 NOTABLE = 0.01  # an error against the full model must be seen if it is larger
 MISSED = 3.0  # times its estimate: an error that was not seen
 FULL_PERIODS = 20  # of a full model that starts from the periodic motion of the reduced model
-
-
-def candidates_of(reduction: Reduction | None, solid: Any, scene: Scene) -> ReducedModel | None:
-    """The larger model that judges the basis of a reduced model; None for another model."""
-    from fenicsrom.reduction.candidates import candidate_model
-
-    return None if reduction is None else candidate_model(solid, scene.basis, reduction)
 
 
 def estimates_found(own: Mapping[str, MotionErrors]) -> dict[str, float]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom.assess.studies.scales import Scales
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, scene_table
 from fenicsrom.scene.checks.checks import LEAST_MODES
 
@@ -77,6 +78,22 @@ def cases_of(
             wanted = {"full": scene.reference.full, "beam": scene.reference.beam is not None}
             cases += [Case(axis, "as it is", (), model) for model, runs in wanted.items() if runs]
     return cases, left_out
+
+
+def require_motion(scene: Scene, command: str) -> None:
+    """Check that something moves in a scene.
+
+    Raises:
+        SceneError: all its loads are static.
+    """
+    if scene.static_only:
+        raise SceneError(
+            f"{scene.source}: all loads are static; {command} needs a load that varies, or a "
+            "time.duration",
+            kind=ErrorKind.MISSING,
+            key="loads",
+            source=scene.source,
+        )
 
 
 # ---------------------------------------------------------------------- overrides

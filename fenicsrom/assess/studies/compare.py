@@ -27,7 +27,8 @@ from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equil
 from fenicsrom.assess.errors.residual import indicators
 from fenicsrom.assess.errors.sizing import sized
 from fenicsrom.assess.full.full_cache import full_motion
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.assess.studies.axes import require_motion
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
@@ -392,14 +393,7 @@ def compare(scene: Scene, comm: Any) -> Comparison:
         ConvergenceError, AccuracyError: the full model or the solid failed. The failure of a
             combination is part of its outcome.
     """
-    if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static; compare needs a load that varies, or a "
-            "time.duration",
-            kind=ErrorKind.MISSING,
-            key="loads",
-            source=scene.source,
-        )
+    require_motion(scene, "compare")
     wanted = combinations(scene)
     scenes = {c.mesh: with_combination(scene, c) for c in reversed(wanted)}  # all are possible
     cold: dict[str, float] = {}

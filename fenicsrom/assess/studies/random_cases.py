@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.assess.studies.axes import SCHEMES, Case
 from fenicsrom.assess.studies.scales import Scales
 from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene.base.toml import toml_value
 from fenicsrom.scene.keys.loads import ACTIONS
 
 AXIS = "random"
@@ -72,7 +73,7 @@ def _variant(scene: Scene, scales: Scales, seed: int, number: int) -> Case:
         changes["contacts"] = [] if is_open else [_contact(rng, c) for c in table["contacts"]]
         if is_open:
             changes["basis"].pop("masters", None)
-    overrides = tuple(f"{key}={_toml(value)}" for key, value in changes.items())
+    overrides = tuple(f"{key}={toml_value(value)}" for key, value in changes.items())
     return Case(AXIS, f"seed {seed}, number {number}: {kind}", overrides, full=True)
 
 
@@ -143,12 +144,3 @@ def _contact(rng: np.random.Generator, contact: dict[str, Any]) -> dict[str, Any
     if "preload" in made:
         made["preload"] *= float(rng.uniform(*PRELOAD))
     return made
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}={_toml(entry)}" for key, entry in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    return str(value).lower() if isinstance(value, bool) else repr(value)

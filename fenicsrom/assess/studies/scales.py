@@ -70,12 +70,9 @@ def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
         force[:, direction] = areas / areas.sum()
         load = model.contact_rows.T @ force.reshape(-1)
         flexibility.append(float(load @ np.linalg.solve(model.rest_stiffness(), load)))
-    normal, tangential = (float(1.0 / (c * areas.sum())) for c in _pair(flexibility))
+    softest = flexibility[0], max(flexibility[1:])
+    normal, tangential = (float(1.0 / (c * areas.sum())) for c in softest)
     return normal, tangential
-
-
-def _pair(flexibility: list[float]) -> tuple[float, float]:
-    return flexibility[0], max(flexibility[1:])
 
 
 def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | None:

@@ -31,9 +31,9 @@ import numpy as np
 from fenicsrom.assess.curves.unsteady import why_unsteady
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
-from fenicsrom.assess.full.true_errors import candidates_of, estimates_found, full_distances, missed
+from fenicsrom.assess.full.true_errors import estimates_found, full_distances, missed
 from fenicsrom.assess.jobs import run_jobs
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion
 from fenicsrom.assess.studies.random_cases import random_cases
 from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
@@ -206,6 +206,8 @@ def _examine(
     case: Case, table: Mapping[str, Any], source: str, folder: Path, numbers: dict[str, Any]
 ) -> tuple[Verdict, str]:
     """The verdict on a case and its reason; the measured values are written into `numbers`."""
+    from fenicsrom.reduction.candidates import candidate_model
+
     scene = scene_of(table, source, folder, case.overrides)
     model, reduction, solid = build(scene, case.model)
     motion = simulate(model, scene)
@@ -219,7 +221,7 @@ def _examine(
     check_energy(motion)
     if wrong := unphysical(motion, scene.time.scheme):
         return Verdict.WRONG, wrong
-    candidates = candidates_of(reduction, solid, scene)
+    candidates = None if reduction is None else candidate_model(solid, scene.basis, reduction)
     own: dict[str, MotionErrors] = {}
     try:
         estimate_errors(model, candidates, scene, motion, own)
@@ -339,14 +341,7 @@ def stability(
     from fenicsrom.reduction.modes import with_mode_count
 
     table, scene = load(path, changes)
-    if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static; stability needs a load that varies, or a "
-            "time.duration",
-            kind=ErrorKind.MISSING,
-            key="loads",
-            source=scene.source,
-        )
+    require_motion(scene, "stability")
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
     model, built, _ = build(polynomial, "reduced")
     assert built is not None

@@ -155,13 +155,14 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     source, box = str(geometry.mesh), np.zeros((2, 3))
     with suppress(Exception):  # a plain exception of gmsh: the box is empty
         box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+    near = gmsh.model.getEntitiesInBoundingBox(*(-FARTHEST,) * 3, *(FARTHEST,) * 3, 0)
+    # a point whose coordinates are not numbers is not near
+    if len(near) < len(gmsh.model.getEntities(0)) or np.abs(box).max() > FARTHEST:
+        reason = f"the geometry extends too far: coordinates must be at most {FARTHEST:g}"
+        raise refuse(source, reason, ErrorKind.MESH)
     extent = float(np.ptp(box, axis=0).max())
-    limits = (*(-FARTHEST,) * 3, *(FARTHEST,) * 3)
-    if len(gmsh.model.getEntities(0)) > len(gmsh.model.getEntitiesInBoundingBox(*limits, 0)):
-        extent = np.inf  # a coordinate is too large, or not a number
-    if not 0.0 < extent <= FARTHEST:
-        allowed = f"must be above 0, and at most {FARTHEST:g}"
-        raise refuse(source, f"the geometry has an extent of {extent:g}: {allowed}", ErrorKind.MESH)
+    if extent == 0.0:
+        raise refuse(source, "the geometry has no body with an extent", ErrorKind.MESH)
     if geometry.size is not None and geometry.size * MOST_CELLS < extent:
         allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
         raise Where(source, "geometry.size").refuse(geometry.size, allowed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,67 +16,52 @@ from fenicsrom.online.model.loads import LoadHistories, factors
 from fenicsrom.online.model.model import Tangent
 
 
+@dataclass(eq=False)
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
 
     It is a `online.model.operations.Model`. Two models use it: the 1D beam, and the projection
     of the full elastic force, which is the paper's method and checks the polynomial.
+
+    Attributes:
+        mass: (n, n), kg.
+        damping: alpha in C = alpha M, 1/s.
+        elastic: q -> force (n,) and tangent (n, n).
+        energy: q -> elastic energy, J.
+        loads: (n, loads) unit loads.
+        load_histories: their time factors.
+        points: the contact points.
+        contact_rows: (m, n) B^T.
+        contact_offset: (m,) contact displacement at q = 0.
+        probe: (d, n) rows of the probe's displacement.
+        probe_offset: (d,) its displacement at q = 0.
+        velocity_matrix: (n, n) D; given as (0, 0) without such forces.
+        linear: the tangent is constant.
+        gauss_points: points that integrate the force along a step exactly, or to rounding.
     """
 
+    mass: Array
+    damping: float
+    elastic: Callable[[Array], tuple[Array, Array]]
+    energy: Callable[[Array], float]
+    loads: Array
+    load_histories: LoadHistories
+    points: ContactPoints
+    contact_rows: Array
+    contact_offset: Array
+    probe: Array
+    probe_offset: Array
+    velocity_matrix: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    _: KW_ONLY
+    linear: bool
+    gauss_points: int
     exact_newton = True
 
-    def __init__(
-        self,
-        mass: Array,
-        damping: float,
-        elastic: Callable[[Array], tuple[Array, Array]],
-        energy: Callable[[Array], float],
-        loads: Array,
-        load_histories: LoadHistories,
-        points: ContactPoints,
-        contact_rows: Array,
-        contact_offset: Array,
-        probe: Array,
-        probe_offset: Array,
-        velocity_matrix: Array | None = None,
-        *,
-        linear: bool,
-        gauss_points: int,
-    ):
-        """Keep the matrices.
-
-        Args:
-            mass: (n, n), kg.
-            damping: alpha in C = alpha M, 1/s.
-            elastic: q -> force (n,) and tangent (n, n).
-            energy: q -> elastic energy, J.
-            loads: (n, loads) unit loads.
-            load_histories: their time factors.
-            points: the contact points.
-            contact_rows: (m, n) B^T.
-            contact_offset: (m,) contact displacement at q = 0.
-            probe: (d, n) rows of the probe's displacement.
-            probe_offset: (d,) its displacement at q = 0.
-            velocity_matrix: (n, n) D, where there are such forces.
-            linear: the tangent is constant.
-            gauss_points: points that integrate the force along a step exactly, or to rounding.
-        """
-        self.mass, self.damping, self.loads, self.load_histories = (
-            mass,
-            damping,
-            loads,
-            load_histories,
-        )
-        self.linear, self.gauss_points, self.points = linear, gauss_points, points
-        self.velocity_forces = velocity_matrix is not None and velocity_matrix.size > 0
-        self._velocity_matrix = (
-            velocity_matrix
-            if velocity_matrix is not None and velocity_matrix.size
-            else np.zeros_like(mass)
-        )
-        self._elastic, self._energy = elastic, energy
-        self._rows, self._offset = contact_rows, contact_offset
-        self._probe, self._probe_offset = probe, probe_offset
+    def __post_init__(self) -> None:
+        """Begin without a factor."""
+        self.velocity_forces = self.velocity_matrix.size > 0
+        if not self.velocity_forces:
+            self.velocity_matrix = np.zeros_like(self.mass)
         self._factor: tuple[Array, NDArray[np.int32]] | None = None
         self._key: tuple[float, float, float] | None = None
 
@@ -95,7 +81,7 @@ class DenseModel:
         """Mean force over a step and its derivative by dq."""
         mean, matrix, coefficient = start_weight * start, np.zeros_like(self.mass), 0.0
         for point, weight in zip(points, weights, strict=True):
-            force, tangent = self._elastic(q0 + point * dq)
+            force, tangent = self.elastic(q0 + point * dq)
             mean = mean + weight * force
             matrix += weight * point * tangent
             coefficient += weight * point
@@ -103,7 +89,7 @@ class DenseModel:
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy."""
-        return self._elastic(q)[0], self._energy(q)
+        return self.elastic(q)[0], self.energy(q)
 
     def solve_effective(
         self,
@@ -120,12 +106,12 @@ class DenseModel:
         if not (self.linear and key == self._key):
             effective = mass_coefficient * self.mass + tangent.matrix
             if self.velocity_forces:
-                effective += velocity_coefficient * self._velocity_matrix
+                effective += velocity_coefficient * self.velocity_matrix
             self._factor = (
                 lu_factor(effective, check_finite=False) if np.all(np.isfinite(effective)) else None
             )
             self._key = key
-        rows = self._rows[directions]
+        rows = self.contact_rows[directions]
         block = np.concatenate([-residual[:, None], rows.T], axis=1)
         if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
             block[:] = np.nan
@@ -139,11 +125,11 @@ class DenseModel:
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""
-        return self._offset + self._rows @ q
+        return self.contact_offset + self.contact_rows @ q
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""
-        return self._probe_offset + self._probe @ q
+        return self.probe_offset + self.probe @ q
 
     def mass_times(self, v: Array) -> Array:
         """M v."""
@@ -151,7 +137,7 @@ class DenseModel:
 
     def velocity_times(self, v: Array) -> Array:
         """D v."""
-        return self._velocity_matrix @ v
+        return self.velocity_matrix @ v
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product."""

@@ -25,7 +25,6 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
 from fenicsrom.words import brief
@@ -172,8 +171,3 @@ def full_tensors(elastic: ElasticPolynomial) -> tuple[Array, Array]:
     # the program stores B / 2 with the columns k < l doubled
     both = elastic.cubic * np.where(first == second, 2.0, 1.0)
     return elastic.quadratic[pair], both[pair[:, :, None, None], pair[None, None, :, :]]
-
-
-def load_factors(model: ReducedModel, time: float) -> Array:
-    """The factors s(t) (k,) of the loads at a time in s, in the unit of each load."""
-    return factors(model.load_histories, time)

@@ -134,46 +134,10 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
     for name in names:
         mine = {key: arrays.get(f"{name}_{key}") for key in HISTORY_ARRAYS}
         jump = arrays.get(f"{name}_{JUMP}")
-        wrong = _damaged_array(mine)
-        if wrong is None and jump is not None and not _is_finite(jump, ()):
-            wrong = JUMP
-        if wrong is not None:
-            reason = f"the array {name}_{wrong} is missing or damaged"
-            raise refuse(reason, ErrorKind.FORMAT)
+        for key, array in mine.items():
+            if array is None:
+                raise refuse(f"the array {name}_{key} is missing", ErrorKind.FORMAT)
         values: dict[str, Any] = {HISTORY_ARRAYS[key]: array for key, array in mine.items()}
         newton_from = None if jump is None else float(jump)
         found[name] = History(**values, period=period, newton_from=newton_from)
     return found
-
-
-def _damaged_array(arrays: Mapping[str, NDArray[Any] | None]) -> str | None:
-    """The first array of a motion, by its key, that does not have its shape; None if all do.
-
-    The time and the displacement give the numbers of steps, points and dimensions; without
-    contact, the displacement is that of the probe, and the other arrays have no points.
-    """
-    time, displacement, gap = (arrays[key] for key in ("time", "displacement", "gap"))
-    if time is None or not _is_finite(time, (time.size,)) or np.any(np.diff(time) < 0.0):
-        return "time"
-    if displacement is None or displacement.ndim != 3 or not time.size:
-        return "displacement"
-    if gap is None or gap.ndim != 2 or gap.shape[1] not in (0, displacement.shape[1]):
-        return "gap"
-    steps, points = time.size, gap.shape[1]
-    shapes = {key: (steps,) for key in HISTORY_ARRAYS} | {
-        "displacement": (steps, points or 1, displacement.shape[2]),
-        "force": (steps, points, displacement.shape[2]),
-        "gap": (steps, points),
-        "state": (steps, points),
-    }
-    for key, shape in shapes.items():
-        array = arrays[key]
-        if array is None or not _is_finite(array, shape):
-            return key
-    return None
-
-
-def _is_finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
-    """Whether an array has this shape and finite numbers."""
-    numeric = np.issubdtype(array.dtype, np.number)
-    return numeric and array.shape == shape and bool(np.all(np.isfinite(array)))

@@ -95,12 +95,12 @@ from fenicsrom.words import brief
 FORMAT = "fenicsrom reduced model 8"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
+PLAIN = ("loads", "contact_rows", "contact_offset", "probe", "probe_offset", "velocity_matrix")
 TURNING = "turning_"  # start of the names of the arrays of a speed that varies
 RANGE_ARRAYS = (
     *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
     *("speeds", "equilibria", "mesh_errors"),
 )
-OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
@@ -346,8 +346,7 @@ class StoredModel:
         Raises:
             SceneError: the scene did not ask for `output.stresses`.
         """
-        known = self._stress_table().vertex_displacement
-        return np.asarray(known[0] + np.tensordot(coordinates, known[1:], 1))
+        return self._stress_table().displacement(coordinates)
 
     def mode_shapes(self) -> tuple[Array, Array]:
         """The normal modes of the model about its equilibrium, without contact and damping.
@@ -449,26 +448,24 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "frequencies_hz": stored.frequencies_hz,
         "damping": np.array(model.damping),
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
-        **{name: getattr(model, name) for name in OFFSETS},
-        **_matrices(stored.candidates or model),
+        **_arrays(stored.candidates or model),
         **recovery_arrays(stored.tables),
     }
     if stored.deformation is not None:
         arrays["deformation"] = stored.deformation.as_array()
     if stored.finer is not None:
-        more = _matrices(stored.finer) | {name: getattr(stored.finer, name) for name in OFFSETS}
-        arrays |= {f"{FINER}{name}": array for name, array in more.items()}
+        arrays |= {f"{FINER}{name}": array for name, array in _arrays(stored.finer).items()}
         header["finer_labels"] = list(stored.finer_labels)
     if (whole := stored.whole) is not None:
-        more = _matrices(whole.model) | {name: getattr(whole.model, name) for name in OFFSETS}
+        more = _arrays(whole.model)
         more |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
         arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
         header["range"] = {"modes": whole.modes, "masters": whole.masters}
     return header, arrays
 
 
-def _matrices(model: ReducedModel) -> dict[str, Array]:
-    """The arrays that depend on the basis, by their names in the file."""
+def _arrays(model: ReducedModel) -> dict[str, Array]:
+    """The arrays of a model by their names in the file, without its contact points."""
     follows = model.pressure.numbers.size > 0
     turning, varies = model.turning._asdict(), model.turning.history.size > 0
     return {
@@ -476,10 +473,7 @@ def _matrices(model: ReducedModel) -> dict[str, Array]:
         **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
         "cubic": unique_cubic(model.elastic.cubic, model.size),
-        "loads": model.loads,
-        "contact_rows": model.contact_rows,
-        "probe": model.probe,
-        "velocity_matrix": model.velocity_matrix,
+        **{name: getattr(model, name) for name in PLAIN},
         **({f"{TURNING}{name}": np.array(a) for name, a in turning.items()} if varies else {}),
     }
 
@@ -544,25 +538,16 @@ def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
     """The model of the arrays of a file under the loads of a scene."""
     followers = np.array(scene.followers, dtype=np.int64)
     pressures = (data[name] for name in PRESSURES) if followers.size else None
+    cubic = paired_cubic(data["cubic"], len(data["mass"]))
     return reduced_model(
-        data["mass"],
-        float(data["damping"]),
-        ElasticPolynomial(
-            data["force"],
-            data["stiffness"],
-            data["quadratic"],
-            paired_cubic(data["cubic"], len(data["mass"])),
-        ),
-        data["loads"],
-        load_histories(scene),
-        ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
-        data["contact_rows"],
-        data["contact_offset"],
-        data["probe"],
-        data["probe_offset"],
-        data["velocity_matrix"],
-        None if pressures is None else PressurePolynomial(followers, *pressures),
-        Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
+        mass=data["mass"],
+        damping=float(data["damping"]),
+        elastic=ElasticPolynomial(data["force"], data["stiffness"], data["quadratic"], cubic),
+        load_histories=load_histories(scene),
+        points=ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
+        pressure=None if pressures is None else PressurePolynomial(followers, *pressures),
+        turning=Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
         if f"{TURNING}history" in data
         else None,
+        **{name: data[name] for name in PLAIN},
     )

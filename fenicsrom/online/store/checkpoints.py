@@ -32,6 +32,7 @@ from fenicsrom.online.step.state import (
     State,
     no_state,
 )
+from fenicsrom.online.store.archive import PLAIN
 from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.scene import Scene, parse_scene, scene_table
@@ -53,23 +54,9 @@ def fingerprint(model: ReducedModel) -> str:
     The damping and the load histories are left out: they belong to the scene.
     """
     digest = hashlib.sha256()
-    points = [
-        model.points.contact,
-        model.points.tributary_area,
-        model.points.position,
-        model.points.frame,
-    ]
-    arrays = (
-        model.mass,
-        *model.elastic,
-        model.loads,
-        model.contact_rows,
-        model.contact_offset,
-        model.probe,
-        model.probe_offset,
-    )
+    arrays = (getattr(model, name) for name in PLAIN)
     followers = model.pressure if model.pressure.numbers.size else ()
-    for array in (*arrays, model.velocity_matrix, *points, *followers):
+    for array in (model.mass, *model.elastic, *arrays, *model.points, *followers):
         digest.update(repr((array.shape, array.dtype.str)).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import PackageNotFoundError, version
 
 
 def provenance(
@@ -14,19 +13,7 @@ def provenance(
     found = {}
     for name in ("fenicsrom", *modules):
         try:
-            found[name] = _version(name)
+            found[name] = version(name)
         except PackageNotFoundError:
             continue
     return found
-
-
-def _version(module: str) -> str:
-    """The version of an installed module. `importlib.metadata.version` starts slowly.
-
-    Raises:
-        PackageNotFoundError: the module is not installed.
-    """
-    found = distribution(module)
-    text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
-    stated = re.search(r"^Version: *(\S+)", text, re.MULTILINE)
-    return stated[1] if stated else found.version

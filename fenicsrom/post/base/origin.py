@@ -54,7 +54,7 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
     *("response_peaks.csv", "peaks.png"),
-    *("run_up.csv", "run_up.png"),
+    *("run_up.csv", "run_up.png", "wear.csv", "wear.png"),
     *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
     *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
 )
