@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ COMMANDS = {
     "blade_abradable": "run",
     "blade_composite": "run",
     "blade_response": "response",
+    "rotor37_map": "map",
 }
 STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#009E73")}
 SELECTIONS = {"none": "#0072B2", "mmi": "#D55E00", "mmi-nls": "#009E73", "all": "#CC79A7"}
@@ -313,16 +315,17 @@ def rub_picture(folder: Path) -> Figure:
 
 
 def wear_picture(folder: Path) -> Figure:
-    """Draw the worn depth over the angle of the casing and the position along its axis."""
+    """Draw the worn depth over the angle of the casing, where the tip wore it."""
     rows = np.genfromtxt(folder / "wear.csv", delimiter=",", names=True)
-    along, angle = np.unique(rows["position_m"]), np.unique(rows["angle_deg"])
-    order = np.lexsort((rows["angle_deg"], rows["position_m"]))
-    depth = rows["depth_m"][order].reshape(along.size, angle.size)
     figure, axes = plt.subplots(figsize=(6.4, 2.5), layout="constrained")
-    mesh = axes.pcolormesh(angle, 1e3 * along, 1e6 * depth, cmap="viridis", shading="nearest")
-    axes.set(xlabel="angle of the casing, degrees", ylabel="along the axis, mm")
+    for place in np.unique(rows["position_m"]):
+        mine = rows[rows["position_m"] == place]
+        if mine["depth_m"].any():
+            label = f"{1e3 * place:.0f} mm along the axis"
+            axes.plot(mine["angle_deg"], 1e6 * mine["depth_m"], label=label)
+    axes.set(xlabel="angle of the casing, degrees", ylabel="worn depth, µm", xlim=(0.0, 360.0))
     axes.set_xticks(np.arange(0.0, 361.0, 45.0))
-    figure.colorbar(mesh, ax=axes, label="worn depth, µm")
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
@@ -528,6 +531,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             path = options.pictures / f"{name}.png"
             figure.savefig(path)
             print(f"{path}  {path.stat().st_size / 1e3:.0f} kB")
+    shutil.copyfile(runs / "rotor37_map" / "map.png", options.pictures / "rotor37_map.png")
 
 
 if __name__ == "__main__":

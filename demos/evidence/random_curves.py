@@ -16,6 +16,7 @@ the table may be made in several runs.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import time as clock
 from dataclasses import dataclass, replace
@@ -29,7 +30,7 @@ from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import COMPLETE, Curve, CurvePoint, norm
-from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, periodic_motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import parse_scene
 from fenicsrom.study import build_model
@@ -123,9 +124,10 @@ def _contact(rng: np.random.Generator, d: int, length: float, height: float) -> 
 def shift(path: Continuation, point: CurvePoint, settings: Any) -> float | None:
     """How far half the step moves the curve at a point; None if the other curve is not found.
 
-    The motion with half the step is sought at the same parameter, and if this fails or moves it by
-    more than `CHANGE`, in the plane normal to the curve: where the curve is steep, a small change
-    of the parameter is a large one of the amplitude.
+    The motion with half the step is sought at the same parameter. If this fails or moves it by more
+    than `CHANGE`, it is sought in the plane normal to the curve (where the curve is steep, a small
+    change of the parameter is a large one of the amplitude), and by Newton's method with bounded
+    steps, which crosses kinks.
 
     Returns:
         The larger one of the relative changes of the amplitude and of the parameter.
@@ -135,16 +137,21 @@ def shift(path: Continuation, point: CurvePoint, settings: Any) -> float | None:
     fine = Shooting(problem)
     here = replace(point, s=fine.scaled(point.z))
     near = Continuation(fine, path.family, path.low, path.high, here.s)
-    along = np.append(0.0 * here.s, 1.0)
-    found = []
-    for normal in (along, near.direction(here)):
-        other = near.correct(near.place(here), normal)
+    found = [np.inf]
+
+    def compare(other: CurvePoint | PeriodicMotion | None, parameter: float) -> bool:
         if other is not None:
             change = abs(other.amplitude.max() / point.amplitude.max() - 1.0)
-            found.append(float(max(change, abs(other.parameter / point.parameter - 1.0))))
-            if found[-1] <= CHANGE:
-                break
-    return min(found, default=None)
+            found.append(float(max(change, abs(parameter / point.parameter - 1.0))))
+        return found[-1] <= CHANGE
+
+    for normal in (np.append(0.0 * here.s, 1.0), near.direction(here)):
+        other = near.correct(near.place(here), normal, exact=True)
+        if compare(other, other.parameter if other else 0.0):
+            return found[-1]
+    with contextlib.suppress(ConvergenceError):
+        compare(periodic_motion(problem, point.z, tolerance=1e-8), point.parameter)
+    return None if min(found) == np.inf else min(found)
 
 
 def attracts(path: Continuation, point: CurvePoint) -> bool:

@@ -78,7 +78,7 @@ def reduced_solid() -> tuple[StoredModel, Array]:
     )
     # a few points of a curve and a marched run load all compiled code before a clock starts
     few = stored.with_overrides(["response.first=3.0", "response.last=3.1", "response.points=3"])
-    response(few, lambda _: None)
+    response(few)
     stored.with_overrides(['time.steady="march"', "time.periods=2"]).simulate()
     return stored, basis.vectors
 
@@ -101,13 +101,13 @@ def curve_at(preload: int) -> tuple[Response, float]:
     """The response curve at a preload with some points of the full model, and its CPU time, s."""
     stored = at_preload(preload)
     begin = clock.process_time()
-    found = response(stored, lambda _: None)
+    found = response(stored)
     seconds = clock.process_time() - begin
     found.curves = [replace(curve, value=float(preload)) for curve in found.curves]
     print(
         f"curve at {preload} N: {len(found.curves[0].points)} points, {seconds:.1f} s", flush=True
     )
-    add_full_points(found, stored, body("solid", stored.scene), reduced_solid()[1], print)
+    add_full_points(found, stored, body("solid", stored.scene), reduced_solid()[1])
     return found, seconds
 
 

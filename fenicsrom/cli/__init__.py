@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,7 +26,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from fenicsrom.cli.parser import make_parser
 
             options = make_parser().parse_args(words, options)
-            _check_arguments(options)
             alone = options.name not in ("sweep", "map")
             if getattr(options, "stored", None) and alone and is_idle():
                 return 0
@@ -50,18 +49,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:  # a defect of the program
         abort_all()
         raise
-
-
-def _check_arguments(options: argparse.Namespace) -> None:
-    """Check that no argument contains a NUL character, which no path can contain.
-
-    Raises:
-        SceneError: an argument contains a NUL character.
-    """
-    for name, value in vars(options).items():
-        if isinstance(value, str) and "\0" in value:
-            raise SceneError(
-                f"argument {name} = {value}: must not contain a NUL character",
-                kind=ErrorKind.FILE,
-                key=name,
-            )

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from fenicsrom.errors import ErrorKind, SceneError
+
 
 class Argument:
     """An argument of a command, as `ArgumentParser.add_argument` takes it."""
@@ -34,7 +36,17 @@ class Command:
     arguments: tuple[Argument, ...]
 
 
-SCENE_OR_MODEL = Argument("scene", nargs="?", help="scene file (TOML)")
+def scene_file(content: str = "", **settings: Any) -> Argument:
+    """Make the argument of the scene file; `content` says what the command reads in it."""
+    return Argument("scene", help=f"scene file (TOML){content}", **settings)
+
+
+def refused(option: str, value: object, reason: str, kind: ErrorKind) -> SceneError:
+    """Make the error that refuses the value of an option."""
+    return SceneError(f"{option} {value}: {reason}", kind=kind, key=option, source=str(value))
+
+
+SCENE_OR_MODEL = scene_file(nargs="?")
 FROM = Argument(
     "--from",
     dest="stored",
@@ -65,7 +77,13 @@ OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/N
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
 )
-SCENE = Argument("scene", help="scene file (TOML)")
+RESULTS = (SET, OUTPUT, FORCE)
+"""Arguments of the commands that compute."""
+
+FROM_MODEL = (FROM, SET, FRESH, OUTPUT, FORCE)
+"""Arguments of the commands that compute from a scene or from a stored model."""
+
+SCENE = scene_file()
 MESH = Argument("mesh", help="mesh or geometry file")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")

@@ -7,7 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.cli.arguments import refused
+from fenicsrom.errors import ErrorKind
 
 
 def inspected(options: argparse.Namespace) -> Any:
@@ -31,6 +32,5 @@ def positive(text: str | None, name: str) -> float | None:
     except ValueError:
         value = math.nan
     if not 0.0 < value < math.inf:
-        reason = f"{name} {text}: must be a number above 0"
-        raise SceneError(reason, kind=ErrorKind.RANGE, key=name.lstrip("-"))
+        raise refused(name, text, "must be a number above 0", ErrorKind.RANGE)
     return value

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
+from fenicsrom.cli.arguments import refused
 from fenicsrom.cli.printing import logged_progress
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind
 from fenicsrom.progress import log
 from fenicsrom.scene import Scene
 
@@ -62,12 +63,8 @@ def output_path(options: argparse.Namespace) -> Path:
     folder = Path(options.output) if options.output else Path("out") / name
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
-            raise SceneError(
-                f"--output {folder}: {place} is a file; must be a folder, or a new name",
-                kind=ErrorKind.FILE,
-                key="--output",
-                source=str(place),
-            )
+            reason = f"{place} is a file; must be a folder, or a new name"
+            raise refused("--output", folder, reason, ErrorKind.FILE)
     return folder
 
 
@@ -148,24 +145,19 @@ def _is_of(options: argparse.Namespace, result: Path) -> bool:
     return own and result.exists()
 
 
-def require_other(path: Path, read: Iterable[Path], option: str = "--output") -> None:
+def require_other(path: Path, read: Iterable[Path]) -> None:
     """Check that a command does not replace a file that it reads.
 
     Args:
         path: the file to be written.
         read: the files that the command reads.
-        option: the option that gives the path.
 
     Raises:
         SceneError: the command would replace a file that it reads.
     """
     if path.resolve() in [other.resolve() for other in read]:
-        raise SceneError(
-            f"{option} {path}: the command reads this file; give another name",
-            kind=ErrorKind.FILE,
-            key=option,
-            source=str(path),
-        )
+        reason = "the command reads this file; give another name"
+        raise refused("--output", path, reason, ErrorKind.FILE)
 
 
 def require_lasting(path: Path, option: str = "--output") -> None:
@@ -184,10 +176,5 @@ def require_lasting(path: Path, option: str = "--output") -> None:
     place = path.resolve()
     shared = [path for path in mounted if path != Path("/") and path in (place, *place.parents)]
     if not shared:
-        raise SceneError(
-            f"{option} {path}: only mounted folders outlive the container, and {place} is in "
-            f"none of them; {os.environ[CONTAINER]}",
-            kind=ErrorKind.FILE,
-            key=option,
-            source=str(path),
-        )
+        reason = f"only mounted folders outlive the container, and {place} is in none of them"
+        raise refused(option, path, f"{reason}; {os.environ[CONTAINER]}", ErrorKind.FILE)

@@ -31,6 +31,7 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.matrices import UNITS, ModelArrays
 from fenicsrom.online.store.archive import StoredModel
 
+CONTACT_NUMBERS = ("preload", "normal_stiffness", "tangential_stiffness", "friction")
 LEFT_OUT = ("quadratic", "cubic")  # the polynomial holds them; B would take 8 n^4 bytes
 
 
@@ -90,10 +91,7 @@ def write_mat(path: Path, stored: StoredModel, arrays: ModelArrays, interface: A
         "contact_number": points.contact + 1.0,
         "contact_position": points.position,
         "contact_frame": points.frame,
-        "contact_preload": contacts.preload,
-        "contact_normal_stiffness": contacts.normal_stiffness,
-        "contact_tangential_stiffness": contacts.tangential_stiffness,
-        "contact_friction": contacts.friction,
+        **{f"contact_{name}": getattr(contacts, name) for name in CONTACT_NUMBERS},
         "contact_gap": np.where(contacts.kind == 1, contacts.radius, np.nan),
         "frequencies_hz": stored.frequencies_hz,
         "labels": np.array(stored.labels, dtype=object),

@@ -21,20 +21,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.formats.abaqus_elements import order_of
 from fenicsrom.formats.mesh_file import Ints, MeshFile
+from fenicsrom.formats.shapes import SHAPES
 
 ELEMENTS = {
-    (4, None): "C3D4",
-    (11, None): "C3D10",
-    (5, None): "C3D8",
-    (17, None): "C3D20",
-    (2, "stress"): "CPS3",
-    (9, "stress"): "CPS6",
-    (3, "stress"): "CPS4",
-    (16, "stress"): "CPS8",
-    (2, "strain"): "CPE3",
-    (9, "strain"): "CPE6",
-    (3, "strain"): "CPE4",
-    (16, "strain"): "CPE8",
+    **{(kind, None): f"C3D{SHAPES[kind].nodes}" for kind in (4, 11, 5, 17)},
+    **{(kind, "stress"): f"CPS{SHAPES[kind].nodes}" for kind in (2, 9, 3, 16)},
+    **{(kind, "strain"): f"CPE{SHAPES[kind].nodes}" for kind in (2, 9, 3, 16)},
 }
 """Types of elements by the kind of the cells and the plane state."""
 

@@ -132,30 +132,25 @@ def _transient(scene: Scene, solid: Solid, nodes: _Nodes) -> Transient | None:
 
 def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     """Sentences on what the deck leaves out."""
-    found = []
-    if scene.contacts:
-        found.append("the contacts with friction are left out")
     varying = [load for load in scene.loads if not load.static]
-    if varying and not _instants(scene).size:
-        found.append("the loads that vary in time are left out: they need a fixed time step")
-    elif any(load.follower for load in varying):
-        found.append("the follower pressures that vary in time are left out")
-    if any(scene.loads[k].static for k in scene.followers):
-        found.append(
-            "CalculiX has another stiffness of follower pressures in its natural frequencies"
-        )
-    if scene.material.mass_damping or scene.viscous:
-        found.append("the damping is left out")
-    if scene.rotation is not None and scene.rotation.coriolis:
-        found.append("the Coriolis force is left out")
-    if scene.rotation is not None and any(attached.mass for attached in scene.attachments):
-        found.append("CalculiX has no spin softening of concentrated masses in its frequencies")
-    if nodes.drops:
-        found.append(
-            "the elements lack the nodes inside faces and cells, so they are stiffer than the "
-            "cells of this program; triangles and tetrahedra are the same"
-        )
-    return found
+    stepless = bool(varying) and not _instants(scene).size
+    coriolis = scene.rotation is not None and scene.rotation.coriolis
+    masses = scene.rotation is not None and any(found.mass for found in scene.attachments)
+    left = {
+        "the contacts with friction are left out": scene.contacts,
+        "the loads that vary in time are left out: they need a fixed time step": stepless,
+        "the follower pressures that vary in time are left out": not stepless
+        and any(load.follower for load in varying),
+        "CalculiX has another stiffness of follower pressures in its natural frequencies": any(
+            scene.loads[k].static for k in scene.followers
+        ),
+        "the damping is left out": scene.material.mass_damping or scene.viscous,
+        "the Coriolis force is left out": coriolis,
+        "CalculiX has no spin softening of concentrated masses in its frequencies": masses,
+        "the elements lack the nodes inside faces and cells, so they are stiffer than the cells of "
+        "this program; triangles and tetrahedra are the same": nodes.drops,
+    }
+    return [sentence for sentence, applies in left.items() if applies]
 
 
 def _sections(solid: Solid) -> list[Section]:

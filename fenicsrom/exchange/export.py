@@ -34,12 +34,7 @@ from fenicsrom.scene.base.tables import plain
 from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.reading.superelement import EXCLUDED
 
-SUFFIXES: Mapping[str, str] = {
-    "mat": ".mat",
-    "fmu": ".fmu",
-    "dmig": ".bdf",
-    "op4": ".op4",
-}
+SUFFIXES: Mapping[str, str] = {"mat": ".mat", "fmu": ".fmu", "dmig": ".bdf", "op4": ".op4"}
 """Suffix of the file of each format."""
 
 CURVES = ("response", "backbone")

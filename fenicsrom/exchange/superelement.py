@@ -170,10 +170,7 @@ class _Builder:
 
     def _contacts(self) -> tuple[ContactPoints, Array, Array]:
         """The contact points, their rows (P d, n) in local frames, and their offsets (P d,)."""
-        numbers: list[int] = []
-        areas: list[float] = []
-        positions: list[Array] = []
-        frames: list[Array] = []
+        found = [no_points(self.d)]
         rows: list[Array] = [np.zeros((0, self.kept.size))]
         offsets: list[Array] = [np.zeros(0)]
         for k, contact in enumerate(self.scene.contacts):
@@ -181,20 +178,11 @@ class _Builder:
             for block, offset, position, area in self._points(contact.place, key):
                 where = f"{self.scene.source}: {key}"
                 axes = frame(surface_normal(contact, position, where))
-                numbers.append(k)
-                areas.append(area)
-                positions.append(position)
-                frames.append(axes)
+                one = np.array([k]), np.array([area]), position[None, :], axes[None, :]
+                found.append(ContactPoints(*one))
                 rows.append(axes @ block)
                 offsets.append(axes @ offset)
-        points = no_points(self.d)
-        if numbers:
-            points = ContactPoints(
-                np.array(numbers, dtype=np.int64),
-                np.array(areas),
-                np.array(positions),
-                np.array(frames),
-            )
+        points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
         return points, np.concatenate(rows), np.concatenate(offsets)
 
     def _points(self, place: Place, key: str) -> list[tuple[Array, Array, Array, float]]:

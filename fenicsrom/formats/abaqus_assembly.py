@@ -11,7 +11,7 @@ import numpy as np
 from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus_elements import kind_of, order_of
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
-from fenicsrom.formats.abaqus_sets import Part, Resolver, known_name
+from fenicsrom.formats.abaqus_sets import Part, Resolver, by_block, known_name
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
 from fenicsrom.formats.parts import faces
 from fenicsrom.formats.shapes import SHAPES
@@ -66,35 +66,21 @@ def assembled(
     blocks, element_numbers = _blocks(path, placements, node_numbers)
     starts = np.cumsum([0] + [len(block.nodes) for block in blocks])
 
-    cells = Resolver(
-        path,
-        "ELSET",
-        root.element_sets,
-        {name: part.element_sets for name, part, _ in instances},
-        element_numbers,
-    )
+    in_cells = {name: part.element_sets for name, part, _ in instances}
+    in_nodes = {name: part.node_sets for name, part, _ in instances}
+    cells = Resolver(path, "ELSET", root.element_sets, in_cells, element_numbers)
 
     def nodes_of(instance: str, name: str) -> Ints:
-        chosen = cells.indices(instance, name)
-        rows = [
-            block.nodes[chosen[(chosen >= a) & (chosen < b)] - a].ravel()
-            for block, (a, b) in zip(blocks, pairwise(starts), strict=True)
-        ]
+        chosen = by_block(cells.indices(instance, name), starts)
+        rows = [block.nodes[of].ravel() for block, of in zip(blocks, chosen, strict=True)]
         return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)
 
-    nodes = Resolver(
-        path,
-        "NSET",
-        root.node_sets,
-        {name: part.node_sets for name, part, _ in instances},
-        node_numbers,
-        nodes_of,
-    )
+    nodes = Resolver(path, "NSET", root.node_sets, in_nodes, node_numbers, nodes_of)
     notes: list[str] = []
     for name, chosen in _named(placements, lambda part: list(part.element_sets), cells, notes):
-        for block, (a, b) in zip(blocks, pairwise(starts), strict=True):
-            marks = np.zeros(b - a, dtype=bool)
-            marks[chosen[(chosen >= a) & (chosen < b)] - a] = True
+        for block, of in zip(blocks, by_block(chosen, starts), strict=True):
+            marks = np.zeros(len(block.nodes), dtype=bool)
+            marks[of] = True
             if marks.any():
                 block.groups[name] = marks
     node_groups = dict(_named(placements, lambda part: list(part.node_sets), nodes, notes))

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
-from fenicsrom.formats.abaqus_sets import Resolver
+from fenicsrom.formats.abaqus_sets import Resolver, by_block
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Ints, MeshFile
-from fenicsrom.formats.physics import DeckLoad
+from fenicsrom.formats.physics import DeckLoad, axes_of
 
 TAKEN_ELEMENTS = ("MASS", "SPRING1")
 """Elements that are no cells, but masses and springs."""
@@ -159,11 +158,9 @@ def _section(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> None:
     chosen = state.cells.found(scope, keyword.parameters.get("ELSET", ""))
     name = keyword.parameters.get("MATERIAL", "")
     known = next((k for k in state.found.constants if k.upper() == name.upper()), name)
-    marks = state.found.cells.setdefault(
-        known, [np.zeros(len(block.nodes), dtype=bool) for block in state.mesh.blocks]
-    )
-    for mark, (a, b) in zip(marks, pairwise(state.starts), strict=False):
-        mark[chosen[(chosen >= a) & (chosen < b)] - a] = True
+    marks = state.found.cells_of(known, state.mesh)
+    for mark, of in zip(marks, by_block(chosen, state.starts), strict=False):
+        mark[of] = True
 
 
 def _boundary(
@@ -183,9 +180,9 @@ def _boundary(
             if len(row) > 3 and float(row[3] or 0.0):
                 state.found.leave(f"*BOUNDARY: the displacement {row[3]} of {row[0]}")
                 continue
-        name = "boundary" if row[0].isdigit() else row[0].rpartition(".")[2]
+        name = row[0].rpartition(".")[2]
         if row[0].isdigit():
-            name += " " + "".join("xyz"[k] for k in sorted(components & {0, 1, 2}))
+            name = f"boundary {axes_of(components)}"
         state.found.hold(name, nodes, components)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -90,6 +91,16 @@ def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
 
 def _number_or_name(word: str) -> int | str:
     return int(word) if word.lstrip("+-").isdigit() else unquoted(word)
+
+
+def by_block(chosen: Ints, starts: Ints) -> list[Ints]:
+    """The indices inside each block of some elements, which are counted over all blocks.
+
+    Args:
+        chosen: indices of elements.
+        starts: index of the first element of each block, and the number of all elements.
+    """
+    return [chosen[(chosen >= a) & (chosen < b)] - a for a, b in pairwise(starts)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,10 @@ import numpy as np
 
 from fenicsrom.errors import SceneError, refuse
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, middle_nodes_note
-from fenicsrom.formats.physics import DeckLoad
-from fenicsrom.formats.shapes import FROM_VTK, SHAPES
+from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
+from fenicsrom.formats.middle_nodes import with_middles
+from fenicsrom.formats.physics import DeckLoad, axes_of
+from fenicsrom.formats.shapes import FROM_VTK
 from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted
 
@@ -215,7 +216,6 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         else:
             left[f"type {number} element"] += 1
     points = np.array(list(archive.nodes.values()), dtype=np.float64)
-    extra: list[Floats] = []
     blocks = []
     for (kind, name), entries in found.items():
         if missing := {node for _, row in entries for node in row if node} - numbers.keys():
@@ -223,7 +223,6 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         rows = np.array([[numbers.get(node, -1) for node in row] for _, row in entries])
         order = FROM_VTK.get(kind)
         rows = rows if order is None else rows[:, order]
-        _fill(kind, rows, points, extra)
         labels = np.array([label for label, _ in entries])
         blocks.append(Block(kind, rows, {}, name, labels))
     node_groups: dict[str, Ints] = {}
@@ -233,10 +232,7 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         for block in blocks:
             if what.startswith("ELEM") and np.isin(block.labels, members).any():
                 block.groups[name] = np.isin(block.labels, members)
-    notes = ()
-    if extra:
-        notes = (middle_nodes_note(len(extra)),)
-        points = np.concatenate([points, np.array(extra)])
+    points, notes = with_middles(blocks, points)
     unread = [counted(n, name) for name, n in left.items() if name not in ATTACHED]
     unread += [f"{n} {name}" for name, n in archive.other.items()]
     groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
@@ -265,17 +261,9 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
     for number, constants in archive.constants.items():
         found.constants[f"material {number}"] = constants
     for k, block in enumerate(mesh.blocks):
-        own = np.array(
-            [
-                archive.materials[int(label)]
-                for label in (block.labels if block.labels is not None else ())
-            ]
-        )
+        own = np.array([archive.materials[int(label)] for label in np.atleast_1d(block.labels)])
         for number in np.unique(own):
-            marks = found.cells.setdefault(
-                f"material {number}", [np.zeros(len(b.nodes), dtype=bool) for b in mesh.blocks]
-            )
-            marks[k] = own == number
+            found.cells_of(f"material {number}", mesh)[k] = own == number
     held: dict[int, set[int]] = {}
     for command, node, name, value in archive.physics:
         components = {"UX": {0}, "UY": {1}, "UZ": {2}, "ALL": {0, 1, 2}}.get(name, set())
@@ -289,7 +277,7 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
             found.leave(f"F,{node},{name}")
     for components in {frozenset(entry) for entry in held.values()}:
         nodes = [numbers[n] for n, entry in held.items() if entry == components and n in numbers]
-        name = "held " + "".join("xyz"[k] for k in sorted(components))
+        name = f"held {axes_of(set(components))}"
         found.hold(name, np.array(nodes, dtype=int), set(components))
     for label, type_, nodes in archive.elements:
         if archive.types.get(type_) == 21 and nodes[0] in numbers:
@@ -352,17 +340,3 @@ def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
 def _wedge(corners: list[int]) -> list[int]:
     """The corners of a wedge that is given as a hexahedron with two edges of no length."""
     return list(dict.fromkeys(corners))[:6]
-
-
-def _fill(kind: int, rows: Ints, points: Floats, extra: list[Floats]) -> None:
-    """Put a new node in the middle of each edge without one; `rows` and `extra` change."""
-    shape = SHAPES[kind]
-    if shape.nodes == shape.corners:
-        return
-    middles: dict[tuple[int, ...], int] = {}
-    for row, k in zip(*np.nonzero(rows[:, shape.corners :] < 0), strict=True):
-        ends = tuple(sorted(rows[row, list(shape.edges[k])]))
-        if ends not in middles:
-            middles[ends] = len(points) + len(extra)
-            extra.append(0.5 * points[list(ends)].sum(axis=0))
-        rows[row, shape.corners + k] = middles[ends]

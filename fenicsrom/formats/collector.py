@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fenicsrom.formats.mesh_file import Floats, Ints, Marks, MeshFile
-from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial, Physics
+from fenicsrom.formats.physics import DeckLoad, DeckMaterial, Physics, axes_of
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.words import counted
 
@@ -41,6 +41,11 @@ class Collector:
     forces: dict[int, Floats] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
     others: list[DeckLoad] = field(default_factory=list)
     not_taken: dict[str, None] = field(default_factory=dict)
+
+    def cells_of(self, material: str, mesh: MeshFile) -> list[Marks]:
+        """The marks of the cells of a material in each block, to be changed."""
+        none = [np.zeros(len(block.nodes), dtype=bool) for block in mesh.blocks]
+        return self.cells.setdefault(material, none)
 
     def hold(self, name: str, nodes: Ints, components: set[int]) -> None:
         """Hold components of the nodes of a group; rotations (3 to 5) mean nothing for a solid."""
@@ -85,9 +90,7 @@ class Collector:
         for name, components in self.held.items():
             nodes = np.unique(self.held_nodes[name])
             if name not in groups or not np.array_equal(np.sort(groups[name]), nodes):
-                name = (
-                    name if name not in groups else f"{name} {''.join(AXES[k] for k in components)}"
-                )
+                name = name if name not in groups else f"{name} {axes_of(components)}"
                 groups[name] = nodes
             supports.append((name, tuple(sorted(components))))
         materials = self._materials(mesh, solid)

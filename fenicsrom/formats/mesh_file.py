@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.formats.physics import Physics
-from fenicsrom.words import are, counted
 
 Ints = npt.NDArray[Any]
 Marks = npt.NDArray[np.bool_]
@@ -60,9 +59,3 @@ class MeshFile:
 def unsupported(elements: str) -> str:
     """Say that elements, such as "cells of type wedge", would leave a hole in the body."""
     return f"{elements} are not supported; use triangles, quadrilaterals, tetrahedra or hexahedra"
-
-
-def middle_nodes_note(number: int) -> str:
-    """The note on so many nodes that cells of degree 2 lack in the file."""
-    nodes = counted(number, "node")
-    return f"{nodes} on edges that the file leaves out {are(number)} put in the middle"

@@ -17,15 +17,14 @@ from fenicsrom.formats.mesh_file import (
     Floats,
     Ints,
     MeshFile,
-    middle_nodes_note,
     unsupported,
 )
+from fenicsrom.formats.middle_nodes import with_middles
 from fenicsrom.formats.nastran_cards import Card, read_cards
-from fenicsrom.formats.nastran_physics import TAKEN, with_physics
+from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.formats.nastran_systems import Systems, read_systems
 from fenicsrom.formats.shapes import SHAPES, TETRA_FROM_VTK
-from fenicsrom.formats.text import numbers_between
 
 CUBE_FROM_NASTRAN = (*range(9), 11, 12, 9, 13, 10, 14, 15, 16, 19, 17, 18)
 """Gmsh's order of the nodes of a hexahedron of 20 nodes, as indices in Nastran's order.
@@ -33,37 +32,24 @@ CUBE_FROM_NASTRAN = (*range(9), 11, 12, 9, 13, 10, 14, 15, 16, 19, 17, 18)
 Nastran numbers the nodes on the edges at the bottom, then those upright, then those at the top.
 """
 
-ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
-    "CTETRA": ((4, 11), 2),
-    "CHEXA": ((5, 17), 2),
-    "CPENTA": ((6, 18), 2),
-    "CPYRAM": ((7, 19), 2),
-    "CPYRA": ((7, 19), 2),
-    "CTRIA3": ((2,), 2),
-    "CTRIAR": ((2,), 2),
-    "CTRIA6": ((9,), 2),
-    "CQUAD4": ((3,), 2),
-    "CQUADR": ((3,), 2),
-    "CQUAD8": ((16,), 2),
-    "CQUAD9": ((10,), 2),
-    "CPLSTS3": ((2,), 2),
-    "CPLSTS4": ((3,), 2),
-    "CPLSTN3": ((2,), 2),
-    "CPLSTN4": ((3,), 2),
-    "CROD": ((1,), 2),
-    "CONROD": ((1,), 1),
-    "CTUBE": ((1,), 2),
-    "CBAR": ((1,), 2),
-    "CBEAM": ((1,), 2),
+_NAMES: dict[tuple[int, ...], tuple[str, ...]] = {
+    (4, 11): ("CTETRA",),
+    (5, 17): ("CHEXA",),
+    (6, 18): ("CPENTA",),
+    (7, 19): ("CPYRAM", "CPYRA"),
+    (2,): ("CTRIA3", "CTRIAR", "CPLSTS3", "CPLSTN3"),
+    (9,): ("CTRIA6",),
+    (3,): ("CQUAD4", "CQUADR", "CPLSTS4", "CPLSTN4"),
+    (16,): ("CQUAD8",),
+    (10,): ("CQUAD9",),
+    (1,): ("CROD", "CONROD", "CTUBE", "CBAR", "CBEAM"),
 }
-"""Kinds by the name of an element, with few or many nodes, and the field of its first node."""
+ELEMENTS = {name: kinds for kinds, names in _NAMES.items() for name in names}
+"""Kinds by the name of an element, with few or many nodes."""
 
 HOLES = {
     "CHEXCZ": "cohesive solids",
-    "CIHEX1": "solids of an old kind",
-    "CIHEX2": "solids of an old kind",
-    "CHEXA1": "solids of an old kind",
-    "CHEXA2": "solids of an old kind",
+    **dict.fromkeys(("CIHEX1", "CIHEX2", "CHEXA1", "CHEXA2"), "solids of an old kind"),
     "CWEDGE": "wedges",
 }
 """Solids that this program cannot use, which would leave a hole in the body."""
@@ -83,12 +69,8 @@ def read_nastran(path: Path) -> MeshFile:
         numbers, points = _points(path, cards)
     except ValueError as error:
         raise refuse(path, f"a GRID or coordinate system is damaged: {error}") from None
-    extra: list[Floats] = []
-    blocks, not_read = _blocks(path, cards, numbers, points, extra)
-    notes = ()
-    if extra:
-        points = np.concatenate([points, np.array(extra)])
-        notes = (middle_nodes_note(len(extra)),)
+    blocks, not_read = _blocks(path, cards, numbers)
+    points, notes = with_middles(blocks, points)
     try:
         nodes = _constrained(cards, numbers)
     except ValueError as error:
@@ -119,16 +101,15 @@ def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats]:
 
 
 def _blocks(
-    path: Path, cards: list[Card], numbers: dict[int, int], points: Floats, extra: list[Floats]
+    path: Path, cards: list[Card], numbers: dict[int, int]
 ) -> tuple[tuple[Block, ...], tuple[str, ...]]:
     """The elements of each name and kind, and what is not read, each in a few words.
 
-    `extra` receives the coordinates (3,) of the nodes on edges that the file leaves out.
+    A node on an edge that the file leaves out has the index -1.
     """
     found: dict[tuple[str, int], list[tuple[int, str, list[int]]]] = {}
     given: dict[int, list[int]] = {}
     other: Counter[str] = Counter()
-    middles: dict[tuple[int, ...], int] = {}
     for card in cards:
         if card.name in HOLES:
             raise refuse(path, unsupported(f"{card.name} elements ({HOLES[card.name]})"))
@@ -143,14 +124,10 @@ def _blocks(
             raise refuse(path, f"{shown}: the entry is incomplete; it may be damaged") from None
         if given.setdefault(label, grids) != grids:
             raise refuse(path, f"element {label} is given twice, with different nodes")
-        rows = []
-        for place, number in enumerate(grids):
-            if number and number not in numbers:
-                raise refuse(
-                    path, f"{card.name} {label} refers to GRID {number}, which is not in the file"
-                )
-            rows.append(numbers.get(number, -1 - place))
-        _fill(kind, rows, points, extra, middles)
+        if unknown := [number for number in grids if number and number not in numbers]:
+            reason = f"refers to GRID {unknown[0]}, which is not in the file"
+            raise refuse(path, f"{card.name} {label} {reason}")
+        rows = [numbers.get(number, -1) for number in grids]
         group = "" if card.name == "CONROD" else card.text(1) or str(label)
         found.setdefault((card.name, kind), []).append((label, group, rows))
     blocks = []
@@ -169,7 +146,7 @@ def _element(card: Card) -> tuple[int, int, list[int]]:
     Raises:
         ValueError: the entry lacks corners.
     """
-    kinds, first = ELEMENTS[card.name]
+    kinds, first = ELEMENTS[card.name], 1 if card.name == "CONROD" else 2
     most = SHAPES[kinds[-1]].nodes
     grids = [int(text or 0) for text in card.fields[first : first + most]]
     kind = kinds[-1] if any(grids[SHAPES[kinds[0]].corners :]) or len(kinds) == 1 else kinds[0]
@@ -186,33 +163,6 @@ def _order(kind: int) -> list[int]:
     return list(orders.get(kind, range(SHAPES[kind].nodes)))
 
 
-def _fill(
-    kind: int,
-    rows: list[int],
-    points: Floats,
-    extra: list[Floats],
-    middles: dict[tuple[int, ...], int],
-) -> None:
-    """Put new nodes in the middle of the edges where a row has a negative index.
-
-    Args:
-        kind: kind of the element.
-        rows: node indices in Nastran's order, which are changed.
-        points: coordinates (n, 3) of the nodes of the file.
-        extra: coordinates of the new nodes, which grows.
-        middles: index of the new node of each edge by its ends, which grows.
-    """
-    shape, order = SHAPES[kind], _order(kind)
-    for k, edge in enumerate(shape.edges[: shape.nodes - shape.corners]):
-        at = order[shape.corners + k]
-        if rows[at] < 0:
-            ends = tuple(sorted(rows[order[corner]] for corner in edge))
-            if ends not in middles:
-                middles[ends] = len(points) + len(extra)
-                extra.append(0.5 * points[list(ends)].sum(axis=0))
-            rows[at] = middles[ends]
-
-
 def _constrained(cards: list[Card], numbers: dict[int, int]) -> dict[str, Ints]:
     """Node groups of the grid points of each set of SPC and SPC1 entries, such as "SPC1".
 
@@ -220,18 +170,8 @@ def _constrained(cards: list[Card], numbers: dict[int, int]) -> dict[str, Ints]:
     """
     found: dict[str, set[int]] = {}
     for card in cards:
-        if card.name == "SPC1":
-            words = [word for word in card.fields[2:] if word]
-            grids: list[int] = []
-            if len(words) == 3 and words[1].upper() == "THRU":
-                grids = list(numbers_between(int(words[0]), int(words[2])))
-            else:
-                grids = [int(word) for word in words if word.isdigit()]
-        elif card.name == "SPC":
-            grids = [card.integer(k) for k in (1, 4) if card.text(k)]
-        else:
-            continue
-        found.setdefault(f"SPC {card.text(0)}", set()).update(grids)
+        for _, grids in held_grids(card) if card.name in ("SPC", "SPC1") else ():
+            found.setdefault(f"SPC {card.text(0)}", set()).update(grids)
     groups = {}
     for name, members in found.items():
         nodes = np.array(sorted(numbers[grid] for grid in members if grid in numbers), dtype=int)

@@ -12,7 +12,7 @@ import numpy as np
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Ints, MeshFile
 from fenicsrom.formats.nastran_cards import Card
-from fenicsrom.formats.physics import DeckLoad
+from fenicsrom.formats.physics import DeckLoad, axes_of
 from fenicsrom.formats.text import numbers_between, read_lines
 
 SELECTED = {"SPC": "SPC", "SPC1": "SPC", "FORCE": "LOAD", "GRAV": "LOAD"}
@@ -97,11 +97,7 @@ def _sections(found: Collector, mesh: MeshFile, material_of: dict[str, str]) -> 
     for number, block in enumerate(mesh.blocks):
         for group, cells in block.groups.items():
             if group in material_of:
-                marks = found.cells.setdefault(
-                    f"MAT1 {material_of[group]}",
-                    [np.zeros(len(other.nodes), dtype=bool) for other in mesh.blocks],
-                )
-                marks[number] |= cells
+                found.cells_of(f"MAT1 {material_of[group]}", mesh)[number] |= cells
 
 
 def _take(
@@ -139,26 +135,29 @@ def _take(
     return True
 
 
+def held_grids(card: Card) -> list[tuple[set[int], list[int]]]:
+    """The components (0 to 5) and grid points that an SPC or SPC1 holds.
+
+    Raises:
+        ValueError: the entry is damaged.
+    """
+    if card.name == "SPC":
+        held = [(card.text(k + 1), [card.integer(k)]) for k in (1, 4) if card.text(k)]
+    else:
+        words = [word for word in card.fields[2:] if word]
+        if len(words) == 3 and words[1].upper() == "THRU":
+            held = [(card.text(1), list(numbers_between(int(words[0]), int(words[2]))))]
+        else:
+            held = [(card.text(1), [int(word) for word in words])]
+    return [({int(digit) - 1 for digit in digits}, grids) for digits, grids in held]
+
+
 def _support(found: Collector, card: Card, numbers: Mapping[int, int]) -> bool:
     """Take an SPC or SPC1 without a displacement."""
-    if card.name == "SPC1":
-        words = [word for word in card.fields[2:] if word]
-        components = {int(digit) - 1 for digit in card.text(1)}
-        if len(words) == 3 and words[1].upper() == "THRU":
-            grids = list(numbers_between(int(words[0]), int(words[2])))
-        else:
-            grids = [int(word) for word in words]
-        pairs = [(components, grids)]
-    else:
-        if card.real(3) or card.real(6):
-            return False
-        pairs = [
-            ({int(digit) - 1 for digit in card.text(k + 1)}, [card.integer(k)])
-            for k in (1, 4)
-            if card.text(k)
-        ]
-    for components, grids in pairs:
-        name = f"SPC {card.text(0)} " + "".join("xyz"[k] for k in sorted(components & {0, 1, 2}))
+    if card.name == "SPC" and (card.real(3) or card.real(6)):
+        return False
+    for components, grids in held_grids(card):
+        name = f"SPC {card.text(0)} {axes_of(components)}"
         nodes: Ints = np.array([numbers[grid] for grid in grids if grid in numbers], dtype=int)
         found.hold(name, nodes, components)
     return True

@@ -11,6 +11,11 @@ AXES = "xyz"
 """Names of the components 0, 1 and 2."""
 
 
+def axes_of(components: set[int]) -> str:
+    """The names of the displacements among some components, such as "xz" for 0, 2 and 4."""
+    return "".join(AXES[k] for k in sorted(components & {0, 1, 2}))
+
+
 @dataclass(frozen=True)
 class DeckMaterial:
     """An isotropic elastic material.

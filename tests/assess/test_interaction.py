@@ -91,9 +91,12 @@ def two_modes(*changes: str, **contact: float) -> StoredModel:
         model,
         np.zeros(2),
         -np.diag(STIFFENING),
-        np.zeros((0, 0)),
-        np.pi / 30.0 * np.array([0.0, 9000.0]),
-        np.zeros((2, 2)),
+        coriolis=np.zeros((0, 0)),
+        euler=np.zeros(2),
+        inertia=np.ones(1),
+        moments=np.zeros((1, 3)),
+        speeds=np.pi / 30.0 * np.array([0.0, 9000.0]),
+        equilibria=np.zeros((2, 2)),
         modes=2,
         masters=0,
         errors=RangeErrors(*np.zeros((4, 1))),
@@ -206,6 +209,8 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     assert verdict(two + 0.3 * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)) == ("torus", 0)
     assert verdict(two + 0.3 * noise) == ("not periodic", 0)
     assert verdict(two * np.exp(-0.01 * turns)) == ("not settled", 0)
+    decaying = np.exp(-0.05 * turns) * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)
+    assert verdict(two + 0.1 * decaying) == ("not settled", 0)
 
 
 def test_stopped_map_continues(tmp_path: Path) -> None:

@@ -18,7 +18,14 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
-from fenicsrom.assess.curves.trust import BETWEEN, LARGEST, SHARE, SPREAD, richer_model, spread
+from fenicsrom.assess.curves.trust import (
+    BETWEEN,
+    LARGEST,
+    SHARE,
+    SPREAD,
+    richer_model,
+    spread,
+)
 from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -97,6 +104,17 @@ def test_interrupted_branch_is_followed_again(tmp_path: Path, before_the_end: in
     for mine, its in zip(again.pieces, whole.pieces, strict=True):
         assert mine.reason == its.reason
         assert mine.points[-1].parameter == pytest.approx(its.points[-1].parameter, rel=1e-6)
+
+
+def test_incomplete_curve_of_unstable_motions_says_that_nothing_settles_on_them(
+    tmp_path: Path,
+) -> None:
+    save_model(tmp_path / "model.npz", holmes())
+    stored = load_model(tmp_path / "model.npz")
+    for first, last, named in ((0.15, 0.27, False), (0.27, 0.15, True)):
+        overrides = [f"response.first={first}", f"response.last={last}", "response.points=4"]
+        found = response(stored.with_overrides(overrides))
+        assert ("unstable" in str(found.unfinished)) == named
 
 
 @pytest.mark.parametrize("done", [0, 1, 2])

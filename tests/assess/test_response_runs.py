@@ -314,7 +314,7 @@ def test_resume_option_continues_the_state_of_the_output_folder(
 
 
 def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) -> None:
-    from fenicsrom.post.curves.response_motion import marked_motions, write_motion_arrays
+    from fenicsrom.post.curves.response_report import marked_motions, write_motion_arrays
 
     stored = oscillator()
     found = response(stored)

@@ -23,17 +23,6 @@ def test_control_characters_of_texts_do_not_reach_the_terminal(
     assert said.count(r"\x1b") == 4
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["run", DEMO, "--output", "a\0b"], ["run", "a\0b"], ["run", "--from", "a\0b"], ["plan", "\0"]],
-)
-def test_argument_with_nul_character_is_refused(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
-    assert main(arguments) == 2
-    assert r"\x00" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["run", "response", "backbone"])
 def test_stored_model_runs_on_the_first_rank_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str

@@ -537,13 +537,13 @@ def brittle(broken: float) -> DenseModel:
     """A model whose force is not a number beyond a certain displacement."""
     model = random_model(3, seed=5, masters=2, force=2.0, omega=1.1)
     twin = dense_twin(model)
-    sound = twin._elastic
+    sound = twin.elastic
 
     def elastic(q: Array) -> tuple[Array, Array]:
         force, tangent = sound(q)
         return (force * np.nan, tangent) if np.abs(q).max() > broken else (force, tangent)
 
-    twin._elastic = elastic
+    twin.elastic = elastic
     return twin
 
 

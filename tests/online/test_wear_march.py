@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from fenicsrom.online.contact.surfaces import CYLINDER
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import energy_errors
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.run.march import integrate
+from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.online.run.march_setup import set_up_run
 from fenicsrom.online.step.loop import compiled_march
 from fenicsrom.online.step.scheme import scheme
@@ -124,6 +126,48 @@ def test_motion_of_newtons_method_that_would_wear_the_layer_is_no_periodic_motio
     assert motion.search.verdict == "wears"
     assert not motion.search.accepted and motion.newton_from is None
     assert motion.end is not None and motion.end.wearing
+
+
+def test_monodromy_matrix_over_a_worn_casing_matches_differences() -> None:
+    """The layer stays as it is worn; the blade touches it in parts of the revolution."""
+    problem = rubbing(5500.0, cells=40).settled().with_yield(np.inf)
+    problem = problem.with_own_wear(np.random.default_rng(4).uniform(0.0, 40e-6, 40))
+    plan = scheme("discrete-gradient", problem.model, 0.8)
+    period_map = PeriodMap(problem, plan, np.linspace(0.0, 1.0, 181))
+    z = np.zeros(period_map.size)
+    for _ in range(3):
+        z = period_map(problem, z, derive=False)[1].z
+    _, found = period_map(problem, z)
+    touches = np.any(found.record.mean_force[:, 0] != 0.0, axis=1)
+    assert 0.05 < np.mean(touches) < 0.95
+    steps = np.array([1e-9, 1e-9, 1e-6, 1e-6, *np.full(z.size - 4, 1e-9)])
+    columns = []
+    for change in np.diag(steps):
+        ends = [period_map(problem, z + sign * change, derive=False)[1].z for sign in (1.0, -1.0)]
+        columns.append((ends[0] - ends[1]) / 2.0)
+    differences = np.array(columns).T / steps[:, None]
+    scaled = found.matrix * steps / steps[:, None]
+    np.testing.assert_allclose(scaled, differences, rtol=0.0, atol=1e-5 * np.abs(differences).max())
+
+
+def test_motion_that_presses_just_to_the_yield_stress_is_flagged() -> None:
+    """The yield stress is lowered to what the periodic motion needs at the nodes."""
+    problem = rubbing(5500.0, periods=60, steady_tolerance=1e-6)
+    motion = integrate(problem)
+    assert motion.search is not None and motion.search.accepted and not motion.search.at_yield
+    settled = problem.settled().with_own_wear(worn_of(motion))
+    coating, start = settled.contacts.coating, end_of(motion)
+    force = motion.force[-719::2, 0, 0]  # at the nodes 1 to 360
+    needed = float(np.max(force - coating.hardening[0] * np.roll(coating.worn, -1)))
+    assert 0.5 < needed / coating.yield_force[0] < 1.0 - 1e-5
+    for above, verdict, at_yield in ((1e-7, "stable", True), (-1e-5, "wears", False)):
+        weaker = settled.with_yield(needed / coating.yield_force[0] * (1.0 + above))
+        found = integrate(
+            weaker._replace(time=replace(weaker.time, span=replace(weaker.time.span, periods=1))),
+            start=start,
+        )
+        assert found.search is not None
+        assert (found.search.verdict, found.search.at_yield) == (verdict, at_yield)
 
 
 def test_rejected_step_leaves_no_trace_in_the_layer() -> None:

@@ -16,8 +16,7 @@ from mpi4py import MPI
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
 from fenicsrom.post.base.style import new_figure
-from fenicsrom.post.run.contact_axis import ContactAxis, contact_axis
-from fenicsrom.post.run.figures import plot_points
+from fenicsrom.post.run.figures import ContactAxis, contact_axis, plot_points
 from fenicsrom.post.run.motion_figures import plot_rub_map
 from fenicsrom.scene import read_scene
 

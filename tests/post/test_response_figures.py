@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
@@ -17,12 +18,11 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
 from fenicsrom.post.curves.response_details import (
     FARTHEST,
-    NO_MOTION,
     contact_map,
+    draw_map,
     folds_back,
     harmonics_figure,
     multiplier_figure,
-    state_map,
 )
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_rows import rows
@@ -212,39 +212,43 @@ def test_phase_starts_between_minus_180_and_180(lag: float, start: float) -> Non
 
 
 def test_contact_map_over_the_parameter_shows_the_states_of_the_nearest_motion() -> None:
-    curve = duffing(0.02)
+    curve, axis = duffing(0.02), Figure().subplots()
     assert not folds_back(curve)
-    states, (low, high), marks = state_map(curve, 0, folded=False)
+    draw_map(axis, curve, 0, folded=False)
     points = curve.pieces[0].points
-    assert (low, high) == (points[0].parameter, points[-1].parameter) and not marks
-    columns = low + (high - low) * (np.arange(states.shape[1]) + 0.5) / states.shape[1]
-    for column in range(0, 600, 13):
-        near = min(points, key=lambda point: abs(point.parameter - columns[column]))
-        np.testing.assert_array_equal(states[:, column], near.period_states[:, 0])
+    places = np.array([point.parameter for point in points])
+    assert axis.get_xlim() == (places[0], places[-1])
+    mesh: Any = axis.collections[0]
+    shown = np.array([point.period_states[:, 0] for point in points]).T
+    np.testing.assert_array_equal(mesh.get_array(), shown)
+    ends = mesh.get_coordinates()[0, 1:-1, 0]
+    np.testing.assert_allclose(ends, 0.5 * (places[1:] + places[:-1]))
 
 
 def test_contact_map_of_a_folded_curve_has_its_folds_as_marks(found: Response) -> None:
-    curve = found.curves[2]
+    curve, axis = found.curves[2], Figure().subplots()
     assert folds_back(curve)
-    _, (low, high), marks = state_map(curve, 0, folded=True)
-    assert low == 0.0 and all(low <= place <= high for place, _ in marks)
-    texts = [text for _, text in marks]
+    draw_map(axis, curve, 0, folded=True)
+    (low, high), places = axis.get_xlim(), axis.get_xticks()
+    assert low == 0.0 and all(low <= place <= high for place in places)
+    texts = [label.get_text() for label in axis.get_xticklabels()]
     parameters = [point.parameter for point in curve.pieces[0].points]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     assert turns.size == 2
     assert {f"{parameters[k]:.4g}" for k in (0, *turns, -1)} <= set(texts)
-    assert min(np.diff([place for place, _ in marks])) > 0.09 * high
+    assert min(np.diff(places)) > 0.09 * high
 
 
 def test_gap_between_two_pieces_stays_white_on_the_map() -> None:
-    curve = duffing(0.005)
+    curve, axis = duffing(0.005), Figure().subplots()
     points = curve.pieces[0].points
     low = [point for point in points if point.parameter < 0.9]
     high = [point for point in points if point.parameter > 1.3]
     curve.pieces = [Piece(low), Piece(high, direction=-1.0)]
-    states, _, _ = state_map(curve, 0, folded=False)
-    white = np.all(states == NO_MOTION, axis=0)
-    assert 0.2 < white.mean() < 0.8 and not white[0] and not white[-1]
+    draw_map(axis, curve, 0, folded=False)
+    meshes: list[Any] = list(axis.collections)
+    left, right = (mesh.get_coordinates()[..., 0] for mesh in meshes)
+    assert left.max() < 0.95 and right.min() > 1.25
 
 
 def test_multipliers_are_in_the_plane_and_far_ones_at_the_edge(found: Response) -> None:

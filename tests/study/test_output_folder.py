@@ -17,7 +17,7 @@ from support import refusal
 import fenicsrom
 from fenicsrom.errors import ErrorKind
 from fenicsrom.post.base.origin import Origin, checksum, is_result, origin_table, read_record
-from fenicsrom.post.curves.response_motion import FOLDER
+from fenicsrom.post.curves.response_report import FOLDER
 from fenicsrom.post.paraview.paraview import BLOCKS
 from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
 from fenicsrom.study import output_folder
@@ -463,5 +463,5 @@ def test_mesh_that_reads_other_files_is_named_and_not_copied(tmp_path: Path) -> 
     run(tmp_path / "out", read_scene(tmp_path / "a.toml"), "report.html")
     record = read_record(tmp_path / "out")
     assert record is not None and record["mesh"]["copy"] is None
-    assert "sizes.geo" in record["mesh"]["missing"]
+    assert "reads other files" in record["mesh"]["missing"]
     assert read_scene(tmp_path / "out" / "scene.toml").geometry.mesh == mesh.resolve()

@@ -41,6 +41,7 @@ from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.scene.reading.units import in_words
+from fenicsrom.words import counted
 
 CLASSES = {
     kind.__name__: kind
@@ -102,7 +103,6 @@ def response(
     begin = working_time()
     scene = stored.scene
     check_response(scene)
-    table = response_table(scene)
     found = Response(
         scene,
         stored.size,
@@ -115,9 +115,32 @@ def response(
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
             "step, and the scene asks for an adaptive one."
         )
-    values: Sequence[float | None] = table.families.values if table.families else (None,)
+    jobs = _jobs(stored, state, resume, richer)
+    if state is not None and (resume is None or resume.resolve() != state.resolve()):
+        forget(state)
+    outcomes = _outcomes(found, jobs, workers, stop, comm)
+    for outcome in outcomes:
+        error = outcome.error or _incomplete(scene, outcome.curve)
+        if error is not None:
+            found.warnings.append(f"{curve_title(scene, outcome.curve.value)}{error}")
+            found.unfinished = found.unfinished or error
+    found.curves = [outcome.curve for outcome in outcomes if outcome.curve.points]
+    _leave_out_unresolved(found)
+    found.warnings += [*_light_modes(stored), *_one_speed(scene)]
+    _warn_of_errors(found)
+    _warn_of_peaks(found, stored)
+    found.seconds = working_time() - begin
+    return found
+
+
+def _jobs(
+    stored: StoredModel, state: Path | None, resume: Path | None, richer: RicherModel | None
+) -> list[_Job]:
+    """The curves to compute; arguments and errors as `response`."""
+    families = response_table(stored.scene).families
+    values: Sequence[float | None] = families.values if families else (None,)
     state = None if state is None else state.resolve()  # workers may run in other folders
-    jobs = [
+    return [
         _Job(
             stored,
             value,
@@ -127,14 +150,18 @@ def response(
         )
         for number, value in enumerate(values, 1)
     ]
-    if state is not None and (resume is None or resume.resolve() != state.resolve()):
-        forget(state)
-    progress = CurveProgress([curve_title(scene, value) for value in values])
+
+
+def _outcomes(
+    found: Response, jobs: list[_Job], workers: Workers, stop: Callable[[], bool], comm: Any
+) -> list[_Outcome]:
+    """Compute curves, as many as an interrupt allows, in order; arguments as `response`."""
     outcomes: dict[int, _Outcome] = {}
+    progress = CurveProgress([curve_title(found.scene, job.value) for job in jobs])
     try:
         for number, outcome in run_jobs(_compute, jobs, progress, workers, stop, comm):
             if isinstance(outcome, ConvergenceError):
-                outcome = _Outcome(ResponseCurve(values[number]), outcome)
+                outcome = _Outcome(ResponseCurve(jobs[number].value), outcome)
             outcomes[number] = outcome
             progress.finished(number)
             if outcome.interrupted:
@@ -143,20 +170,7 @@ def response(
                     break
     except KeyboardInterrupt:
         found.interrupted = True
-    for number, outcome in sorted(outcomes.items()):
-        error = outcome.error or _incomplete(scene, outcome.curve)
-        if error is not None:
-            found.warnings.append(f"{curve_title(scene, values[number])}{error}")
-            found.unfinished = found.unfinished or error
-    found.curves = [
-        outcome.curve for _, outcome in sorted(outcomes.items()) if outcome.curve.points
-    ]
-    _leave_out_unresolved(found)
-    found.warnings += [*_light_modes(stored), *_one_speed(scene)]
-    _warn_of_errors(found)
-    _warn_of_peaks(found, stored)
-    found.seconds = working_time() - begin
-    return found
+    return [outcome for _, outcome in sorted(outcomes.items())]
 
 
 def _leave_out_unresolved(found: Response) -> None:
@@ -235,6 +249,7 @@ def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named
 HARMONIC = 20  # highest harmonic of the loads whose resonance with a higher mode is named
+MOSTLY = 0.5  # part of unstable points of an incomplete curve above which they are named
 AROUND = 0.01  # part of a frequency within which a harmonic excites a mode
 ADVICE = {
     LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
@@ -254,6 +269,13 @@ def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
         if ended:
             ends = [piece.points[-1].parameter for piece in ended]
             places = in_words(scene, response_table(scene).parameter, *ends)
+            points = [point for piece in ended for point in piece.points]
+            unstable = sum(not point.stable for point in points)
+            if unstable > MOSTLY * len(points):
+                advice += (
+                    f"; {unstable} of its {counted(len(points), 'point')} are unstable: the body "
+                    "does not settle on these motions, so see by fenicsrom run how it moves there"
+                )
             return ConvergenceError(f"the curve ends at {places}: {advice}")
     return None
 

@@ -49,8 +49,10 @@ if TYPE_CHECKING:
 
 CHECKED = 10  # every so many speeds the errors are estimated
 LARGE = 0.05  # estimated error of a cell, relative to the largest of its line, that is marked
-REPEATS = 1e-3  # a motion repeats if a later revolution differs by less, relative to its range
+APART = 0.1  # smallest difference of the amplitudes of motions that count as two
+REPEATS = 2e-3  # a motion repeats if a later revolution differs by less, relative to its range
 SETTLED = 0.05  # largest change of the root mean square between the halves of the revolutions
+DECAYS = 0.9  # change from revolution to revolution, of the halves, below which it decays
 LINES, BINS = 12, 2  # a torus has its energy in so many lines, each of so many bins to each side
 REST = 0.01  # largest part of the energy of a torus that is not in its lines
 AWAY = 3.0  # the other start is so many times the amplitude away from the surface
@@ -107,9 +109,8 @@ class Line:
     @property
     def coexists(self) -> bool:
         """Whether another start leads to another motion."""
-        return self.verdict != UNSETTLED and abs(self.other - self.amplitude) > LARGE * max(
-            self.other, self.amplitude
-        )
+        sizes = self.other, self.amplitude
+        return self.verdict != UNSETTLED and abs(sizes[0] - sizes[1]) > APART * max(sizes)
 
 
 @brief()
@@ -381,7 +382,7 @@ class _Place:
         motion = self.march(self.stored, steps, self._given(self.stored, job.start))
         radial = self.last(motion.displacement[:, :, 0], steps)
         verdict, period = verdict_of(radial, steps)
-        amplitudes = self.spectrum(radial, steps)
+        amplitudes = self.spectrum(radial, steps, period)
         late = slice(-1 - radial.shape[0], None)
         line = Line(
             job.speed_rpm,
@@ -407,7 +408,7 @@ class _Place:
         for stored, count in ((self.stored.resized(size), steps), (self.stored, 2 * steps)):
             finer = self.march(stored, count, self._given(stored, job.start))
             there = self.last(finer.displacement[:, :, 0], count)
-            others.append(np.abs(self.spectrum(there, count) - amplitudes))
+            others.append(np.abs(self.spectrum(there, count, period) - amplitudes))
         second = self.march(self.stored, steps, self._away(line.amplitude))
         other = self.last(second.displacement[:, :, 0], steps)
         settled = verdict_of(other, steps)[0] != UNSETTLED
@@ -433,11 +434,16 @@ class _Place:
         """Values (m N, P) at the instants of the last revolutions, without the first instant."""
         return values[-self.table.last * steps :]
 
-    def spectrum(self, radial: Array, steps: int) -> Array:
-        """Amplitudes (k,) at the engine orders j / m, the largest of all points; equation (1)."""
+    def spectrum(self, radial: Array, steps: int, period: int) -> Array:
+        """Amplitudes (k,) at the engine orders j / m, the largest of all points; equation (1).
+
+        Args:
+            radial: (m N, P) the motion, m.
+            steps: N.
+            period: revolutions in which the motion repeats; 0 takes Hann's window.
+        """
         last, top = self.table.last, self.table.orders
         found = np.zeros((top * last + 1, radial.shape[1]))
-        _, period = verdict_of(radial, steps)
         if period:
             lines = np.fft.rfft(radial[-period * steps :], axis=0)
             lines *= 2.0 / (period * steps)
@@ -534,7 +540,9 @@ def verdict_of(radial: Array, steps: int) -> tuple[str, int]:
     half = count // 2 * steps
     point = radial[:, np.argmax(np.ptp(radial, axis=0))]
     sizes = point[:half].std(), point[-half:].std()
-    if abs(sizes[0] - sizes[1]) > SETTLED * max(sizes):
+    changes = point[steps:] - point[:-steps]
+    decay = changes[-half:].std() / changes[:half].std()
+    if abs(sizes[0] - sizes[1]) > SETTLED * max(sizes) or decay < DECAYS:
         return UNSETTLED, 0
     window = np.hanning(point.size + 1)[:-1]
     energy = np.abs(np.fft.rfft(window * (point - point.mean()))) ** 2

@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, FRESH, FROM, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.arguments import FROM_MODEL, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import source
 from fenicsrom.cli.termination import is_terminated
 
-SWINGING_SCENE = Argument(
-    "scene",
-    nargs="?",
-    help="scene file (TOML); its [backbone] table gives the mode and the range of its amplitude",
+SWINGING_SCENE = scene_file(
+    "; its [backbone] table gives the mode and the range of its amplitude", nargs="?"
 )
 
 
@@ -30,12 +28,5 @@ COMMAND = Command(
     "backbone",
     "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
     backbone,
-    (
-        SWINGING_SCENE,
-        FROM,
-        SET,
-        FRESH,
-        OUTPUT,
-        FORCE,
-    ),
+    (SWINGING_SCENE, *FROM_MODEL),
 )

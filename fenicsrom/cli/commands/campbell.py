@@ -5,15 +5,13 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, FROM, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.arguments import FROM, RESULTS, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import source
 
-TURNING_SCENE = Argument(
-    "scene",
-    nargs="?",
-    help="scene file (TOML) with a [rotation] table; its [campbell] table gives the speeds",
+TURNING_SCENE = scene_file(
+    " with a [rotation] table; its [campbell] table gives the speeds", nargs="?"
 )
 
 
@@ -28,11 +26,5 @@ COMMAND = Command(
     "campbell",
     "compute a Campbell diagram: frequencies and critical speeds",
     campbell,
-    (
-        TURNING_SCENE,
-        FROM,
-        SET,
-        OUTPUT,
-        FORCE,
-    ),
+    (TURNING_SCENE, FROM, *RESULTS),
 )

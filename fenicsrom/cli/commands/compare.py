@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.arguments import RESULTS, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import start
 
-COMPARED_SCENE = Argument("scene", help="scene file (TOML); its [compare] table lists the bases")
+COMPARED_SCENE = scene_file("; its [compare] table lists the bases")
 
 
 def compare(options: argparse.Namespace) -> int:
@@ -24,10 +24,5 @@ COMMAND = Command(
     "compare",
     "compare reduced bases with the full model: error and run time",
     compare,
-    (
-        COMPARED_SCENE,
-        SET,
-        OUTPUT,
-        FORCE,
-    ),
+    (COMPARED_SCENE, *RESULTS),
 )

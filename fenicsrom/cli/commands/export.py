@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.arguments import FILE, SET, Argument, Command
+from fenicsrom.cli.arguments import FILE, SET, Argument, Command, refused
 from fenicsrom.cli.output import require_lasting, require_other
 from fenicsrom.cli.printing import print_results
-from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.errors import ErrorKind
 
 MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
@@ -36,9 +36,8 @@ def export(options: argparse.Namespace) -> int:
     is_model = model.suffix.lower() == ".npz"
     if is_model != (options.format != "inp"):
         needed = "a stored model (.npz)" if options.format != "inp" else "a scene file"
-        raise refuse(
-            model, f"--format {options.format} needs {needed}", ErrorKind.CONFLICT, "--format"
-        )
+        reason = f"needs {needed}, but is given {model}"
+        raise refused("--format", options.format, reason, ErrorKind.CONFLICT)
     if not is_model:
         return _export_scene(options)
     stored = archive.load_model(model).with_overrides(options.overrides)
@@ -71,10 +70,5 @@ COMMAND = Command(
     "export",
     "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
     export,
-    (
-        MODEL,
-        FORMAT,
-        SET,
-        FILE,
-    ),
+    (MODEL, FORMAT, SET, FILE),
 )

@@ -52,9 +52,5 @@ COMMAND = Command(
     "import",
     "make a reduced model of the matrices of a linear superelement",
     import_matrices,
-    (
-        MATRICES,
-        INTERFACE_SCENE,
-        FILE,
-    ),
+    (MATRICES, INTERFACE_SCENE, FILE),
 )

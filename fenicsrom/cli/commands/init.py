@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command
+from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command, refused
 from fenicsrom.cli.mesh_files import inspected
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 
 UNITS = Argument(
     "--units",
@@ -41,7 +41,7 @@ def init(options: argparse.Namespace) -> int:
     require_lasting(path)
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
-        raise refuse(path, reason, ErrorKind.FILE, "output")
+        raise refused("--output", path, reason, ErrorKind.FILE)
     found = inspected(options)
     if found.refusal is not None:
         raise found.refusal
@@ -82,14 +82,5 @@ COMMAND = Command(
     "init",
     "write a starter scene for a mesh file",
     init,
-    (
-        MESH,
-        SCALE,
-        SIZE,
-        UNITS,
-        ROOT,
-        TIP,
-        TEMPLATE,
-        FILE,
-    ),
+    (MESH, SCALE, SIZE, UNITS, ROOT, TIP, TEMPLATE, FILE),
 )

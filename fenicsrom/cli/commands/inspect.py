@@ -42,11 +42,5 @@ COMMAND = Command(
     "inspect",
     "describe a mesh file: cells, box, volume, mass, groups and what is not read",
     inspect,
-    (
-        MESH,
-        DENSITY,
-        SCALE,
-        SIZE,
-        OUTPUT,
-    ),
+    (MESH, DENSITY, SCALE, SIZE, OUTPUT),
 )

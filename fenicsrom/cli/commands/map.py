@@ -5,25 +5,14 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import (
-    FORCE,
-    FRESH,
-    FROM,
-    OUTPUT,
-    SCHEDULER,
-    SET,
-    Argument,
-    Command,
-)
+from fenicsrom.cli.arguments import FROM_MODEL, SCHEDULER, Argument, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import ranks, source, workers
 from fenicsrom.cli.termination import is_terminated
 
-RUBBING_SCENE = Argument(
-    "scene",
-    nargs="?",
-    help="scene file (TOML) with rotation.speeds_rpm; its [map] table gives speeds and revolutions",
+RUBBING_SCENE = scene_file(
+    " with rotation.speeds_rpm; its [map] table gives speeds and revolutions", nargs="?"
 )
 RESUME_MAP = Argument(
     "--resume",
@@ -53,14 +42,5 @@ COMMAND = Command(
     "map",
     "map the motions of a body that rubs its casing over speed and engine order",
     map,
-    (
-        RUBBING_SCENE,
-        FROM,
-        RESUME_MAP,
-        SET,
-        FRESH,
-        SCHEDULER,
-        OUTPUT,
-        FORCE,
-    ),
+    (RUBBING_SCENE, RESUME_MAP, SCHEDULER, *FROM_MODEL),
 )

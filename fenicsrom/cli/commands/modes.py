@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, OUTPUT, SCENE, SET, Command
+from fenicsrom.cli.arguments import RESULTS, SCENE, Command
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import start
@@ -28,10 +28,5 @@ COMMAND = Command(
     "modes",
     "compute only the modes and modal derivatives, for ParaView",
     modes,
-    (
-        SCENE,
-        SET,
-        OUTPUT,
-        FORCE,
-    ),
+    (SCENE, *RESULTS),
 )

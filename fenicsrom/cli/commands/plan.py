@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import SCENE, SET, Argument, Command
+from fenicsrom.cli.arguments import SCENE, SET, Argument, Command, refused
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import logged_progress, print_results
 from fenicsrom.cli.starting import given_keys
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import read_scene
 
 PICTURE = Argument(
@@ -48,12 +48,7 @@ def plan(options: argparse.Namespace) -> int:
         path = Path(options.picture)
         require_lasting(path, "--picture")
         if path.suffix.lower() != ".png":
-            raise SceneError(
-                f"--picture {path}: must end in .png",
-                kind=ErrorKind.FORMAT,
-                key="--picture",
-                source=str(path),
-            )
+            raise refused("--picture", path, "must end in .png", ErrorKind.FORMAT)
         with logged_progress(quiet=False):
             picture, warnings = study.setup_picture(scene, path.name)
         files = [one.path for one in draw_pictures([picture], path.parent, warnings)]
@@ -65,9 +60,5 @@ COMMAND = Command(
     "plan",
     "list the stages of a scene: which ones run, which ones are left out, and why",
     plan,
-    (
-        SCENE,
-        SET,
-        PICTURE,
-    ),
+    (SCENE, SET, PICTURE),
 )

@@ -6,17 +6,13 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, FRESH, FROM, OUTPUT, SCHEDULER, SET, Argument, Command
+from fenicsrom.cli.arguments import FROM_MODEL, SCHEDULER, Argument, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import source, workers
 from fenicsrom.cli.termination import is_terminated
 
-RESPONDING_SCENE = Argument(
-    "scene",
-    nargs="?",
-    help="scene file (TOML); its [response] table gives the parameter and its range",
-)
+RESPONDING_SCENE = scene_file("; its [response] table gives the parameter and its range", nargs="?")
 RESUME_CURVES = Argument(
     "--resume",
     metavar="STATE",
@@ -44,14 +40,5 @@ COMMAND = Command(
     "response",
     "follow periodic motions over a parameter: response curves and stability",
     response,
-    (
-        RESPONDING_SCENE,
-        FROM,
-        RESUME_CURVES,
-        SET,
-        FRESH,
-        SCHEDULER,
-        OUTPUT,
-        FORCE,
-    ),
+    (RESPONDING_SCENE, RESUME_CURVES, SCHEDULER, *FROM_MODEL),
 )

@@ -8,16 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import (
-    FORCE,
-    FRESH,
-    FROM,
-    OUTPUT,
-    SCENE_OR_MODEL,
-    SET,
-    Argument,
-    Command,
-)
+from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, Command
 from fenicsrom.cli.ending import end
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import print_results
@@ -118,13 +109,5 @@ COMMAND = Command(
     "run",
     "run a scene, or integrate a stored reduced model again",
     run,
-    (
-        SCENE_OR_MODEL,
-        FROM,
-        RESUME,
-        SET,
-        FRESH,
-        OUTPUT,
-        FORCE,
-    ),
+    (SCENE_OR_MODEL, RESUME, *FROM_MODEL),
 )

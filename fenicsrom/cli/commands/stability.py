@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, OUTPUT, SCENE, SET, Argument, Command
+from fenicsrom.cli.arguments import RESULTS, SCENE, Argument, Command, refused
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import read_scene
 
 
@@ -53,11 +53,8 @@ def stability(options: argparse.Namespace) -> int:
     from fenicsrom.assess.studies.stability import Verdict
 
     if options.random and options.axis:
-        raise SceneError(
-            "--random and --axis: give one of them, because random variants are not on an axis",
-            kind=ErrorKind.CONFLICT,
-            key="--random",
-        )
+        reason = "not allowed with --axis, because random variants are not on an axis"
+        raise refused("--random", options.random, reason, ErrorKind.CONFLICT)
     with opened(options, read_scene(options.scene, options.overrides)) as folder:
         found = study.stability(
             Path(options.scene),
@@ -75,13 +72,5 @@ COMMAND = Command(
     "stability",
     "run extreme or random variants of a scene, with a verdict on each",
     stability,
-    (
-        SCENE,
-        AXIS,
-        RANDOM,
-        SEED,
-        SET,
-        OUTPUT,
-        FORCE,
-    ),
+    (SCENE, AXIS, RANDOM, SEED, *RESULTS),
 )

@@ -5,16 +5,13 @@ from __future__ import annotations
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.arguments import RESULTS, Command, scene_file
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import start
 from fenicsrom.cli.termination import is_terminated
 
-LOADED_SCENE = Argument(
-    "scene",
-    help="scene file (TOML) with static loads; its [statics] table gives the range of their factor",
-)
+LOADED_SCENE = scene_file(" with static loads; its [statics] table gives the range of their factor")
 
 
 def statics(options: argparse.Namespace) -> int:
@@ -32,10 +29,5 @@ COMMAND = Command(
     "statics",
     "follow static equilibria over a load factor, through limit points (snap-through)",
     statics,
-    (
-        LOADED_SCENE,
-        SET,
-        OUTPUT,
-        FORCE,
-    ),
+    (LOADED_SCENE, *RESULTS),
 )

@@ -7,17 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import (
-    FORCE,
-    FRESH,
-    FROM,
-    OUTPUT,
-    SCENE_OR_MODEL,
-    SCHEDULER,
-    SET,
-    Argument,
-    Command,
-)
+from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, SCHEDULER, Argument, Command
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
@@ -98,16 +88,5 @@ COMMAND = Command(
     "sweep",
     "run a scene or a stored model for lists or ranges of values of its keys",
     sweep,
-    (
-        SCENE_OR_MODEL,
-        FROM,
-        OVER,
-        ZIP,
-        RESUME_SWEEP,
-        SET,
-        FRESH,
-        SCHEDULER,
-        OUTPUT,
-        FORCE,
-    ),
+    (SCENE_OR_MODEL, OVER, ZIP, RESUME_SWEEP, SCHEDULER, *FROM_MODEL),
 )

@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 
 from fenicsrom.cli.arguments import Argument, Command
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import refuse
 
 FOLDER = Argument("folder", help="output folder of a command")
 
@@ -20,9 +20,7 @@ def view(options: argparse.Namespace) -> int:
     """
     page = Path(options.folder).resolve() / "report.html"
     if not page.is_file():
-        raise SceneError(
-            f"{options.folder} has no report.html: give the output folder of a command"
-        )
+        raise refuse(options.folder, "has no report.html: give the output folder of a command")
     address = f"{page.as_uri()}#body"
     if not webbrowser.open(address):
         print(address)

@@ -20,9 +20,7 @@ from dolfinx.fem.petsc import interpolation_matrix
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.body.pressure import FollowerPressures
 from fenicsrom.fem.solid.solid import Solid, solid_arguments
-from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.scene import Attachment, Contact, Place, Scene
 
 LARGEST = 60_000
@@ -85,17 +83,13 @@ class FinerSolid(Solid):
         self.points = self._coarser.points
         self.contact_rows = csr_array(self.lifted(self._coarser.contact_rows.toarray().T).T)
 
-    def _set_loads(self) -> None:
+    def _assembled_loads(self) -> Array:
         """Take the loads at places of the coarser solid, and assemble the others."""
-        self.load_vectors = self.lifted(self._coarser.load_vectors)
+        vectors = self.lifted(self._coarser.load_vectors)
         for k, load in enumerate(self.loads):
             if load.everywhere or load.follower:
-                self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
-        self.without_held(self.load_vectors)
-        self.load_histories = histories_of(self.loads)
-        if any(load.follower for load in self.loads):
-            self.pressures = FollowerPressures(self, self.loads)
-        self._set_static_load()
+                vectors[:, k] = self.load_vector(load, f"loads[{k}]")
+        return vectors
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Take the probe of the coarser solid."""

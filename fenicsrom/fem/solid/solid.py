@@ -298,10 +298,7 @@ class Solid(ElasticBody):
 
     def _set_loads(self) -> None:
         """Assemble the load vectors."""
-        self.load_vectors = np.zeros((self.local, len(self.loads)))
-        for k, load in enumerate(self.loads):
-            self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
-        self.without_held(self.load_vectors)
+        self.load_vectors = self.without_held(self._assembled_loads())
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
@@ -309,6 +306,12 @@ class Solid(ElasticBody):
         if any(load.follower for load in self.loads):
             self.pressures = FollowerPressures(self, self.loads)
         self._set_static_load()
+
+    def _assembled_loads(self) -> Array:
+        """The load vectors (local, loads) of all loads."""
+        numbered = enumerate(self.loads)
+        vectors = [self.load_vector(load, f"loads[{k}]") for k, load in numbered]
+        return np.reshape(vectors, (len(self.loads), self.local)).T.copy()
 
     def _set_static_load(self) -> None:
         """Sum the static loads that do not follow the deformation."""

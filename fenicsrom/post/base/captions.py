@@ -46,17 +46,15 @@ CAPTIONS = {
 NUMBERS = {
     **dict.fromkeys(("motion", "spectra", "section", "rub_map", "coordinates"), "history.npz"),
     **dict.fromkeys(("contact", "energy", "energy_per_period", "motion.gif"), "history.npz"),
-    **dict.fromkeys(("response", "contact_map", "multipliers"), "response.csv"),
+    **dict.fromkeys(("response", "contact_map", "multipliers", "harmonics"), "response.csv"),
+    **dict.fromkeys(("sizes", "mac"), "summary.json"),
     **{
         name: f"{name}.csv"
-        for name in ("run_up", "backbone", "campbell", "map", "sweep", "comparison", "equilibria")
+        for name in ("run_up", "backbone", "campbell", "map", "sweep", "comparison", "wear")
     },
-    "harmonics": "response.csv",
+    "equilibria": "equilibria.csv",
     "peaks": "response_peaks.csv",
     "stress": "stresses.csv",
-    "wear": "wear.csv",
-    "sizes": "summary.json",
-    "mac": "summary.json",
 }
 
 

@@ -34,10 +34,7 @@ MARKERS = {
     ">": "square_dot",
     "x": "x",
     "X": "square_x",
-    "+": "cross",
     "P": "square_cross",
-    "*": "asterisk",
-    ".": "dot",
 }
 CLICKED = """
 const [k] = cb_obj.indices;
@@ -153,9 +150,7 @@ def _short(values: Array) -> list[float]:
 
 def _place(axes: Axes) -> tuple[int, int, int, int]:
     """The row and the column of axes in the grid, and how many rows and columns they span."""
-    spec = axes.get_subplotspec()
-    if spec is None:
-        return 0, 0, 1, 1
+    spec: Any = axes.get_subplotspec()
     rows, columns = spec.rowspan, spec.colspan
     return rows.start, columns.start, len(rows), len(columns)
 

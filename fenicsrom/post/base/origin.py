@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.files import atomic_write
+from fenicsrom.files import atomic_write, reads_other_files
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
@@ -61,7 +61,6 @@ RESULTS = (
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
 TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{12}(\.\w+)?")  # of a killed run (`files.atomic_write`)
-INCLUDED = re.compile(r"^\s*(?:Include|Merge|ShapeFromFile)\b[^\"]*\"([^\"]+)\"", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -166,12 +165,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        sound = isinstance(record, dict) and all(
-            isinstance(record.get(key), kind) for key, kind in _KINDS.items()
-        )
-        inputs = [record[key] for _, key in _INPUTS if record[key] is not None] if sound else []
+        inputs = [record[key] for _, key in _INPUTS if record.get(key) is not None]
+        sound = all(isinstance(record.get(key), kind) for key, kind in _KINDS.items())
         sound = sound and all(isinstance(one.get(key), str) for one in inputs for key in _NAMED)
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError, AttributeError):
         sound = False
     if not sound:
         raise _damaged(path, "is damaged")
@@ -301,11 +298,9 @@ def _keep_mesh(mesh: Path, folder: Path) -> dict[str, Any] | None:
     if found["bytes"] > LARGEST_COPY:
         found["missing"] = f"the mesh file is larger than {LARGEST_COPY // 2**20} MB: not copied"
         return found
-    if mesh.suffix == ".geo":
-        others = INCLUDED.findall(mesh.read_text(encoding="utf-8", errors="replace"))
-        if others:
-            found["missing"] = f"the mesh file reads other files: {', '.join(others)}; not copied"
-            return found
+    if mesh.suffix == ".geo" and reads_other_files(mesh.read_bytes()):
+        found["missing"] = "the mesh file reads other files or the environment: not copied"
+        return found
     name = f"mesh_{mesh.name}" if is_result(mesh.name) else mesh.name
     return found | {"copy": _copied(mesh, folder, name, f"mesh_{mesh.name}")}
 

@@ -93,7 +93,7 @@ def _parts(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> dict[st
     names = np.full(len(boundary), "", dtype=object)
     paint = np.full(len(boundary), GREY, dtype=object)
     for name in sorted(groups, key=lambda name: -len(groups[name])):
-        inside = _inside(boundary, groups[name])
+        inside = members_of(boundary, groups[name])
         names[inside] += np.where(names[inside] != "", ", ", "") + name
         paint[inside] = colours.get(name, GREY)
     lines: dict[str, Any] = {"show_edges": len(boundary) <= MOST_LINES, "edge_color": "#5B636B"}
@@ -114,7 +114,7 @@ def _parts(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> dict[st
     return parts
 
 
-def _inside(boundary: Ints, members: Ints) -> NDArray[np.bool_]:
+def members_of(boundary: Ints, members: Ints) -> NDArray[np.bool_]:
     """Which facets (k, corners) of the boundary are in a group of facets, or of nodes (m,)."""
     if members.ndim == 1 or members.shape[1] != boundary.shape[1]:
         return np.asarray(np.isin(boundary, members).all(axis=1) & (members.ndim == 1))

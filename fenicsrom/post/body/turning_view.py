@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -125,14 +125,11 @@ def loaded(name: str, displacement: Array, length: float) -> Shown:
 
     Arguments as for `swinging`.
     """
-    sizes = np.linalg.norm(displacement, axis=1)
-    largest = float(sizes.max()) or 1.0
-    factor = magnification(largest, length)
-    note = f"colour: 0 to {1e3 * largest:.4g} mm, {scale_text(factor)}"
-    return Shown(name, note, factor * np.array([displacement, 0.0 * displacement]), sizes / largest)
+    moved = running(name, 0.0, np.array([displacement, 0.0 * displacement]), length)
+    return replace(moved, colours=moved.colours[0], loops=False)
 
 
-def running(name: str, rest: Array, moved: Array, length: float) -> Shown:
+def running(name: str, rest: Any, moved: Array, length: float) -> Shown:
     """A motion (k, n, 3) about a state of rest (n, 3), m, magnified as in `loaded`."""
     sizes = np.linalg.norm(moved, axis=2)
     largest = float(sizes.max()) or 1.0
@@ -199,22 +196,18 @@ def turning_plot(
     )
     body.vertices, body.attribute = vertices, colours
     edges = form_edges(surface)
-    pairs = np.array(edges.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
     row = np.argsort(surface.point_data[NODE])
     at = row[np.searchsorted(surface.point_data[NODE], edges.point_data[NODE], sorter=row)]
-    form = k3d.lines(
-        _floats(edges.points), pairs, indices_type="segment", shader="simple", color=INK
-    )
+    form = _lines(edges)
     form.vertices = {time: places[at] for time, places in vertices.items()}
     plot += body
     plot += form
     for part in symbols:
-        colour = int(str(part.look["color"])[1:], 16)
         if part.mesh.n_faces:
-            plot += _mesh(part.mesh.triangulate(), color=colour)
+            plot += _mesh(part.mesh.triangulate(), color=_colour(part))
         else:
-            size = 0.012 * view.length
-            plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
+            look = {"point_size": 0.012 * view.length, "color": _colour(part)}
+            plot += k3d.points(_floats(part.mesh.points), **look)
     return plot, entries
 
 
@@ -228,19 +221,14 @@ def named_page(parts: Mapping[str, Part], view: View) -> str:
     Returns:
         The HTML text.
     """
-    import k3d
     import pyvista
 
     plot = _plot(pyvista.merge([part.mesh for part in parts.values()]), view)
     for name, part in parts.items():
-        colour = int(str(part.look["color"])[1:], 16)
-        body = _mesh(part.mesh.triangulate(), color=colour, name=name)
+        body = _mesh(part.mesh.triangulate(), color=_colour(part), name=name)
         body.hover_callback = print  # the page answers; k3d wants to know that something does
         plot += body
-        border = part.mesh.extract_feature_edges(manifold_edges=False, feature_edges=False)
-        pairs = np.array(border.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
-        look = {"indices_type": "segment", "shader": "simple", "color": INK}
-        plot += k3d.lines(_floats(border.points), pairs, **look)
+        plot += _lines(part.mesh.extract_feature_edges(manifold_edges=False, feature_edges=False))
     plot.mode = "callback"
     return _page(plot, NAMES)
 
@@ -273,6 +261,20 @@ def _mesh(surface: PolyData, **look: Any) -> Any:
 
     faces = np.array(surface.regular_faces, dtype=np.uint32)
     return k3d.mesh(_floats(surface.points), faces, flat_shading=True, side="double", **look)
+
+
+def _lines(edges: PolyData) -> Any:
+    """Edges in k3d."""
+    import k3d
+
+    pairs = np.array(edges.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
+    look = {"indices_type": "segment", "shader": "simple", "color": INK}
+    return k3d.lines(_floats(edges.points), pairs, **look)
+
+
+def _colour(part: Part) -> int:
+    """The colour of a part, as k3d wants it."""
+    return int(str(part.look["color"])[1:], 16)
 
 
 def _palette() -> Any:

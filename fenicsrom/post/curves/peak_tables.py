@@ -142,8 +142,7 @@ def peak_figure(found: Response) -> Figure:
         upper.set_ylim(bottom=0.0)
     upper.set_ylabel("largest amplitude of the probe, mm")
     lower.set_ylabel("frequency, Hz")
-    lower.set_xscale("log")
-    lower.set_xlabel(key_label(found, str(found.table.peak_over)))
+    lower.set(xscale="log", xlabel=key_label(found, str(found.table.peak_over)))
     if found.table.families is not None:
         upper.legend()
     drawn.align_ylabels([upper, lower])

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
-MOST = 6000  # largest number of multipliers in one picture
 # thin and bright: seen on the dots that lie on it
 CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 0.7, "zorder": 4}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
@@ -58,8 +57,7 @@ def multiplier_figure(found: Response) -> Figure:
     reach = 1.0
     for axis, curve in zip(axes, curves, strict=True):
         reach = max(reach, _draw_multipliers(axis, curve, colours))
-        axis.set_title(curve_name(found, curve))
-        axis.set_xlabel("real part")
+        axis.set(title=curve_name(found, curve), xlabel="real part")
         axis.set_aspect("equal")
     limit = 1.15 * reach
     axes[0].set_xlim(-limit, limit)
@@ -91,12 +89,9 @@ def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
 
 
 def multipliers_of(curve: ResponseCurve) -> tuple[NDArray[np.complex128], Array]:
-    """Multipliers of a curve, of at most `MOST` evenly chosen, and the parameter of each."""
-    points = curve.points
-    total = sum(point.multipliers.size for point in points)
-    chosen = points[:: max(1, -(-total // MOST))]
-    values = np.concatenate([point.multipliers for point in chosen])
-    parameters = [np.full(point.multipliers.size, point.parameter) for point in chosen]
+    """The multipliers of all points of a curve, and the parameter of each."""
+    values = np.concatenate([point.multipliers for point in curve.points])
+    parameters = [np.full(point.multipliers.size, point.parameter) for point in curve.points]
     return values, np.concatenate(parameters)
 
 
@@ -123,9 +118,7 @@ def harmonics_figure(found: Response) -> Figure:
             lambda points: sizes(points)[drawable],
             [COLOURS[k] for k in drawable],
         )
-        axis.set_yscale("log")
-        axis.set_title(curve_name(found, curve))
-        axis.set_xlabel(parameter_label(found))
+        axis.set(yscale="log", title=curve_name(found, curve), xlabel=parameter_label(found))
     axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
     axes[0].set_ylabel(f"{direction_name(found)} harmonics, mm")
     handles: list[Any] = [
@@ -137,10 +130,8 @@ def harmonics_figure(found: Response) -> Figure:
 
 
 POINTS = 3  # largest number of contact points that are drawn
-COLUMNS = 600  # of a map
 TICKS = 6  # largest number of marks along a curve with folds
 CLOSE = 0.1  # smallest distance of two marks, in parts of the map
-NO_MOTION = 2  # the entry of a map where the curve has a gap
 
 
 def shown_points(found: Response) -> NDArray[np.int64]:
@@ -170,38 +161,31 @@ def path_lengths(points: Sequence[CurvePoint]) -> Array:
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(plane, axis=0), axis=1)))
 
 
-def state_map(
-    curve: ResponseCurve, contact: int, folded: bool
-) -> tuple[NDArray[np.int8], tuple[float, float], list[tuple[float, str]]]:
-    """The map of one contact point along a curve.
+def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> None:
+    """Draw the map of one contact point along a curve; a gap between two pieces stays white.
 
     Args:
+        axis: the axes.
         curve: the curve.
         contact: the contact point.
         folded: whether the abscissa is the length along the curve instead of the parameter.
-
-    Returns:
-        The states (phases, `COLUMNS`), `NO_MOTION` in gaps; the range of the abscissa; and marks
-        (place, text) of the abscissa, none if it is the parameter.
     """
     pieces = [piece.points for piece in curve.pieces if piece.points]
     places, begin = [], 0.0
     for points in pieces:
+        places.append(np.array([point.parameter for point in points]))
         if folded:
-            places.append(begin + path_lengths(points))
+            places[-1] = begin + path_lengths(points)
             begin = places[-1][-1]
-        else:
-            places.append(np.array([point.parameter for point in points]))
-    low = min(float(place.min()) for place in places)
-    high = max(float(place.max()) for place in places)
-    columns = low + (high - low) * (np.arange(COLUMNS) + 0.5) / COLUMNS
-    states = np.full((pieces[0][0].period_states.shape[0], COLUMNS), NO_MOTION, dtype=np.int8)
-    for points, place in zip(pieces, places, strict=True):
-        inside = np.flatnonzero((columns >= place.min()) & (columns <= place.max()))
-        nearest = np.argmin(np.abs(place[:, None] - columns[inside]), axis=0)
-        rows = np.array([point.period_states[:, contact] for point in points])
-        states[:, inside] = rows[nearest].T
-    return states, (low, high), _marks(pieces, places, high - low) if folded else []
+        states = np.array([point.period_states[:, contact] for point in points]).T
+        instants = (np.arange(len(states)) + 0.5) / len(states)
+        look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+        axis.pcolormesh(places[-1], instants, states, shading="nearest", rasterized=True, **look)
+    ends = np.concatenate(places)
+    axis.set(xlim=(ends.min(), ends.max()), ylim=(0.0, 1.0))
+    axis.grid(False)
+    if folded:
+        axis.set_xticks(*zip(*_marks(pieces, places, np.ptp(ends)), strict=True))
 
 
 def _marks(
@@ -228,8 +212,6 @@ def _marks(
 def contact_map(found: Response) -> Figure:
     """Draw the contact states: the period upwards, a row of maps for each contact point."""
     curves, contacts = shown_curves(found), shown_points(found)
-    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
-    look |= {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
     wide = max(4.6 if len(curves) == 1 else 3.2, 9.6 / max(len(curves), 2))
     drawn = new_figure(wide * len(curves) + 1.0, 2.3 * len(contacts) + 1.2)
     axes = drawn.subplots(len(contacts), len(curves), squeeze=False, sharey=True)
@@ -237,11 +219,8 @@ def contact_map(found: Response) -> Figure:
         folded = folds_back(curve)
         for row, contact in enumerate(contacts):
             axis = axes[row, column]
-            states, (low, high), marks = state_map(curve, int(contact), folded)
-            shown = np.where(states == NO_MOTION, np.nan, states)
-            axis.imshow(shown, extent=(low, high, 0.0, 1.0), **look)
-            axis.grid(False)
-            _label(axis, marks, last=row == len(contacts) - 1)
+            draw_map(axis, curve, int(contact), folded)
+            axis.tick_params(labelbottom=row == len(contacts) - 1)
             if column == 0:
                 point = f"point {contact + 1}: " if found.contacts > 1 else ""
                 axis.set_ylabel(f"{point}time / period")
@@ -252,11 +231,3 @@ def contact_map(found: Response) -> Figure:
     handles = state_handles(present)
     drawn.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return drawn
-
-
-def _label(axis: Axes, marks: Sequence[tuple[float, str]], last: bool) -> None:
-    """Write the marks under a map; only the last row carries texts."""
-    if marks:
-        axis.set_xticks([place for place, _ in marks], [text for _, text in marks])
-    if not last:
-        axis.tick_params(labelbottom=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,6 +65,11 @@ def largest_component(found: Response) -> tuple[int, int]:
     sizes = np.max([point.amplitude for point in points], axis=0)
     place, direction = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
     return int(place), int(direction)
+
+
+def largest_point(found: Response, curve: ResponseCurve) -> CurvePoint:
+    """The point of the largest amplitude of a curve."""
+    return max(curve.points, key=height_of(found))
 
 
 def height_of(found: Response) -> Callable[[Any], float]:
@@ -250,7 +256,9 @@ def curve_name(found: Response, curve: ResponseCurve) -> str:
     return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
 
 
-def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[int]]]:
+def stretches(
+    points: Sequence[Any], is_stable: Callable[[Any], bool] = attrgetter("stable")
+) -> list[tuple[bool, list[int]]]:
     """Split a curve into stable and unstable stretches of point numbers, which share their ends.
 
     A stretch between two ordinary points is stable if both are; a special point takes part in the
@@ -258,7 +266,7 @@ def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[int]]]:
     """
     found: list[tuple[bool, list[int]]] = []
     for k, pair in enumerate(pairwise(points)):
-        stable = all(point.stable for point in pair if not point.kind)
+        stable = all(is_stable(point) for point in pair if not point.kind)
         if found and found[-1][0] == stable:
             found[-1][1].append(k + 1)
         else:

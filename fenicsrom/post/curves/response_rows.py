@@ -20,8 +20,8 @@ from fenicsrom.post.curves.response_figures import (
     directions,
     in_order,
     largest_component,
+    largest_point,
 )
-from fenicsrom.post.curves.response_motion import largest_point
 from fenicsrom.scene.reading.units import column_name
 
 

@@ -21,9 +21,9 @@ from fenicsrom.post.curves.response_figures import (
     direction_name,
     family,
     largest_direction,
+    largest_point,
     parameter_label,
 )
-from fenicsrom.post.curves.response_motion import largest_point
 from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
@@ -161,10 +161,7 @@ def _unknown_errors(curve: ResponseCurve) -> list[str]:
         )
     if unknown := sum(check.unknown for check in compared):
         largest = any(check.unknown and check.where == LARGEST for check in compared)
-        named = ""
-        if largest:
-            named = ", the one" if unknown == 1 else ", among them the one"
-            named += " of the largest amplitude"
+        named = f", {'among them ' * (unknown > 1)}the one of the largest amplitude" * largest
         lines.append(
             f"The change by a richer basis is unknown at {unknown} of "
             f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "

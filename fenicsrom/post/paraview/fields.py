@@ -14,20 +14,14 @@ from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import Contacts, unit_normals
 from fenicsrom.online.model.support_motion import moves_supports, support_displacement
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.paraview.paraview import (
-    CONTACT_NAMES,
-    array_name,
-    cell_groups,
-    joined,
-    notes,
-    stress_fields,
-)
+from fenicsrom.post.paraview.paraview import array_name, cell_groups, joined, notes, stress_fields
 from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
     from fenicsrom.records import Study
     from fenicsrom.scene import Scene
 
+DISPLACEMENT, STATE = "displacement_m", "contact_state"
 ABSOLUTE = "absolute_displacement_m"
 FRAMES = 30  # largest number of frames of a motion for ParaView and of an animation
 
@@ -53,9 +47,7 @@ def frame_coordinates(motion: Motion) -> Array:
 
 def contact_places(points: ContactPoints) -> Array:
     """Positions (P, 3) of the contact points in the undeformed body, m; z = 0 in 2D."""
-    places = np.zeros((points.position.shape[0], 3))
-    places[:, : points.position.shape[1]] = points.position
-    return places
+    return in_space(points.position)
 
 
 def contact_vectors(
@@ -74,8 +66,7 @@ def contact_vectors(
         all (ns, P, 3); the third component is 0 in 2D.
     """
     d = scene.geometry.dimension
-    frames = np.zeros((points.frame.shape[0], d, 3))
-    frames[:, :, :d] = points.frame
+    frames = in_space(points.frame)
     contacts = contacts_of(scene, points) if contacts is None else contacts
     normals = unit_normals(contacts, motion.displacement, motion.time)
     normal = -motion.force[:, :, :1] * normals
@@ -91,39 +82,33 @@ def contact_vectors(
     return contact_places(points) + moved, normal, friction
 
 
-def contact_points(
+def contact_arrays(
     study: Study, motion: Motion, contacts: Contacts | None = None
-) -> tuple[Array, dict[str, NDArray[Any]]]:
-    """Positions (P, 3) of the contact points in the undeformed body, m, and their values.
+) -> dict[str, NDArray[Any]]:
+    """The values at the contact points at the rows of `frame_rows`, by names with units.
 
-    The values are given at the rows of `frame_rows`; `contacts` as for `contact_vectors`.
+    Argument `contacts` as for `contact_vectors`.
     """
     rows = frame_rows(motion)
-    vectors = contact_vectors(study.scene, study.solid.points, motion, contacts)
+    vectors = contact_vectors(study.scene, study.points, motion, contacts)
     position, normal, friction = (values[rows] for values in vectors)
-    places = contact_places(study.solid.points)
-    return places, {
-        "displacement": position - places,
-        "position": position,
-        "gap": motion.gap[rows],
-        "normal force": motion.force[rows, :, 0],
-        "normal force vector": normal,
-        "friction force vector": friction,
-        "state": motion.state[rows],
+    return {
+        DISPLACEMENT: position - contact_places(study.points),
+        "position_m": position,
+        "gap_m": motion.gap[rows],
+        "normal_force_N": motion.force[rows, :, 0],
+        "normal_force_vector_N": normal,
+        "friction_force_vector_N": friction,
+        STATE: motion.state[rows],
     }
 
 
-def about_equilibrium(
-    study: Study, places: Array, values: dict[str, NDArray[Any]]
-) -> tuple[Array, dict[str, NDArray[Any]]]:
-    """Refer the places and displacements of `contact_points` to the equilibrium. Collective."""
-    solid = study.solid
-    frames = solid.points.frame
+def contact_equilibrium(study: Study) -> Array:
+    """The displacements (P, 3) of the contact points in the equilibrium, m. Collective."""
+    solid, frames = study.solid, study.points.frame
     points, d = frames.shape[:2]
     local = np.sum(solid.comm.allgather(solid.contact_rows @ solid.equilibrium), axis=0)
-    shift = np.zeros((points, 3))
-    shift[:, :d] = np.einsum("pk,pkx->px", local.reshape(points, d), frames)
-    return places + shift, values | {"displacement": values["displacement"] - shift}
+    return in_space(np.einsum("pk,pkx->px", local.reshape(points, d), frames))
 
 
 def shapes(study: Study) -> dict[str, dict[str, Any]]:
@@ -195,12 +180,10 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     """
     motion, solid, moving = study.motions["reduced"], study.solid, moving_field(study)
     times, attach = motion.time[frame_rows(motion)], _attached_to_frames(study, moving)
-    label = CONTACT_NAMES["displacement"]
-    files = [write_motion(folder, "motion", solid.space, times, moving, label, attach)]
+    files = [write_motion(folder, "motion", solid.space, times, moving, DISPLACEMENT, attach)]
     if study.scene.contacts and solid.comm.rank == 0:
-        points, found = contact_points(study, motion, contacts)
-        arrays = {CONTACT_NAMES[name]: values for name, values in found.items()}
-        files.append(write_points(folder, "contact_points", times, points, arrays))
+        places, arrays = contact_places(study.points), contact_arrays(study, motion, contacts)
+        files.append(write_points(folder, "contact_points", times, places, arrays))
     return files
 
 

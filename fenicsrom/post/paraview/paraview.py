@@ -28,15 +28,6 @@ INDEX = "results.pvd"
 BLOCKS = "results"  # folder of the lists of blocks, one per instant
 GROUPS = "groups.vtu"
 
-CONTACT_NAMES = {
-    "displacement": "displacement_m",
-    "position": "position_m",
-    "gap": "gap_m",
-    "normal force": "normal_force_N",
-    "normal force vector": "normal_force_vector_N",
-    "friction force vector": "friction_force_vector_N",
-    "state": "contact_state",
-}
 NORMALISATION = {
     "normal_modes": (
         "The modes have the modal mass 1 kg: the displacement in m is the array times a modal "
@@ -136,11 +127,8 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
 
 def joined(parts: Sequence[Attached], texts: Mapping[str, str]) -> Attached:
     """All values of several `Attached`, and these texts."""
-    nodes: dict[str, Any] = {}
-    cells: dict[str, Any] = {}
-    for part in parts:
-        nodes |= part.nodes
-        cells |= part.cells
+    nodes = {name: values for part in parts for name, values in part.nodes.items()}
+    cells = {name: values for part in parts for name, values in part.cells.items()}
     return Attached(nodes, cells, texts)
 
 

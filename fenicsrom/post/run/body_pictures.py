@@ -19,8 +19,11 @@ from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figu
 from fenicsrom.post.body.body_view import NODE, View, largest_of, surface_of
 from fenicsrom.post.body.film import Film
 from fenicsrom.post.paraview.fields import (
-    about_equilibrium,
-    contact_points,
+    DISPLACEMENT,
+    STATE,
+    contact_arrays,
+    contact_equilibrium,
+    contact_places,
     frame_rows,
     moving_field,
     shapes,
@@ -151,17 +154,17 @@ def film_of(study: Study) -> Film | None:
     """
     motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
     places: Array = np.zeros((0, 3))
-    values: dict[str, Any] = {"displacement": np.zeros((len(rows), 0, 3)), "state": []}
+    dots: Array = np.zeros((len(rows), 0, 3))
+    states: Any = np.zeros((len(rows), 0))
     if study.scene.contacts:
-        places, values = contact_points(study, motion)
-        values = {name: found[rows] for name, found in values.items()}
-        if study.solid.loaded:
-            places, values = about_equilibrium(study, places, values)
+        found, shift = contact_arrays(study, motion), contact_equilibrium(study)
+        places = contact_places(study.points) + shift
+        dots, states = found[DISPLACEMENT][rows] - shift, found[STATE][rows]
     if body is None:
         return None
     rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
-    moved, dots = body.frames_at(rest, len(rows)), values["displacement"]
-    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, values["state"])
+    moved = body.frames_at(rest, len(rows))
+    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, states)
 
 
 def view(study: Study) -> Any:

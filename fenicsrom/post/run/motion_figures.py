@@ -20,8 +20,7 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import new_figure, new_panels, state_colours, state_handles, styled
-from fenicsrom.post.run.contact_axis import contact_axis
-from fenicsrom.post.run.figures import LOADS, note_noise
+from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,18 +127,17 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     instants = np.linspace(max(start, motion.time[0]), motion.time[-1], COLUMNS)
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
     line = contact_axis(places, motion.state.shape[1])
-    middles = 0.5 * (line.at[1:] + line.at[:-1])
-    first, last = 2.0 * line.at[[0, -1]] - middles[[0, -1]]
-    cells = np.concatenate([[first], middles, [last]])
-    across = np.linspace(0.0, (instants[-1] - instants[0]) / (motion.period or 1.0), COLUMNS + 1)
+    across = (instants - instants[0]) / (motion.period or 1.0)
     figure, (force, state) = new_panels(9.0, 5.6, 2, sharex=True)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
-    drawn = force.pcolormesh(across, cells, shown, cmap="viridis_r", vmin=0.0, rasterized=True)
+    look: dict[str, Any] = {"shading": "nearest", "rasterized": True}
+    drawn = force.pcolormesh(across, line.at, shown, cmap="viridis_r", vmin=0.0, **look)
     bar: Any = figure.colorbar(drawn, ax=force, pad=0.03)
     bar.set_label(f"normal force, {line.unit}")
-    look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
-    state.pcolormesh(across, cells, motion.state[rows].T, **look)
+    look |= {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
+    state.pcolormesh(across, line.at, motion.state[rows].T, **look)
+    state.set_xlim(across[0], across[-1])
     for axis in (force, state):
         axis.set_ylabel(line.label.replace(" along", "\nalong"))
         axis.locator_params(axis="y", integer=True)

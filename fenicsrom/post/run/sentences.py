@@ -11,19 +11,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import (
-    has_contact,
-    has_settled,
-    out_of_reach,
-    search_summary,
-)
+from fenicsrom.online.motion.measures import has_contact, has_settled, out_of_reach, search_summary
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.base.directions import (
-    direction_names,
-    error_names,
-    in_order,
-    named_millimetres,
-)
+from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.run_up import run_up_sentences

@@ -13,10 +13,7 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.support_motion import (
-    moves_supports,
-    support_displacement,
-)
+from fenicsrom.online.model.support_motion import moves_supports, support_displacement
 from fenicsrom.online.motion.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.motion.measures import (
     absolute_displacement,

@@ -54,16 +54,18 @@ def wear_sentence(motion: Motion, scene: Scene, points: ContactPoints) -> str | 
     if not found:
         return None
     numbers = found["wear"][""]
-    torque = numbers["mean_torque_Nm"]
-    while_ = "still wearing at the end" if numbers["wears_at_end"] else "no wear in the last period"
-    if motion.period is None:
-        while_ = "still wearing" if numbers["wears_at_end"] else "no wear"
+    if not numbers["largest_depth_m"]:
+        return "Abradable layer: not worn."
+    torque, ends = numbers["mean_torque_Nm"], ""
+    if motion.period is not None:
+        wears = numbers["wears_at_end"]
+        ends = "; still wearing at the end" if wears else "; no wear in the last period"
     return (
         f"Abradable layer: worn by at most {1e6 * numbers['largest_depth_m']:.4g} µm, "
         f"{1e9 * numbers['worn_volume_m3']:.4g} mm³ in all; plastic work "
         f"{numbers['plastic_work_J']:.4g} J"
         + (f", a mean torque of {torque:.4g} N m on the shaft" if torque else "")
-        + f"; {while_}."
+        + f"{ends}."
     )
 
 
@@ -92,27 +94,27 @@ def write_wear(
 
 @styled
 def plot_wear(found: Sequence[Wear]) -> Figure:
-    """Draw the worn depth over the angle: a line for each of a few rings, or a map of many."""
+    """Draw the worn depth over the angle: a line for each of a few worn rings, or a map of many."""
     figure = new_figure(8.6, 3.6)
     axis = figure.subplots()
-    degrees = np.degrees(found[0].angle)
-    cells = [one for one in found if one.angle.size == degrees.size]
-    if len(cells) <= FEW_RINGS:
-        for one in cells:
+    worn = [one for one in found if np.any(one.depth)] or list(found[:1])
+    worn = sorted(worn, key=lambda one: one.ring.position)
+    if len(worn) <= FEW_RINGS:
+        for one in worn:
             label = f"at {1e3 * one.ring.position:.4g} mm along the axis"
-            axis.plot(
-                np.append(degrees, 360.0), 1e6 * np.append(one.depth, one.depth[0]), label=label
-            )
-        axis.set_ylabel("worn depth, µm")
+            degrees = np.append(np.degrees(one.angle), 360.0)
+            axis.plot(degrees, 1e6 * np.append(one.depth, one.depth[0]), label=label)
+        axis.set(ylabel="worn depth, µm")
         axis.set_ylim(bottom=0.0)
-        if len(cells) > 1:
-            axis.legend(loc="upper right")
+        if len(worn) > 1:
+            figure.legend(loc="outside upper right", ncols=len(worn))
     else:
-        cells = sorted(cells, key=lambda one: one.ring.position)
-        along = np.array([1e3 * one.ring.position for one in cells])
-        depth = 1e6 * np.array([one.depth for one in cells])
+        alike = [one for one in worn if one.angle.size == worn[0].angle.size]
+        along = [1e3 * one.ring.position for one in alike]
+        depth = 1e6 * np.array([one.depth for one in alike])
+        degrees = np.degrees(alike[0].angle)
         mesh = axis.pcolormesh(degrees, along, depth, cmap="viridis", shading="nearest")
-        axis.set_ylabel("position along the axis, mm")
+        axis.set(ylabel="position along the axis, mm")
         axis.grid(visible=False)
         bar: Any = figure.colorbar(mesh, ax=axis, pad=0.01)
         bar.set_label("worn depth, µm")

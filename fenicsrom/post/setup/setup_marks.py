@@ -209,9 +209,7 @@ def _load_mark(
     """The mark of a load. A motion of the supports has an arrow at each of them."""
     load = scene.loads[k]
     on = values.get(f"load {k}", np.zeros((0, 3)))[:, 0] > 0.5
-    direction = np.zeros(3)
-    if load.direction is not None:
-        direction[: len(load.direction)] = load.direction
+    direction = in_space(np.array(load.direction or (), dtype=float))
     if load.moves_supports:
         held = [values[f"support {n}"][:, 0] > 0.5 for n in range(len(scene.supports))]
         places = np.array([points[found].mean(axis=0) for found in held])

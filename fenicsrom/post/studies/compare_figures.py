@@ -24,12 +24,7 @@ DOTS = {"rubin": DOT, "craig-bampton": DOT | {"marker": "s"}}
 # large hollow squares: equal values of the other method stay visible
 LINES: dict[str, dict[str, Any]] = {
     "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
-    "craig-bampton": {
-        "marker": "s",
-        "markersize": 9,
-        "markerfacecolor": "none",
-        "linestyle": "--",
-    },
+    "craig-bampton": {"marker": "s", "markersize": 9, "markerfacecolor": "none", "linestyle": "--"},
 }
 INK, FRONT = "#5b636b", "#9AA0A6"
 LEGEND_WIDTH = 1.5  # inches of an entry

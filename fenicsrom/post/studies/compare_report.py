@@ -12,14 +12,7 @@ from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.post.studies.compare_figures import (
-    METHODS,
-    amplitude_error,
-    indicator_figure,
-    pareto_figure,
-    rated,
-    size_figure,
-)
+from fenicsrom.post.studies import compare_figures
 from fenicsrom.words import counted
 
 SMALL = 9  # largest number of coordinates of a small basis
@@ -39,7 +32,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
     found = []
     for outcome in comparison.outcomes:
         c = outcome.combination
-        row: dict[str, Any] = {
+        row = {
             "mesh": c.mesh,
             "steps_per_period": c.steps,
             "method": c.method,
@@ -50,9 +43,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "asked_size": c.size,
             "size": len(outcome.labels) or None,
             "labels": " ".join(outcome.labels),
-        }
-        row |= {f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()}
-        row |= {
+            **{f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()},
             "offline_s": outcome.offline_seconds if outcome.offline else None,
             "online_s": outcome.online_seconds if outcome.online else None,
             "online_least_s": min(outcome.online, default=None),
@@ -62,9 +53,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "steady": outcome.motion.steady if outcome.motion else None,
             "speed_up": comparison.speed_up(outcome),
             "break_even_runs": comparison.break_even(outcome),
-        }
-        row |= {f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS}
-        row |= {
+            **{f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS},
             "indicator": outcome.indicator,
             "residual": outcome.residual,
             "failure": outcome.failure,
@@ -127,7 +116,7 @@ def table(comparison: Comparison) -> list[list[Any]]:
     lines = []
     for outcome in comparison.outcomes:
         c, online = outcome.combination, outcome.online
-        line: dict[str, Any] = {"method": METHODS[c.method], "modes": c.modes}
+        line: dict[str, Any] = {"method": compare_figures.METHODS[c.method], "modes": c.modes}
         line |= {"derivatives": c.chosen}
         line |= {head: getattr(c, name) or None for head, name in varied.items()}
         line |= {"size": len(outcome.labels) or None}
@@ -158,21 +147,21 @@ def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
     amplitude = error_heads(comparison)["amplitude_tangential"]
-    small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
+    small = [o for o in compare_figures.rated(comparison) if len(o.labels) <= SMALL]
     if small:
-        best = min(small, key=amplitude_error)
+        best = min(small, key=compare_figures.amplitude_error)
         found.append(
             f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
             f"{counted(len(best.labels), 'coordinate')}: its error of the {amplitude} is "
-            f"{amplitude_error(best):.2g} %, it is {comparison.speed_up(best):.0f} times as fast "
-            "as the full model, and its offline time pays off after "
-            f"{_runs(comparison.break_even(best))}."
+            f"{compare_figures.amplitude_error(best):.2g} %, it is "
+            f"{comparison.speed_up(best):.0f} times as fast as the full model, and its offline "
+            f"time pays off after {_runs(comparison.break_even(best))}."
         )
     ours, plain = comparison.rank_correlation("indicator"), comparison.rank_correlation("residual")
     if ours is not None and plain is not None:
         found.append(
             f"Rank correlation (Spearman) with the error of the {amplitude} over "
-            f"{len(rated(comparison))} bases: {ours:.2f} for the residual in the "
+            f"{len(compare_figures.rated(comparison))} bases: {ours:.2f} for the residual in the "
             f"energy norm (the indicator), {plain:.2f} for the residual in the plain norm. "
             "The indicator needs no run of the full model."
         )
@@ -226,23 +215,27 @@ def timing_note(comparison: Comparison) -> list[str]:
 
 def pictures(comparison: Comparison) -> list[Picture]:
     """The pictures of a comparison with a full model."""
-    if comparison.full is None or not rated(comparison):
+    if comparison.full is None or not compare_figures.rated(comparison):
         return []
     return [
         Picture(
             "Error against run time",
             "pareto.png",
-            lambda: pareto_figure(comparison),
+            lambda: compare_figures.pareto_figure(comparison),
             "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
             "dot, the number of coordinates, after a slash the steps per period, and the value of "
             "a change of the mesh. The points on the line are the Pareto front: no other "
             "basis is both faster and more accurate.",
         ),
-        Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),
+        Picture(
+            "Error against the size of the basis",
+            "size.png",
+            lambda: compare_figures.size_figure(comparison),
+        ),
         Picture(
             "Error against the residual",
             "indicator.png",
-            lambda: indicator_figure(comparison),
+            lambda: compare_figures.indicator_figure(comparison),
             "The residual of the full equations at the reduced motion, in the energy norm, "
             "relative to the loads.",
         ),

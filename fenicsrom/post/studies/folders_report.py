@@ -251,8 +251,7 @@ def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
                 shown = slice(part[0], part[-1] + 2)
                 axis.plot(x[shown], y[shown], style, color=colour, label=label)
                 label = "_"
-    axis.set_xlabel(_label(parameter))
-    axis.set_ylabel("largest amplitude, mm")
+    axis.set(xlabel=_label(parameter), ylabel="largest amplitude, mm")
     axis.set_ylim(0.0)
     figure.legend(loc="outside upper center", ncols=min(3, len(named)))
     return figure
@@ -268,7 +267,6 @@ def motions_figure(found: Sequence[Outcome]) -> Figure:
         moved = moved.reshape(time.size, -1)
         most = moved[:, int(np.argmax(np.ptp(moved, axis=0)))]
         axis.plot(time, 1e3 * most, color=colour, label=one.name)
-    axis.set_xlabel("time, s")
-    axis.set_ylabel("displacement, mm")
+    axis.set(xlabel="time, s", ylabel="displacement, mm")
     figure.legend(loc="outside upper center", ncols=min(3, len(found)))
     return figure

@@ -187,6 +187,7 @@ def figure(found: InteractionMap) -> Figure:
     highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
     highest = 1.1 * max(highest, float(found.column("free_hz").max(initial=0.0)))
     axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
+    axis.ticklabel_format(axis="x", style="plain")
     axis.grid(False)
     drawn.legend(loc="outside upper center", ncols=4)
     return drawn
@@ -255,6 +256,7 @@ def curves_figure(found: InteractionMap) -> Figure:
     if others:
         panels[0].plot(*np.transpose(others), "v", color=COLOURS[2], label="from another start")
     panels[-1].set_xlabel("speed, rpm")
+    panels[-1].ticklabel_format(axis="x", style="plain")
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=5)
     return drawn

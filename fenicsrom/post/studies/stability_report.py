@@ -98,6 +98,8 @@ def sentences(matrix: Matrix) -> list[str]:
 @styled
 def figure(matrix: Matrix) -> Any:
     """The verdicts: one line of tiles for each axis and model."""
+    from matplotlib.patches import Patch
+
     lines: dict[str, list[Finding]] = {}
     for finding in matrix.findings:
         model = finding.case.model
@@ -107,7 +109,7 @@ def figure(matrix: Matrix) -> Any:
     made, (axis,) = new_panels(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
     for y, findings in enumerate(lines.values()):
         for x, finding in enumerate(findings):
-            axis.add_patch(_tile(x, y, COLOURS[finding.verdict]))
+            axis.barh(y + 0.5, 0.96, 0.92, x + 0.02, color=COLOURS[finding.verdict])
             words = textwrap.wrap(finding.case.value, 19)[:2]
             axis.text(x + 0.5, y + 0.5, "\n".join(words), ha="center", va="center", fontsize=5.5)
     axis.set(xlim=(0, widest), ylim=(max(len(lines), 1), 0), xticks=[])
@@ -115,20 +117,12 @@ def figure(matrix: Matrix) -> Any:
     axis.tick_params(length=0)
     axis.grid(False)
     axis.spines[:].set_visible(False)
-    made.legend(
-        [_tile(0, 0, colour) for colour in COLOURS.values()],
-        [f"{verdict} ({matrix.count(verdict)})" for verdict in COLOURS],
-        ncols=4,
-        loc="outside upper left",
-        fontsize=8,
-    )
+    handles = [
+        Patch(color=colour, label=f"{verdict} ({matrix.count(verdict)})")
+        for verdict, colour in COLOURS.items()
+    ]
+    made.legend(handles=handles, ncols=4, loc="outside upper left", fontsize=8)
     return made
-
-
-def _tile(x: float, y: float, colour: str) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, facecolor=colour, edgecolor="none")
 
 
 def report(matrix: Matrix) -> Report:

@@ -16,6 +16,7 @@ from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
+from fenicsrom.post.body.group_drawing import members_of
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
@@ -49,8 +50,6 @@ SYSTEMS = (
 
 DENSITIES, MODULI = (100.0, 25_000.0), (1e6, 2e12)
 """Densities in kg/m³ and Young's moduli in Pa of solids."""
-
-STEEL = DeckMaterial("steel", 2.1e11, 0.3, 7850.0)
 
 
 def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
@@ -185,22 +184,17 @@ def _material_lines(found: Inspection, units: Units) -> list[str]:
     materials = found.physics.materials
     if not materials and any("material" in what for what in found.physics.not_taken):
         return ["[material] # that of the file cannot be taken, see below: give it here"]
+    steel = DeckMaterial("steel", _in(units, "Pa", 2.1e11), 0.3, _in(units, "kg/m³", 7850.0))
     lines: list[str] = []
-    given = STEEL if not materials else materials[0]
-    for material in materials or (STEEL,):
-        in_units = material is STEEL
-        young = _in(units, "Pa", material.young) if in_units else material.young
-        density = material.density
-        note = ""
-        if density is None or in_units:
-            density = _in(units, "kg/m³", STEEL.density or 0.0)
-            note = "" if in_units else ", of steel, because the file has none"
-        if material is given:
-            lines += [f"[material] # {material.name}"]
-        if material.group is not None and material is not given:
+    for k, material in enumerate(materials or (steel,)):
+        if k == 0:
+            lines.append(f"[material] # {material.name}")
+        elif material.group is not None:
             lines += ["", f"[[materials]] # {material.name}", f"group = {_quoted(material.group)}"]
+        note = ", of steel, because the file has none" if material.density is None else ""
+        density = steel.density if note else material.density
         lines += [
-            f"young = {young!r} # {units.name_of('Pa')}",
+            f"young = {material.young!r} # {units.name_of('Pa')}",
             f"poisson = {material.poisson!r}",
             f"density = {density!r} # {units.name_of('kg/m³')}{note}",
         ]
@@ -273,13 +267,10 @@ def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:
 
 
 def _facets_at(found: Inspection, axis: int, end: float) -> bool:
-    """Whether a facet of the boundary lies on a plane normal to an axis."""
+    """Whether a facet of the boundary, or an edge of a plane cell, lies on a plane."""
     assert found.points is not None and found.boundary is not None
     near = np.abs(found.points[:, axis] - end) <= ON_PLANE * found.extent
-    corners = near[found.boundary]
-    if found.geometry.dimension == 3:
-        return bool(corners.all(axis=1).any())
-    return bool((corners & np.roll(corners, 1, axis=1)).any())  # an edge of a cell
+    return bool((near[found.boundary].sum(axis=1) >= found.geometry.dimension).any())
 
 
 def _end_box(found: Inspection) -> list[list[float]]:
@@ -332,17 +323,12 @@ def _task_lines(
         place = f"group = {_quoted(tip)}"
     along = _rounded(mode.direction)
     frequency = float(f"{mode.frequency:.5g}")
-
-    def given(unit: str, value: float) -> str:
-        return _two_digits(units, unit, value)
-
     if template == "statics":
-        size = given("N", 10.0 * mode.stiffness * mode.amplitude)
         return [
             "[[loads]] # static: moves the place by about a hundredth of the body",
             place,
             f"direction = {along}",
-            f"force = {size} # {units.name_of('N')}",
+            _given(units, "force", "N", 10.0 * mode.stiffness * mode.amplitude),
             "",
             "[statics] # fenicsrom statics SCENE",
             "last = 1.0 # factor on the static loads",
@@ -352,8 +338,8 @@ def _task_lines(
         "[[loads]] # harmonic: at the first frequency, in the direction in which mode 1 moves",
         place,
         f"direction = {along}",
-        f"force = {given('N', mode.force)} # {units.name_of('N')}; the amplitude becomes about "
-        f"{given('m', mode.amplitude)} {units.length}",
+        f"{_given(units, 'force', 'N', mode.force)}; the amplitude becomes about "
+        f"{_two_digits(units, 'm', mode.amplitude)} {units.length}",
         f"frequency = {frequency} # Hz, of mode 1",
         "",
     ]
@@ -388,19 +374,18 @@ def _contact_lines(
     towards = abs(float(normal @ motion))
     if towards < SLIDING:
         stiffness, preload = mode.stiffness, 0.5 * mode.force / FRICTION  # it slips at resonance
-        limit = f"preload = {_two_digits(units, 'N', preload)} # {units.name_of('N')}"
+        limit = _given(units, "preload", "N", preload)
     else:
         stiffness, gap = STOP * mode.stiffness, 0.5 * mode.amplitude * towards
-        limit = f"gap = {_two_digits(units, 'm', gap)} # {units.length}"
-    size = f"{_two_digits(units, 'N/m', stiffness)} # {units.name_of('N/m')}"
+        limit = _given(units, "gap", "m", gap)
     kind = "a stop" if towards >= SLIDING else "a friction damper"
     return [
         f"[[contacts]] # {kind}",
         place,
         f"normal = {_rounded(normal)} # {why}",
         limit,
-        f"normal_stiffness = {size}",
-        f"tangential_stiffness = {size}",
+        _given(units, "normal_stiffness", "N/m", stiffness),
+        _given(units, "tangential_stiffness", "N/m", stiffness),
         f"friction = {FRICTION}",
         "",
     ]
@@ -424,9 +409,7 @@ def outer_normal(found: Inspection, group: Group) -> Array | None:
         return side * np.eye(d)[thin]
     areas = _areas(x, found.boundary)
     volume = np.einsum("ki,ki->", x[found.boundary].mean(axis=1), areas)
-    chosen = {tuple(row) for row in np.sort(group.members, axis=1).tolist()}
-    rows = np.sort(found.boundary, axis=1).tolist()
-    areas = areas[[tuple(row) in chosen for row in rows]]
+    areas = areas[members_of(found.boundary, group.members)]
     normal = areas.sum(axis=0) * np.sign(volume)
     size = float(np.linalg.norm(normal))
     flat = size > FLAT * np.linalg.norm(areas, axis=1).sum()
@@ -450,6 +433,11 @@ def _in(units: Units, unit: str, value: float) -> float:
 def _two_digits(units: Units, unit: str, value: float) -> str:
     """A number in SI units in the units of the scene, with two digits."""
     return f"{float(f'{_in(units, unit, value):.2g}'):.6g}"
+
+
+def _given(units: Units, key: str, unit: str, value: float) -> str:
+    """A key with its number, with two digits and its unit."""
+    return f"{key} = {_two_digits(units, unit, value)} # {units.name_of(unit)}"
 
 
 def _rounded(direction: Sequence[float] | Array) -> list[float]:

@@ -375,7 +375,7 @@ def either(one: Rule, other: Rule) -> Rule:
                 kinds.append(error.kind)
         kind = ErrorKind.RANGE if ErrorKind.RANGE in kinds else ErrorKind.TYPE
         hint = _unquoted(value) if isinstance(value, str) and value.isdecimal() else ""
-        raise where.refuse(value, f"must be {allowed}{hint}", kind)
+        raise where.refuse(value, f"allowed: {allowed}{hint}", kind)
 
     return Rule(read, {"oneOf": [one.schema, other.schema]}, allowed, one.unit)
 

@@ -28,7 +28,6 @@ from fenicsrom.scene.checks.curve_checks import (
 from fenicsrom.scene.checks.material_checks import material_problems
 from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
-from fenicsrom.scene.keys.meshing import Meshing
 from fenicsrom.scene.keys.places import Place, Region
 from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
 from fenicsrom.scene.keys.times import (
@@ -249,30 +248,26 @@ def _support_motion_problems(load: Load, key: str, rotation: Rotation | None) ->
 
 
 def _geometry_problems(geometry: Geometry) -> Problems:
-    suffix = geometry.mesh.suffix
-    is_step = geometry.is_cad
-    if geometry.dimension == 2 and geometry.thickness is None:
+    suffix, is_step, plane = geometry.mesh.suffix, geometry.is_cad, geometry.dimension == 2
+    if plane and geometry.thickness is None:
         yield Problem("geometry.thickness", MISSING, "must be a number above 0 in 2D")
-    for name in ("thickness", "plane"):
-        if geometry.dimension == 3 and (value := getattr(geometry, name)) is not None:
-            yield Problem(f"geometry.{name}", value, "only allowed in 2D")
-    if suffix != ".geo" and geometry.parameters:
-        allowed = "only allowed if mesh is a .geo file"
-        yield Problem("geometry.parameters", geometry.parameters, allowed)
-    if suffix != ".geo" and not is_step and geometry.cells:
-        yield Problem(
-            "geometry.cells", geometry.cells, "only allowed if mesh is a .geo or .step file"
-        )
     if is_step and geometry.size is None:
         yield Problem("geometry.size", MISSING, "must be the cell size in m for a .step file")
-    if not is_step and geometry.size is not None:
-        yield Problem("geometry.size", geometry.size, "only allowed if mesh is a .step file")
-    if not is_step and geometry.meshing != Meshing():
-        table = plain(geometry.meshing)
-        yield Problem("geometry.meshing", table, "only allowed if mesh is a .step file")
-    if geometry.scale != 1.0 and (is_step or suffix.lower() == ".geo"):
-        allowed = f"only allowed if mesh is a mesh file, not for a {suffix} file"
-        yield Problem("geometry.scale", geometry.scale, allowed)
+    is_mesh = not is_step and suffix.lower() != ".geo"
+    keys = {
+        "thickness": (plane, "in 2D"),
+        "plane": (plane, "in 2D"),
+        "parameters": (suffix == ".geo", "if mesh is a .geo file"),
+        "cells": (suffix == ".geo" or is_step, "if mesh is a .geo or .step file"),
+        "size": (is_step, "if mesh is a .step file"),
+        "meshing": (is_step, "if mesh is a .step file"),
+        "scale": (is_mesh, f"if mesh is a mesh file, not for a {suffix} file"),
+    }
+    usual = Geometry(mesh=geometry.mesh, dimension=geometry.dimension)
+    for name, (allowed, where) in keys.items():
+        value = getattr(geometry, name)
+        if not allowed and value != getattr(usual, name):
+            yield Problem(f"geometry.{name}", plain(value), f"only allowed {where}")
     if "structured" in geometry.parameters:
         value = geometry.parameters["structured"]
         yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")

@@ -16,32 +16,37 @@ from fenicsrom.scene.base.rules import integer, number
 from fenicsrom.scene.base.tables import OneOf, changed, from_keys, table_of
 from fenicsrom.scene.keys.places import Place
 
-Direction = Annotated[tuple[float, ...], rules.direction]
-
 
 @dataclass(frozen=True, kw_only=True)
-class PointForce:
-    """A force at a point, or on the mean displacement of a region.
+class Directed:
+    """An action along a direction.
 
     Attributes:
         direction: direction of the load, scaled to unit length.
+    """
+
+    direction: Annotated[tuple[float, ...], rules.direction]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointForce(Directed):
+    """A force at a point, or on the mean displacement of a region.
+
+    Attributes:
         force: size of a force at a point, or on the mean displacement of a region.
     """
 
-    direction: Direction
     force: Annotated[float, number(unit="N")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traction:
+class Traction(Directed):
     """A force per area on facets.
 
     Attributes:
-        direction: direction of the load, scaled to unit length.
         traction: size of a force per area on a region of facets.
     """
 
-    direction: Direction
     traction: Annotated[float, number(unit="Pa")]
 
 
@@ -61,43 +66,37 @@ class Pressure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acceleration:
+class Acceleration(Directed):
     """A force per volume: the density times an acceleration.
 
     Attributes:
-        direction: direction of the load, scaled to unit length.
         acceleration: size of an acceleration of the whole body, a force per volume (gravity).
     """
 
-    direction: Direction
     acceleration: Annotated[float, number(unit="m/s²")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SupportAcceleration:
+class SupportAcceleration(Directed):
     """A translation of all supports, given by its acceleration.
 
     Attributes:
-        direction: direction of the load, scaled to unit length.
         support_acceleration: size of the acceleration of all supports, which move together;
             displacements are relative to the supports.
     """
 
-    direction: Direction
     support_acceleration: Annotated[float, number(unit="m/s²")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SupportDisplacement:
+class SupportDisplacement(Directed):
     """A periodic translation of all supports, given by its displacement.
 
     Attributes:
-        direction: direction of the load, scaled to unit length.
         support_displacement: size of the displacement of all supports, which move together, in a
             load with frequency or harmonics; displacements are relative to the supports.
     """
 
-    direction: Direction
     support_displacement: Annotated[float, number(unit="m")]
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.base.tables import plain, read_table
 from fenicsrom.scene.base.toml import parse_toml
@@ -170,16 +170,12 @@ def read_toml(source: str) -> dict[str, Any]:
     Raises:
         SceneError: the file cannot be read or is not TOML.
     """
-
-    def failure(reason: str, kind: ErrorKind) -> SceneError:
-        return refuse(source, reason, kind)
-
     try:
         return parse_toml(Path(source).read_text(encoding="utf-8-sig"))
     except OSError as error:
-        raise failure(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+        raise refuse(source, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except ValueError as error:
-        raise failure(f"is not TOML: {error}", ErrorKind.FORMAT) from None
+        raise refuse(source, f"is not TOML: {error}") from None
 
 
 def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:

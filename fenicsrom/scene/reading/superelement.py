@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, Where, array, choice, integer, is_sequence, number
+from fenicsrom.scene.base.rules import Where, choice, integer, list_of, number
 from fenicsrom.scene.base.tables import read_table, tables_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.reading.reading import parse_scene, read_toml
@@ -55,19 +55,7 @@ class Superelement:
     mass_damping: Annotated[float, number(least=0.0, unit="1/s")] = 0.0
 
 
-def _read_coordinates(value: Any, where: Where) -> tuple[int, ...]:
-    """Read numbers of coordinates, of which only 0 may occur several times."""
-    if not is_sequence(value):
-        raise where.refuse(value, "must be a list of integers", ErrorKind.TYPE)
-    found = tuple(_NUMBER(entry, where.at(index)) for index, entry in enumerate(value))
-    for index, entry in enumerate(found):
-        if entry and entry in found[:index]:
-            raise where.at(index).refuse(entry, "must occur only once in the list")
-    return found
-
-
-_NUMBER = integer(0, LARGEST_NUMBER)
-_coordinates = Rule(_read_coordinates, array(_NUMBER.schema), "list of integers from 0")
+_COORDINATES = list_of(integer(0, LARGEST_NUMBER), least=0, distinct=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +76,7 @@ class InterfaceNode:
 
     name: Annotated[str, rules.name]
     position: Annotated[tuple[float, ...], rules.point]
-    coordinates: Annotated[tuple[int, ...] | None, _coordinates] = None
+    coordinates: Annotated[tuple[int, ...] | None, _COORDINATES] = None
     grid: Annotated[int | None, integer(1, LARGEST_NUMBER)] = None
     offset: Annotated[tuple[float, ...] | None, rules.point] = None
     area: Annotated[float, number(above=0.0)] = 1.0
@@ -201,6 +189,11 @@ def _check_node(node: InterfaceNode, dimension: int, where: Where) -> None:
         if value is not None and len(value) != dimension:
             allowed = f"must have {dimension} entries with superelement.dimension = {dimension}"
             raise where.at(key).refuse(list(value), allowed, ErrorKind.CONFLICT)
+    coordinates = node.coordinates or ()
+    for index, entry in enumerate(coordinates):
+        if entry and entry in coordinates[:index]:
+            place = where.at("coordinates").at(index)
+            raise place.refuse(entry, "must occur only once in the list")
     if (node.coordinates is None) == (node.grid is None):
         reason = "one of coordinates and grid must be given"
         raise refuse(where.source, reason, ErrorKind.CONFLICT, f"{where.key}.coordinates")
