@@ -397,7 +397,7 @@ def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     scene = blade(
         "basis.modes=4",
         "contacts=[]",
-        'probe={group="tip_nodes"}',
+        'probe={group="tip_nodes", at="centre"}',
         "loads.0.pressure=500",
         "rotation.history=[[0.0, 900.0], [2.0, 1500.0]]",
         f"time={{duration=2.0, step={2.0 / 12000.0}}}",
