@@ -1,0 +1,51 @@
+"""The response curve of a beam that knocks on a stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import beam_scene
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.online.curves.curve import BIFURCATIONS
+from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.study import build_model
+
+
+@pytest.mark.slow
+def test_period_doubles_where_a_march_does_without_other_bifurcations() -> None:
+    sizes = {"length": 0.35, "height": 0.008, "elements_along": 14}
+    load = {"nearest": [0.3, 0.0], "direction": [0.0, 1.0], "force": 4.0, "frequency": 70.0}
+    stop = {"nearest": [0.35, -0.004], "normal": [0.0, -1.0], "gap": 4e-4, "friction": 0.15}
+    stored = build_model(
+        beam_scene(
+            2,
+            (
+                "geometry.thickness=0.015",
+                'geometry.cells="structured"',
+                *(f"geometry.parameters.{name}={size}" for name, size in sizes.items()),
+            ),
+            material={"young": 7.1e10, "poisson": 0.33, "density": 2750.0, "mass_damping": 12.0},
+            damping={"stiffness": 4e-6},
+            loads=[load],
+            contacts=[stop | {"normal_stiffness": 2e5, "tangential_stiffness": 1e5}],
+            basis={"modes": 4},
+            time={"steps_per_period": 300},
+            response={"first": 48.3, "last": 48.7},
+        )
+    )
+    (curve,) = response(stored).curves
+    (doubling,) = [point for point in curve.special if point.kind in BIFURCATIONS]
+    assert doubling.kind == "period doubling"
+    for share, doubled in ((-5e-4, False), (5e-4, True)):
+        shooting = Shooting(family_of(stored)((1.0 + share) * doubling.parameter))
+        s, change = 1.001 * shooting.scaled(doubling.z), np.zeros((2, doubling.z.size))
+        for _ in range(1500):
+            found = shooting.march(s, derive=False)
+            assert found is not None
+            s, change = s + found[0], np.array([change[-1], found[0]])
+        one, two = (np.linalg.norm(way) / np.linalg.norm(s) for way in (change[1], sum(change)))
+        assert (one > 1e-2) == doubled and two < 1e-8
