@@ -130,9 +130,12 @@ def _at_rest(whole: RangeModel, omega: Array, motion: Motion) -> Array:
     rows, offset = model.contact_rows, model.contact_offset
     if not len(rows):
         rows, offset = model.probe, model.probe_offset
-    squares = np.linspace(omega.min() ** 2, omega.max() ** 2, SNAPSHOTS)
+    squares = np.unique(np.linspace(omega.min() ** 2, omega.max() ** 2, SNAPSHOTS))
     known = [offset + rows @ whole.equilibrium(float(speed)) for speed in np.sqrt(squares)]
-    found = CubicSpline(squares, known)(omega**2)
+    if squares.size == 1:
+        found = np.repeat(known, omega.size, axis=0)
+    else:
+        found = CubicSpline(squares, known)(omega**2)
     return np.asarray(found.reshape(motion.displacement.shape))
 
 

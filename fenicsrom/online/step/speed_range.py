@@ -273,12 +273,13 @@ class RangeModel:
             ConvergenceError: there is no equilibrium at one of the speeds.
         """
         model, n, q0 = self.model, self.model.size, self.equilibrium(history[0, 1])
-        squares = np.linspace(np.min(history[:, 1]) ** 2, np.max(history[:, 1]) ** 2, SNAPSHOTS)
+        ends = np.min(history[:, 1]) ** 2, np.max(history[:, 1]) ** 2
+        squares = np.unique(np.linspace(*ends, SNAPSHOTS))  # a single one of a constant speed
         shown = [self._snapshot(float(speed)) for speed in np.sqrt(squares)]
         first: dict[str, Array] = {}
         further: dict[str, Array] = {}
         for kind, accuracy in RUN_UP.items():
-            inner = shown[SNAPSHOTS // 2].tangent if kind == "attached" else model.mass
+            inner = shown[len(shown) // 2].tangent if kind == "attached" else model.mass
             block = np.concatenate([getattr(one, kind) for one in shown], axis=1)
             vectors, sizes = _proper(block, inner, accuracy / FURTHER)
             count = int(np.sum(sizes > accuracy * np.max(sizes, initial=0.0)))
