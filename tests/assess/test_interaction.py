@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from support import beam_scene
 
 from fenicsrom import study
-from fenicsrom.assess.studies.interaction import InteractionMap, verdict_of
+from fenicsrom.assess.studies.interaction import InteractionMap
+from fenicsrom.assess.studies.map_line import verdict_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
