@@ -57,7 +57,7 @@ ITERATIONS = 30
 SNAPSHOTS = 25
 """Speeds of which a model for a varying speed is made."""
 
-RUN_UP = {"equilibrium": 1e-4, "modes": 1e-3, "attached": 2e-2, "derivatives": 3e-2}
+RUN_UP = {"equilibrium": 1e-4, "modes": 1e-3, "attached": 2e-2, "derivatives": 3e-3}
 """Smallest singular value of its proper orthogonal modes, relative to the largest."""
 
 FURTHER = 3.0
