@@ -21,7 +21,7 @@ from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.contact.turning import speed_at, speed_history
+from fenicsrom.online.contact.turning import speed_history
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
@@ -297,6 +297,7 @@ RUN_UP = (
 )
 
 
+@pytest.mark.slow
 def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -335,6 +336,7 @@ def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
         assert np.linalg.norm(ours - theirs) < 0.05 * np.linalg.norm(theirs)
 
 
+@pytest.mark.slow
 def test_run_up_with_rub_balances_and_writes_its_revolutions(
     tiny: tuple[StoredModel, Path], tmp_path: Path
 ) -> None:
@@ -388,31 +390,3 @@ def test_history_of_the_speed_names_what_it_needs() -> None:
         blade(*RUN_UP, "time.steps_per_revolution=12")
     with refusal(ErrorKind.CONFLICT, "time.steady_tolerance"):
         blade("rotation.history=[[0, 1500], [0.1, 2500]]")
-
-
-@pytest.mark.slow
-def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
-    """Test D: the blade of the demo without contact, from 900 to 1500 rpm in 2 s, against another
-    program on matrices of the same solid."""
-    scene = blade(
-        "basis.modes=4",
-        "contacts=[]",
-        'probe={group="tip_nodes"}',
-        "loads.0.pressure=500",
-        "rotation.history=[[0.0, 900.0], [2.0, 1500.0]]",
-        f"time={{duration=2.0, step={2.0 / 12000.0}}}",
-    )
-    stored = fenicsrom.build_model(scene)
-    motion = stored.simulate()
-    found = run_up(stored, motion)
-    assert found is not None
-    assert found.amplitude.max() == pytest.approx(7.504e-3, abs=2e-6)
-    last = 1e3 * motion.displacement[-1, 0]
-    np.testing.assert_allclose(last, (0.4078, -6.4266, 11.8867), rtol=0, atol=2e-3)
-    assert np.max(np.abs(motion.imbalance)) < 1e-12 * np.max(motion.work)
-    silent = stored.model.turning._replace(euler=0.0 * stored.model.turning.euler)
-    without = replace(stored, model=stored.model._replace(turning=silent))
-    other = run_up(without, without.simulate())
-    assert other is not None
-    assert other.amplitude.max() == pytest.approx(6.904e-3, abs=5e-5)
-    assert speed_at(silent.history, 1.16) * RPM == pytest.approx(1248.0)
