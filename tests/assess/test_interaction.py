@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from support import beam_scene
 
 from fenicsrom import study
-from fenicsrom.assess.studies.interaction import InteractionMap, verdict_of
+from fenicsrom.assess.studies.interaction import InteractionMap
+from fenicsrom.assess.studies.map_line import verdict_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -111,6 +112,7 @@ def mapped(stored: StoredModel, speeds: str, *changes: str, **options: Any) -> I
     return study.interaction_map(stored.with_overrides(table), **options)
 
 
+@pytest.mark.slow
 def test_lines_match_the_exact_motions() -> None:
     """Half ranges, peak forces and contact fractions by events located to 1e-16 s."""
     found = mapped(two_modes(), "[1500, 4100, 4400, 5000, 7000]")
@@ -156,6 +158,7 @@ def test_onsets_match_the_crossings() -> None:
     assert onsets[2, 4][1] == pytest.approx(8425.3, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_permanent_contact_converges_to_the_linear_response() -> None:
     """With a preload the contact never opens; the errors are those of the step, of second order."""
     exact = np.array([1.91089063e-4, 3.21745144e-4, 6.13255397e-4, 1.60085298e-4])

@@ -23,7 +23,11 @@ def test_period_doubles_where_a_march_does_without_other_bifurcations() -> None:
     stored = build_model(
         beam_scene(
             2,
-            tuple(f"geometry.parameters.{name}={size}" for name, size in sizes.items()),
+            (
+                "geometry.thickness=0.015",
+                'geometry.cells="structured"',
+                *(f"geometry.parameters.{name}={size}" for name, size in sizes.items()),
+            ),
             material={"young": 7.1e10, "poisson": 0.33, "density": 2750.0, "mass_damping": 12.0},
             damping={"stiffness": 4e-6},
             loads=[load],

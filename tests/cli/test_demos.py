@@ -65,7 +65,7 @@ def check(motion, amplitude, fraction, tolerance=2e-3):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] if name != "slip_liftoff_2d" else [])
+        pytest.param(name, marks=[pytest.mark.slow] if name != "open_2d" else [])
         for name in RECOMPUTED
     ],
 )

@@ -21,7 +21,7 @@ from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.contact.turning import speed_at, speed_history
+from fenicsrom.online.contact.turning import speed_history
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
@@ -297,6 +297,7 @@ RUN_UP = (
 )
 
 
+@pytest.mark.slow
 def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -335,6 +336,7 @@ def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
         assert np.linalg.norm(ours - theirs) < 0.05 * np.linalg.norm(theirs)
 
 
+@pytest.mark.slow
 def test_run_up_with_rub_balances_and_writes_its_revolutions(
     tiny: tuple[StoredModel, Path], tmp_path: Path
 ) -> None:

@@ -231,6 +231,7 @@ def test_no_node_is_missed_or_worn_twice(steps: int) -> None:
     np.testing.assert_allclose(worn, worn[1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_mean_force_on_a_worn_ring_is_the_mean_of_the_force_along_the_arc() -> None:
     rng = np.random.default_rng(3)
     made, _ = ring_of(50)

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.studies.interaction import (
-    LARGE,
-    OTHER,
-    PERIOD,
-    TORUS,
-    UNSETTLED,
-    InteractionMap,
-    Line,
-)
+from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
+from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, Line
 from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.optional import missing_module
