@@ -30,7 +30,7 @@ from fenicsrom.online.store.archive import StoredModel
 
 @dataclass(frozen=True, eq=False)
 class RunUp:
-    """A motion at a varying speed, by its k revolutions; the last one may not be complete.
+    """A motion at a varying speed, by its k whole revolutions; a shorter motion is one row.
 
     Attributes:
         time: (k,) end of each revolution, s.
@@ -94,8 +94,11 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
     spent = motion.contact_energy + motion.friction_dissipation + motion.damping_dissipation
     done = np.sum(np.diff(motion.work - spent)) + euler + parametric + rest[-1] - rest[0]
 
-    ends = np.arange(np.floor(angle[0] / (2 * np.pi)) + 1.0, np.ceil(angle[-1] / (2 * np.pi)) + 1)
-    rows = np.unique(np.searchsorted(angle, 2 * np.pi * ends - 1e-9).clip(max=time.size - 1))
+    turns = angle / (2.0 * np.pi)
+    ends = np.arange(np.floor(turns[0]) + 1.0, np.floor(turns[-1] + 1e-9) + 1.0)
+    rows = np.searchsorted(turns, ends - 1e-9)
+    if not rows.size:  # less than a revolution
+        rows = np.array([time.size - 1])
     first = np.concatenate([[0], rows[:-1]])
     lengths = time[rows] - time[first]
 
@@ -108,8 +111,8 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         peaks(distance),
         peaks(force),
         motion.friction_dissipation[rows] - motion.friction_dissipation[first],
-        np.add.reduceat(impulse, first) / lengths,
-        np.add.reduceat(works[0], first) / lengths,
+        np.add.reduceat(impulse[: rows[-1]], first) / lengths,
+        np.add.reduceat(works[0, : rows[-1]], first) / lengths,
         float(works[0].sum()),
         float(works[1].sum()),
         float(works[2].sum()),

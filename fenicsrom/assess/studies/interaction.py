@@ -151,6 +151,8 @@ def map_speeds(scene: Scene) -> Array:
         raise refuse("rotation.speeds_rpm", " is missing: a map needs it", ErrorKind.MISSING)
     if not scene.contacts:
         raise refuse("contacts", ": a map needs a contact", ErrorKind.MISSING)
+    if scene.wears:
+        raise refuse("contacts.abradable", ": a map takes no layer that wears", ErrorKind.CONFLICT)
     low, high = scene.speeds_rpm[0], scene.speeds_rpm[-1]
     speeds = np.array(table.speeds_rpm or np.linspace(max(low, high / 40.0), high, 40))
     for speed in speeds[(speeds <= 0.0) | (speeds < low) | (speeds > high)]:

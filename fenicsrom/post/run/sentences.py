@@ -210,7 +210,10 @@ def periodic_sentence(motion: Motion) -> str | None:
     if search.accepted:
         return f"{sentence}."
     if search.verdict == "stable":
-        return f"{sentence}; the marched motion does not tend to it, so the march went on."
+        return (
+            f"{sentence}; the marched motion was not seen to tend to it, so the march went on. A "
+            "multiplier just below 1 needs many periods: raise time.periods to find out."
+        )
     if search.verdict == "wears":
         return (
             f"{sentence}; it would wear an abradable layer in every period, so the march went on."
