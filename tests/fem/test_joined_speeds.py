@@ -337,6 +337,26 @@ def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
 
 
 @pytest.mark.slow
+def test_run_at_a_constant_history_matches_the_model_at_this_speed(
+    tiny: tuple[StoredModel, Path],
+) -> None:
+    gap = "contacts.0.gap=1.3e-3"  # a nearer casing makes the motion sensitive
+    steady = at_speed(tiny[0], 2000.0, gap, "time.steady='march'").simulate()
+    held = "rotation.history=[[0.0, 2000.0]]", "time={duration=0.09, steps_per_revolution=100}"
+    stored = tiny[0].with_overrides([gap, *held])
+    found = stored.simulate()
+    np.testing.assert_allclose(found.time, steady.time, atol=1e-12)
+    apart = np.max(np.abs(found.displacement - steady.displacement))
+    assert apart < 0.01 * amplitude(steady).max()
+    normal = steady.force[:, :, 0]  # of all revolutions: only the steady run has a last period
+    assert np.max(found.force[:, :, 0]) == pytest.approx(np.max(normal), rel=0.02)
+    measured = run_up(stored, found)
+    assert measured is not None and measured.time.size == 3
+    np.testing.assert_allclose(RPM * measured.speed, 2000.0, rtol=1e-9)
+    assert abs(measured.balance) < 1e-11 * measured.contact_work
+
+
+@pytest.mark.slow
 def test_run_up_with_rub_balances_and_writes_its_revolutions(
     tiny: tuple[StoredModel, Path], tmp_path: Path
 ) -> None:

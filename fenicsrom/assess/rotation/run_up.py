@@ -44,10 +44,12 @@ class RunUp:
         shaft_work: work of the shaft in the whole run, J.
         contact_work: work that the contacts take from the shaft, J.
         load_work: work that the loads take from the shaft, J.
+        own_work: work of loads and surfaces on the deformation of the body, less what damping,
+            friction and the contact springs take, J.
         momentum: (2,) angular momentum at the start and at the end, kg m²/s.
         energy_rise: rise of the kinetic and elastic energy of the body, seen at rest, J.
-        balance: what the works of shaft, loads and contacts and the dissipated energies leave of
-            this rise, J: the imbalance of the time steps in the frame that stands still.
+        balance: shaft_work - contact_work - load_work + own_work - energy_rise, J: the imbalance of
+            the time steps in the frame that stands still.
     """
 
     time: Array
@@ -60,6 +62,7 @@ class RunUp:
     shaft_work: float
     contact_work: float
     load_work: float
+    own_work: float
     momentum: Array
     energy_rise: float
     balance: float
@@ -116,6 +119,7 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         float(works[0].sum()),
         float(works[1].sum()),
         float(works[2].sum()),
+        float(done),
         momentum[[0, -1]],
         float(rise),
         float(works[0].sum() - works[1].sum() - works[2].sum() + done - rise),

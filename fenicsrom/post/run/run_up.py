@@ -56,11 +56,11 @@ def run_up_sentences(found: RunUp | None) -> list[str]:
         f"rpm (means of the first and the last revolution). The largest distance from the "
         f"equilibrium of the same speed is {1e3 * found.amplitude[worst]:.4g} mm, at "
         f"{30.0 / np.pi * found.speed[worst]:.5g} rpm.",
-        f"Shaft: work {found.shaft_work:.5g} J, angular momentum {found.momentum[0]:.5g} to "
+        f"Shaft: work {found.shaft_work:.6g} J, angular momentum {found.momentum[0]:.5g} to "
         f"{found.momentum[1]:.5g} kg m²/s. The energy of the body rises by "
-        f"{found.energy_rise:.5g} J; contacts take {found.contact_work:.5g} J from the shaft, "
-        f"loads {found.load_work:.5g} J. The balance of these works closes to "
-        f"{abs(found.balance) / max(abs(found.shaft_work), 1e-300):.1e} of the work of the shaft.",
+        f"{found.energy_rise:.6g} J. From the shaft, contacts take {found.contact_work:.5g} J and "
+        f"loads {found.load_work:.5g} J. Work on the deformation less dissipation gives the body "
+        f"{found.own_work:.5g} J. These works differ from the rise by {found.balance:.2g} J.",
     ]
 
 
