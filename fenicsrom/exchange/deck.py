@@ -11,6 +11,7 @@ where u_s are the displacements of the remaining nodes, and p and p_s work-equiv
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import basix
@@ -23,7 +24,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section, Transient
 from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.fem.solid.solid import UNDEFORMED, Solid
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors
@@ -58,15 +59,8 @@ def scene_deck(scene: Scene) -> Deck:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
-    solid = Solid(
-        mesh,
-        geometry=scene.geometry,
-        material=scene.material,
-        supports=scene.supports,
-        source=scene.source,
-        materials=scene.materials,
-        attachments=scene.attachments,
-    )
+    bare = replace(scene, loads=(), contacts=(), rotation=None, probe=None)
+    solid = Solid(mesh, bare, UNDEFORMED)
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):

@@ -18,8 +18,6 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Damping
 
-UNDAMPED = Damping()
-
 
 class ViscousDamping:
     """The last three terms of (1) for a structure.

@@ -20,7 +20,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.online.stress.elasticity_tensor import mandel_basis, stiffness
-from fenicsrom.scene import Elasticity, Geometry, GroupMaterial, Material
+from fenicsrom.scene import Elasticity, Scene
 from fenicsrom.scene.base.rules import Where
 
 Expression = ufl.core.expr.Expr
@@ -36,22 +36,15 @@ class Materials:
         single: whether one isotropic material fills the body.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        geometry: Geometry,
-        material: Material,
-        groups: Sequence[GroupMaterial],
-        source: str,
-    ):
+    def __init__(self, mesh: Mesh, scene: Scene):
         """Assign the materials to the cells.
 
         Raises:
             SceneError: the mesh has no such group, or a cell is in two groups with materials.
         """
-        topology = mesh.domain.topology
+        topology, groups = mesh.domain.topology, scene.materials
         index_map = topology.index_map(topology.dim)
-        self.every: tuple[Elasticity, ...] = (material, *groups)
+        self.every: tuple[Elasticity, ...] = (scene.material, *groups)
         self.number = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
         for k, group in enumerate(groups):
             cells = mesh.cells(group.group)
@@ -59,14 +52,14 @@ class Materials:
             other = max(mesh.domain.comm.allgather(int(taken)))
             if other:
                 common = f"has cells in common with group {groups[other - 1].group!r}"
-                where = Where(source, f"materials[{k}].group")
+                where = Where(scene.source, f"materials[{k}].group")
                 allowed = f"{common}; each cell must have one material"
                 raise where.refuse(group.group, allowed, ErrorKind.CONFLICT)
             self.number[cells] = 1 + k
-        whole = geometry.thickness or 1.0
+        whole = scene.geometry.thickness or 1.0
         self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])
-        self.single = not groups and material.is_isotropic
-        self._mesh, self._geometry = mesh, geometry
+        self.single = not groups and scene.material.is_isotropic
+        self._mesh, self._geometry = mesh, scene.geometry
 
     @property
     def isotropic(self) -> bool:
