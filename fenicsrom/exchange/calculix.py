@@ -19,9 +19,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.formats.abaqus_elements import order_of
 from fenicsrom.formats.mesh_file import Ints, MeshFile
-from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.formats.shapes import SHAPES, from_vtk
 
 ELEMENTS = {
     **{(kind, None): f"C3D{SHAPES[kind].nodes}" for kind in (4, 11, 5, 17)},
@@ -247,8 +246,8 @@ def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
         yield ", ".join([str(number), *map(_number, point)])
     (block,) = deck.mesh.blocks
     yield f"*ELEMENT, TYPE={deck.element}, ELSET={cells}"
-    order = order_of(block.kind)
-    nodes = block.nodes if order is None else block.nodes[:, np.argsort(order)]
+    order = from_vtk(block.kind, np.arange(block.nodes.shape[1])[None])[0]
+    nodes = block.nodes[:, np.argsort(order)]
     for number, row in enumerate(nodes, 1):
         yield from _rows([number, *(1 + row)])
     for name, marks in block.groups.items():

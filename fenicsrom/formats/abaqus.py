@@ -33,33 +33,9 @@ from fenicsrom.words import counted
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
 """Keywords that make or move nodes and elements, which are refused."""
 
-SILENT = {
-    "",
-    "HEADING",
-    "PREPRINT",
-    "RESTART",
-    "END PART",
-    "ASSEMBLY",
-    "END ASSEMBLY",
-    "END INSTANCE",
-    "END STEP",
-    "FREQUENCY",
-    "NODE PRINT",
-    "EL PRINT",
-    "NODE FILE",
-    "EL FILE",
-    "CONTACT PRINT",
-    "CONTACT FILE",
-    "SECTION PRINT",
-    "OUTPUT",
-    "NODE OUTPUT",
-    "ELEMENT OUTPUT",
-    "CONTACT OUTPUT",
-    "ENERGY OUTPUT",
-    "FILE FORMAT",
-    "MONITOR",
-}
-"""Keywords without an effect on the physics, which are left out without a word."""
+SILENT = {"", "HEADING", "PREPRINT", "RESTART", "ASSEMBLY", "FREQUENCY", "OUTPUT", "MONITOR"}
+REQUESTS = (" OUTPUT", " PRINT", " FILE", " FORMAT")
+"""Keywords, and ends of keywords, without an effect on the physics, which are left out silently."""
 
 
 @dataclass(eq=False)
@@ -147,7 +123,8 @@ def _read(model: Model, part: Part, keyword: Keyword) -> bool:
     elif name == "SURFACE":
         return _surface(part, keyword)
     else:
-        return name in SILENT or name in ("PART", "INSTANCE") or name in GENERATORS
+        silent = name in SILENT or name.startswith("END ") or name.endswith(REQUESTS)
+        return silent or name in ("PART", "INSTANCE") or name in GENERATORS
     return True
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.abaqus_elements import kind_of, order_of
+from fenicsrom.formats.abaqus_elements import kind_of
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.abaqus_sets import Part, Resolver, by_block, known_name
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
 from fenicsrom.formats.parts import faces
-from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.formats.shapes import SHAPES, from_vtk
 
 
 def placed(path: Path, keyword: Keyword) -> Floats:
@@ -115,7 +115,7 @@ def _blocks(
     for name, part, _ in placements:
         known = numbers.setdefault(name, {})
         for type_, elements in part.elements.items():
-            kind, order = kind_of(type_), order_of(kind_of(type_) or 0)
+            kind = kind_of(type_)
             if kind is None or not elements:
                 continue
             if twice := known.keys() & elements.keys():
@@ -130,7 +130,7 @@ def _blocks(
                 ) from None
             labels = np.array(list(elements))
             known |= {int(label): start + k for k, label in enumerate(labels)}
-            blocks.append(Block(kind, rows if order is None else rows[:, order], {}, type_, labels))
+            blocks.append(Block(kind, from_vtk(kind, rows), {}, type_, labels))
             start += len(rows)
     return blocks, numbers
 

@@ -87,6 +87,11 @@ FROM_VTK: dict[int, tuple[int, ...]] = {
 """Gmsh's order of the nodes, as indices in VTK's order, of the kinds where the two differ."""
 
 
+def from_vtk(kind: int, cells: Ints) -> Ints:
+    """Node numbers (cells, nodes) of a kind in gmsh's order, from those in VTK's order."""
+    return cells[:, FROM_VTK.get(kind, range(cells.shape[1]))]
+
+
 def facet_kind(kind: int) -> int:
     """The kind of the facets of a kind of cells: straight, or with one node on each edge."""
     shape = SHAPES[kind]
