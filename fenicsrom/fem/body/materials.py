@@ -143,35 +143,19 @@ class Materials:
         basis = mandel_basis(d)
 
         def anisotropic(strain: Expression) -> Expression:
-            vector = [_combined(strain, basis[k]) for k in range(len(basis))]
+            vector = [
+                sum(float(b[i, j]) * strain[i, j] for i, j in np.argwhere(b).tolist())
+                for b in basis
+            ]
             found = ufl.dot(tensor, ufl.as_vector(vector))
-            return ufl.as_matrix(
-                [
-                    [
-                        _sum(float(basis[k, i, j]) * found[k] for k in _nonzero(basis[:, i, j]))
-                        for j in range(d)
-                    ]
-                    for i in range(d)
-                ]
-            )
+
+            def entry(i: int, j: int) -> Expression:
+                parts = enumerate(basis[:, i, j].tolist())
+                return sum(part * found[k] for k, part in parts if part)
+
+            return ufl.as_matrix([[entry(i, j) for j in range(d)] for i in range(d)])
 
         return anisotropic
-
-
-def _combined(strain: Expression, tensor: Array) -> Expression:
-    """The product x : b of a strain and a basis tensor."""
-    return _sum(float(tensor[i, j]) * strain[i, j] for i, j in np.argwhere(tensor).tolist())
-
-
-def _sum(terms: Iterator[Expression]) -> Expression:
-    first, *rest = terms
-    for term in rest:
-        first = first + term
-    return first
-
-
-def _nonzero(values: Array) -> list[int]:
-    return [int(k) for k in np.flatnonzero(values)]
 
 
 def lame_parameters(material: Elasticity, plane: str | None) -> tuple[float, float]:

@@ -140,9 +140,8 @@ class Places:
         """Rows (d, local) of the displacement of a node, and its position (3,)."""
         body, d = self._body, self._body.dimension
         near = np.inf
-        name, wanted = ("nearest", place.nearest)
-        if wanted is None:
-            name, wanted = ("node", place.node)
+        name = "node" if place.nearest is None else "nearest"
+        wanted = getattr(place, name)
         if wanted is None:
             position = self._weights(place, key)[1]
         else:
@@ -161,11 +160,9 @@ class Places:
             nearest = [round(v, 6) for v in chosen[1 : 1 + d]]
             away = f"the nearest node is {nearest}, {chosen[0]:.3g} m away"
             if name == "node":
-                reason = f"no node has the coordinates {list(wanted or ())}; {away}"
+                reason = f"no node has the coordinates {list(wanted)}; {away}"
                 raise self._error(f"{key}.node", reason)
-            self._body.warnings.append(
-                f"{body.source}: {key}.{name} = {list(wanted or ())}: {away}"
-            )
+            self._body.warnings.append(f"{body.source}: {key}.{name} = {list(wanted)}: {away}")
         clamped = False
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):

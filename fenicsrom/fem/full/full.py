@@ -365,10 +365,6 @@ class FullModel:
         """Changes of the contact displacement (m, k) by changes (local, k) of q."""
         return np.asarray(self._solid.comm.allreduce(self._rows @ block))
 
-    def mass_block(self, block: Array) -> Array:
-        """M times a block (local, k)."""
-        return multiply(self._solid.mass, block)
-
     def elastic_by_start(self, q0: Array, dq: Array, scheme: Scheme, block: Array) -> Array:
         """Derivative of the mean elastic force of a step by its start q0, times a block."""
         points = [(scheme.start_weight, 0.0), *zip(scheme.weights, scheme.points, strict=True)]
@@ -447,7 +443,7 @@ class FullModel:
         )
 
     def mass_times(self, v: Array) -> Array:
-        """M v."""
+        """M times v (local,) or a block (local, k)."""
         return multiply(self._solid.mass, v)
 
     def velocity_times(self, v: Array) -> Array:

@@ -204,7 +204,7 @@ class FullPeriodMap:
         """Carry the derivatives over the step of size h that was just accepted."""
         model, plan, d = self.model, self.plan, self._dimension
         f, e = step_coefficients(plan, h), end_coefficients(plan, h)
-        moved = model.mass_block(f.inertia_v * columns.v + f.inertia_a * columns.a)
+        moved = model.mass_times(f.inertia_v * columns.v + f.inertia_a * columns.a)
         moved += model.elastic_by_start(before.q, before.dq, plan, columns.q)
         if plan.velocity_forces:
             moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)

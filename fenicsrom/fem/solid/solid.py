@@ -10,6 +10,7 @@ only the vibrations about this equilibrium are linear.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -371,15 +372,12 @@ class Solid(ElasticBody):
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
         elastic = self.strain_polynomial(vectors)
-        if self.rotation is None:
+        if (frame := self.rotation) is None:
             return elastic
-        force = self.rotation.centrifugal_force(self.equilibrium)
-        centrifugal = self.inner(vectors, force[:, None])[:, 0]
-        softening = self.rotation.omega_squared * self.inner(
-            vectors, self.rotation.mass_times(vectors)
-        )
+        centrifugal = self.inner(vectors, frame.centrifugal_force(self.equilibrium)[:, None])
+        softening = frame.omega_squared * self.inner(vectors, frame.mass_times(vectors))
         return elastic._replace(
-            force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
+            force=elastic.force - centrifugal[:, 0], stiffness=elastic.stiffness - softening
         )
 
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
@@ -426,14 +424,10 @@ class Solid(ElasticBody):
             ConvergenceError: a load step below the smallest one failed.
         """
         rest = np.zeros(self.local)
-        square = self.rotation.omega_squared if self.rotation else 0.0
-        statics = Statics(self, self.factor, overwrite=False)
-        try:
+        with closing(Statics(self, self.factor, overwrite=False)) as statics:
             if guess is None:
                 return statics.follow(rest, rest, load, 0.0, pressed=0.0)
-            return statics.follow(guess, self.residual(guess, rest), load, square)
-        finally:
-            statics.close()
+            return statics.follow(guess, self.residual(guess, rest), load)
 
     def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
@@ -448,18 +442,13 @@ class Solid(ElasticBody):
         """
         rest = self.rest_force - self.pressure_force(self.equilibrium)
         found, at = [self.equilibrium], [0.0]
-        square = self.rotation.omega_squared if self.rotation else 0.0
-        statics = Statics(self, self.factor, overwrite=False, tolerance=tolerance)
-        try:
+        with closing(Statics(self, self.factor, overwrite=False, tolerance=tolerance)) as statics:
             for part in parts:
                 begin = rest + at[-1] * force
                 known = at[-EXTRAPOLATED:]
                 ahead = np.array(found[-EXTRAPOLATED:]).T @ _extrapolation(known, part)
-                u = statics.follow(found[-1], begin, rest + part * force, square, ahead)
-                found.append(u)
+                found.append(statics.follow(found[-1], begin, rest + part * force, predicted=ahead))
                 at.append(part)
-        finally:
-            statics.close()
         return np.array(found[1:]).T
 
     def spin(self, omega: float) -> None:
@@ -520,16 +509,12 @@ class Solid(ElasticBody):
             ConvergenceError: no equilibrium was found.
         """
         self._viscous = None
-        statics = Statics(self, self.factor, overwrite=self.symmetric)
-        try:
+        with closing(Statics(self, self.factor, overwrite=self.symmetric)) as statics:
             if predicted is not None and not statics.approach(predicted):
                 predicted = None
-            self.equilibrium = statics.follow(
-                u, start, self.static_load, square, predicted, pressed
-            )
-            statics.finish(self.equilibrium, self.static_load)
-        finally:
-            statics.close()
+            load = self.static_load
+            self.equilibrium = statics.follow(u, start, load, square, predicted, pressed)
+            statics.finish(self.equilibrium, load)
         if not self.symmetric:
             self._renew(self.factor)
         self._set_follower_loads()

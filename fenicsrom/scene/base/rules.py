@@ -10,10 +10,10 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.words import counted
@@ -49,6 +49,25 @@ class Where:
         kind = ErrorKind.MISSING if missing else kind
         sentence = f"{self.source}: {self.key} {what}: {allowed}"
         return SceneError(sentence, kind=kind, key=self.key, source=self.source)
+
+
+class Problem(NamedTuple):
+    """A key that does not agree with the others.
+
+    Attributes:
+        key: the dotted key.
+        value: its value, or `MISSING`.
+        allowed: what is allowed, in words.
+        kind: the kind of the error; a missing value has its own kind.
+    """
+
+    key: str
+    value: object
+    allowed: str
+    kind: ErrorKind = ErrorKind.CONFLICT
+
+
+Problems = Iterator[Problem]
 
 
 def show(value: object, width: int = 60) -> str:

@@ -29,15 +29,12 @@ from fenicsrom.scene.base.rules import (
     rows_of,
 )
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
-from fenicsrom.scene.keys.attachments import Attachment
-from fenicsrom.scene.keys.backbone import Backbone
+from fenicsrom.scene.keys.curves import Backbone, Response, Statics
 from fenicsrom.scene.keys.damping import Damping
 from fenicsrom.scene.keys.loads import Load
 from fenicsrom.scene.keys.materials import GroupMaterial, Material
 from fenicsrom.scene.keys.meshing import Meshing
-from fenicsrom.scene.keys.places import Place, Support
-from fenicsrom.scene.keys.response import Response
-from fenicsrom.scene.keys.statics import Statics
+from fenicsrom.scene.keys.places import Attachment, Place, Support
 from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief
