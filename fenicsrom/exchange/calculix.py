@@ -21,6 +21,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.formats.mesh_file import Ints, MeshFile
 from fenicsrom.formats.shapes import SHAPES, from_vtk
+from fenicsrom.online.stress.elasticity_tensor import axes
+from fenicsrom.scene import Elasticity
 
 ELEMENTS = {
     **{(kind, None): f"C3D{SHAPES[kind].nodes}" for kind in (4, 11, 5, 17)},
@@ -66,26 +68,17 @@ class Pressed(NamedTuple):
     size: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Section:
+class Section(NamedTuple):
     """The cells of one material.
 
     Attributes:
         cells: their numbers (k,).
-        young: (E₁, E₂, E₃) of an orthotropic material, else E alone, Pa.
-        poisson: (ν₁₂, ν₁₃, ν₂₃), or ν alone.
-        shear: (G₁₂, G₁₃, G₂₃), Pa; empty for an isotropic material.
-        axes: (3, 3) the material axes as columns.
-        density: kg/m³.
-        thickness: m, in 2D.
+        material: the material, in SI units.
+        thickness: thickness, m, in 2D only.
     """
 
     cells: Ints
-    young: tuple[float, ...]
-    poisson: tuple[float, ...]
-    shear: tuple[float, ...]
-    axes: Array
-    density: float
+    material: Elasticity
     thickness: float
 
 
@@ -282,17 +275,16 @@ def _sections(deck: Deck, names: _Names) -> Iterator[str]:
         name, cells = f"MATERIAL_{number}", names.new(f"CELLS_{number}")
         yield from _set("ELSET", cells, section.cells)
         yield f"*MATERIAL, NAME={name}"
-        if section.shear:
-            values = [*map(_number, (*section.young, *section.poisson, *section.shear))]
-            yield from ["*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(values[:8]), values[8]]
+        material, oriented = section.material, ""
+        if material.is_isotropic:
+            yield from ["*ELASTIC", ", ".join(map(_number, material.isotropic_constants))]
         else:
-            constants = (*section.young, *section.poisson)
-            yield from ["*ELASTIC", ", ".join(map(_number, constants))]
-        yield from ["*DENSITY", _number(section.density)]
-        oriented = ""
-        if section.shear:
+            values = [_number(value) for part in material.orthotropic_constants for value in part]
+            yield from ["*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(values[:8]), values[8]]
+        yield from ["*DENSITY", _number(material.density)]
+        if not material.is_isotropic:
             yield f"*ORIENTATION, NAME=AXES_{number}, SYSTEM=RECTANGULAR"
-            yield ", ".join(map(_number, section.axes[:, :2].T.reshape(-1)))
+            yield ", ".join(map(_number, axes(material)[:, :2].T.reshape(-1)))
             oriented = f", ORIENTATION=AXES_{number}"
         yield f"*SOLID SECTION, ELSET={cells}, MATERIAL={name}{oriented}"
         if deck.plane is not None:

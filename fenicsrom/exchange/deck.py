@@ -29,7 +29,6 @@ from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.support_motion import histories_of
-from fenicsrom.online.stress.elasticity_tensor import axes
 from fenicsrom.scene import Region, Scene, scene_heading
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
@@ -78,7 +77,11 @@ def scene_deck(scene: Scene) -> Deck:
         notes=tuple(_left_out(scene, nodes)),
         mesh=nodes.mesh_file(),
         plane=scene.geometry.plane,
-        sections=tuple(_sections(solid)),
+        sections=tuple(
+            Section(cells, solid.materials.every[k], float(solid.materials.thickness[k]))
+            for k, cells in solid.materials.cells()
+            if cells.size
+        ),
         clamped=clamped,
         equations=tuple(nodes.equations()),
         masses=nodes.attached(solid.point_masses).max(axis=1),
@@ -145,29 +148,6 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
         "this program; triangles and tetrahedra are the same": nodes.drops,
     }
     return [sentence for sentence, applies in left.items() if applies]
-
-
-def _sections(solid: Solid) -> list[Section]:
-    """The cells of each material."""
-    found = []
-    for k, cells in solid.materials.cells():
-        material = solid.materials.every[k]
-        young, poisson, shear = material.orthotropic_constants
-        if material.is_isotropic:
-            young, poisson, shear = young[:1], poisson[:1], ()
-        if cells.size:
-            found.append(
-                Section(
-                    cells=cells,
-                    young=young,
-                    poisson=poisson,
-                    shear=shear,
-                    axes=axes(material),
-                    density=material.density,
-                    thickness=float(solid.materials.thickness[k]),
-                )
-            )
-    return found
 
 
 def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:

@@ -126,14 +126,9 @@ def matrix_set(
         if off > SYMMETRY * float(np.max(np.abs(found[part]), initial=0.0)):
             raise refuse(path, f"the {part} matrix is not symmetric")
         found[part] = 0.5 * (found[part] + found[part].T)
-    rows = found.get("interface")
-    return MatrixSet(
-        found["mass"],
-        found["stiffness"],
-        found.get("damping"),
-        None if rows is None else np.ascontiguousarray(rows.T),
-        labels,
-    )
+    if "interface" in found:
+        found["interface"] = np.ascontiguousarray(found["interface"].T)
+    return MatrixSet(**found, labels=labels)
 
 
 def _checked(path: Path, part: str, matrix: Array) -> Array:

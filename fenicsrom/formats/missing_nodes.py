@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
-from fenicsrom.formats.shapes import SHAPES, facets_of
+from fenicsrom.formats.shapes import facets_of
 from fenicsrom.words import are, counted
 
 FACES_OF_27 = (0, 2, 5, 3, 4, 1)
@@ -75,7 +75,7 @@ def with_middles(blocks: Iterable[Block], points: Floats) -> tuple[Floats, tuple
     extra: list[Floats] = []
     middles: dict[tuple[int, ...], int] = {}
     for block in blocks:
-        shape = SHAPES[block.kind]
+        shape = block.shape
         for row, k in np.argwhere(block.nodes[:, shape.corners :] < 0):
             if k < len(shape.edges):
                 ends = tuple(sorted(block.nodes[row, list(shape.edges[k])]))

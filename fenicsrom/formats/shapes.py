@@ -6,10 +6,12 @@ A "kind" is gmsh's number of an element type. All nodes are in gmsh's order, wit
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from fenicsrom.formats.mesh_file import Ints
+Ints = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

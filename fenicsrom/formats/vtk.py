@@ -49,9 +49,9 @@ def read_vtk(path: Path) -> MeshFile:
     for field, values in mesh.cell_data.items():
         for group, marks in _marked(str(field), [np.asarray(values[index]) for index in kept]):
             present = zip(blocks, marks, strict=True)
-            lowest = min(SHAPES[block.kind].dimension for block, mark in present if mark.any())
+            lowest = min(block.shape.dimension for block, mark in present if mark.any())
             for block, mark in zip(blocks, marks, strict=True):
-                if SHAPES[block.kind].dimension == lowest:
+                if block.shape.dimension == lowest:
                     block.groups[group] = mark
     nodes_of = {}
     for field, values in mesh.point_data.items():

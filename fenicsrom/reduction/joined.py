@@ -130,22 +130,11 @@ def _see(structure: Turning, first: ComponentModes, omega: float, with_derivativ
     labels = [f"{k + 1}V" for k in range(count)]
     pairs = all_pairs(labels) if with_derivatives else []
     attached = structure.factor.solve(np.ascontiguousarray(first.rows.T))
-    return _Seen(
-        omega,
-        structure.equilibrium[:, None].copy(),
-        squares,
-        modes,
-        attached,
-        modal_derivatives(
-            modes,
-            labels,
-            pairs,
-            structure.tangent_derivative,
-            structure.factor,
-            structure.comm.allreduce,
-        ),
-        structure.inner(first.rows.T, attached),
-    )
+    derivative, total = structure.tangent_derivative, structure.comm.allreduce
+    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor, total)
+    equilibrium = structure.equilibrium[:, None].copy()
+    flexibility = structure.inner(first.rows.T, attached)
+    return _Seen(omega, equilibrium, squares, modes, attached, found, flexibility)
 
 
 def _projected(

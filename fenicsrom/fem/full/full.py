@@ -94,14 +94,8 @@ class _Effective:
 
     def has_coefficients_of(self, other: _Effective) -> bool:
         """Whether the coefficients of another matrix are the same, up to rounding."""
-        return bool(
-            np.allclose(
-                (self.mass, self.velocity, self.lever),
-                (other.mass, other.velocity, other.lever),
-                rtol=SAME_COEFFICIENT,
-                atol=0.0,
-            )
-        )
+        ours, theirs = ((each.mass, each.velocity, each.lever) for each in (self, other))
+        return bool(np.allclose(ours, theirs, rtol=SAME_COEFFICIENT, atol=0.0))
 
 
 class _Progress:
@@ -170,11 +164,8 @@ class FullModel:
         count = 0 if solid.pressures is None else solid.pressures.numbers.size
         self._factors = np.zeros((2, count))  # at the start and at the end of the step
         self.damping = solid.mass_damping
-        self.loads, self.load_histories, self.points = (
-            solid.load_vectors,
-            solid.load_histories,
-            solid.points,
-        )
+        self.loads, self.load_histories = solid.load_vectors, solid.load_histories
+        self.points = solid.points
         self._viscous = solid.viscous
         self.velocity_forces = solid.gyroscopic is not None or self._viscous is not None
         self._rows = solid.contact_rows

@@ -80,6 +80,10 @@ class Geometry:
         return self.mesh.suffix.lower() in (".step", ".stp")
 
 
+_ORDER = {"type": "integer", "minimum": 1}
+_WAVES = rows_of("order", "height", "phase", unit="–, m, rad", first=_ORDER)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Surface:
     """A round rigid surface.
@@ -104,16 +108,7 @@ class Surface:
     inside: Annotated[bool, flag] = True
     radius: Annotated[float | None, number(above=0.0, unit="m")] = None
     spin: Annotated[float | None, number(unit="rad/s")] = None
-    waves: Annotated[
-        tuple[tuple[float, ...], ...],
-        rows_of(
-            "order",
-            "height",
-            "phase",
-            unit="–, m, rad",
-            first={"type": "integer", "minimum": 1},
-        ),
-    ] = ()
+    waves: Annotated[tuple[tuple[float, ...], ...], _WAVES] = ()
     angle_from: Annotated[tuple[float, ...] | None, rules.direction] = None
 
 
