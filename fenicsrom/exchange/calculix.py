@@ -252,21 +252,17 @@ def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
 def _attachments(deck: Deck, names: _Names) -> Iterator[str]:
     """Concentrated masses, and springs to the ground."""
     number = len(deck.mesh.blocks[0].nodes)
-    for mass in np.unique(deck.masses[deck.masses > 0.0]):
-        name = names.new("MASS")
-        yield f"*ELEMENT, TYPE=MASS, ELSET={name}"
-        for node in np.flatnonzero(deck.masses == mass):
-            number += 1
-            yield f"{number}, {1 + node}"
-        yield from [f"*MASS, ELSET={name}", _number(mass)]
+    sizes_of = [("MASS", "MASS", deck.masses, list[str]())]
     for axis, component in enumerate(deck.springs.T, 1):
-        for stiffness in np.unique(component[component > 0.0]):
-            name = names.new("SPRING")
-            yield f"*ELEMENT, TYPE=SPRING1, ELSET={name}"
-            for node in np.flatnonzero(component == stiffness):
+        sizes_of.append(("SPRING", "SPRING1", component, [str(axis)]))
+    for kind, element, sizes, lines in sizes_of:
+        for size in np.unique(sizes[sizes > 0.0]):
+            name = names.new(kind)
+            yield f"*ELEMENT, TYPE={element}, ELSET={name}"
+            for node in np.flatnonzero(sizes == size):
                 number += 1
                 yield f"{number}, {1 + node}"
-            yield from [f"*SPRING, ELSET={name}", str(axis), _number(stiffness)]
+            yield from [f"*{kind}, ELSET={name}", *lines, _number(size)]
 
 
 def _sections(deck: Deck, names: _Names) -> Iterator[str]:

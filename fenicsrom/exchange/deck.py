@@ -187,11 +187,8 @@ class _Nodes:
         sides = (corners[:, beside] - corners[:, :1])[:, :, : solid.dimension]
         self._mirrored = np.linalg.det(sides) < 0.0
         self._orders = plain, mirrored
-        cells = np.where(
-            self._mirrored[:, None],
-            self._rows[:, self._order(mirrored)],
-            self._rows[:, self._order(plain)],
-        )
+        usual, turned = (self._rows[:, self._order(corners)] for corners in self._orders)
+        cells = np.where(self._mirrored[:, None], turned, usual)
         self._kept, inverse = np.unique(cells, return_inverse=True)
         self._cells = inverse.reshape(cells.shape)
         self._number = np.full(len(self._x), -1)

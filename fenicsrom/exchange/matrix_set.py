@@ -106,11 +106,8 @@ def matrix_set(
         present = [name for name in names if name in upper]
         if not present and part in ("stiffness", "mass"):
             listed = ", ".join(list(upper)[:10]) or "none"
-            raise refuse(
-                path,
-                f"has no {part} matrix: looked for {', '.join(names)}; the file has {listed}",
-                ErrorKind.MISSING,
-            )
+            reason = f"has no {part} matrix: looked for {', '.join(names)}; the file has {listed}"
+            raise refuse(path, reason, ErrorKind.MISSING)
         if present:
             found[part] = _checked(path, part, upper[present[0]])
     n = len(found["stiffness"])

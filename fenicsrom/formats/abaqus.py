@@ -111,9 +111,8 @@ def _read(model: Model, part: Part, keyword: Keyword) -> bool:
     """Read one keyword into a part; return whether it was read or has no effect on the physics."""
     name, path = keyword.name, model.path
     if name in GENERATORS and (keyword.lines or name not in ("SYSTEM", "PARAMETER")):
-        raise refuse(
-            path, f"*{name} is not supported; write all nodes and elements with their coordinates"
-        )
+        reason = "is not supported; write all nodes and elements with their coordinates"
+        raise refuse(path, f"*{name} {reason}")
     if name == "NODE":
         _nodes(path, part, keyword)
     elif name == "ELEMENT":
@@ -186,12 +185,9 @@ def _elements(model: Model, part: Part, keyword: Keyword) -> None:
             words = words[:size]
         row += words
         if len(row) > size or (row and not line):
-            given = len(row) - 1
-            raise refuse(
-                path,
-                f"element {row[0]} of type {name} has {given} nodes, but must have {size - 1}; "
-                "the file may be truncated or damaged",
-            )
+            given = f"element {row[0]} of type {name} has {len(row) - 1} nodes"
+            reason = f"but must have {size - 1}; the file may be truncated or damaged"
+            raise refuse(path, f"{given}, {reason}")
         if len(row) < size:
             continue
         try:

@@ -38,9 +38,8 @@ def placed(path: Path, keyword: Keyword) -> Floats:
         if not 0.0 < length < np.inf:
             raise ValueError
     except (ValueError, IndexError):
-        raise refuse(
-            path, f"*INSTANCE: {keyword.lines[:2]} must be a translation and a rotation"
-        ) from None
+        reason = f"{keyword.lines[:2]} must be a translation and a rotation"
+        raise refuse(path, f"*INSTANCE: {reason}") from None
     across = np.cross(np.eye(3), (end - start) / length)  # across @ x = axis × x
     turn = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across  # Rodrigues
     return np.column_stack([turn, turn @ (shift - start) + start])
@@ -125,10 +124,8 @@ def _blocks(
                 index = node_numbers[name]
                 rows = np.array([[index[node] for node in row] for row in elements.values()])
             except KeyError as error:
-                raise refuse(
-                    path,
-                    f"elements of type {type_} refer to node {error}, which is not in the file",
-                ) from None
+                reason = f"refer to node {error}, which is not in the file"
+                raise refuse(path, f"elements of type {type_} {reason}") from None
             labels = np.array(list(elements))
             known |= {int(label): start + k for k, label in enumerate(labels)}
             blocks.append(Block(kind, from_vtk(kind, rows), {}, type_, labels))

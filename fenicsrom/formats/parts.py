@@ -86,11 +86,9 @@ def _check_not_doubled(path: Path, cells: list[Block]) -> None:
         if len(again):
             labels = np.concatenate([block.labels for block in blocks if block.labels is not None])
             one, other = labels[[first[which.ravel()[again[0]]], again[0]]]
-            raise refuse(
-                path,
-                f"{counted(len(again), 'cell')} with the same nodes as another cell, such as the "
-                f"elements {one} and {other}: delete the doubled elements",
-            )
+            doubled = f"{counted(len(again), 'cell')} with the same nodes as another cell"
+            reason = f"such as the elements {one} and {other}: delete the doubled elements"
+            raise refuse(path, f"{doubled}, {reason}")
 
 
 def _cell_facets(cells: list[Block]) -> dict[int, tuple[int, Ints]]:

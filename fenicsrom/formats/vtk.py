@@ -24,11 +24,8 @@ def read_vtk(path: Path) -> MeshFile:
     try:
         import meshio
     except ImportError:
-        raise refuse(
-            path,
-            f"reading a {path.suffix} file needs meshio: install it, or convert to .msh",
-            ErrorKind.DEPENDENCY,
-        ) from None
+        reason = f"reading a {path.suffix} file needs meshio: install it, or convert to .msh"
+        raise refuse(path, reason, ErrorKind.DEPENDENCY) from None
     try:
         module = meshio.vtu if path.suffix.lower() == ".vtu" else meshio.vtk
         mesh = module.read(path)

@@ -193,9 +193,7 @@ class Places:
         scalar = fem.functionspace(domain, ("Lagrange", body.geometry.degree))
         weights = fem.Function(scalar)
         per, whole = fem.Constant(domain, 1.0), float(body.materials.thickness[0])
-        if (
-            not body.materials.has_one_thickness
-        ):  # by volume: the thickness changes along the region
+        if not body.materials.has_one_thickness:  # by volume: it changes along the region
             per, whole = body.thickness, 1.0
         fem.assemble_vector(weights.x.array, compiled_form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)

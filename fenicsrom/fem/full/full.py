@@ -154,9 +154,8 @@ class FullModel:
         count, d = len(solid.points.contact), solid.dimension
         self._contacts, self._points_count, self._time = contacts, count, 0.0
         self._here, self._scratch = zero_contact_state(count, d), contact_scratch(count, d)
-        self._normal_force = np.full(
-            count, np.nan
-        )  # trial normal forces at the end of the step before
+        # trial normal forces at the end of the step before
+        self._normal_force = np.full(count, np.nan)
         self._solid = solid
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2

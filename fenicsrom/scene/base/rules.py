@@ -10,7 +10,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
@@ -49,6 +49,11 @@ class Where:
         kind = ErrorKind.MISSING if missing else kind
         sentence = f"{self.source}: {self.key} {what}: {allowed}"
         return SceneError(sentence, kind=kind, key=self.key, source=self.source)
+
+    def require_none(self, problems: Iterable[Problem]) -> None:
+        """Raise the error of the first problem, whose key is below this place."""
+        for problem in problems:
+            raise self.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
 
 
 class Problem(NamedTuple):

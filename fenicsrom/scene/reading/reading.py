@@ -130,8 +130,7 @@ def parse_scene(
     if not (scene.units.is_si or scene.units.si):
         scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
     scene = _complete(scene, folder, folder if mesh else None)
-    for problem in step_problems(scene):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    where.require_none(step_problems(scene))
     return scene
 
 
@@ -142,8 +141,7 @@ def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
         SceneError: a key or value is not allowed.
     """
     scene = read_table(Scene, _with_frequencies(table, where), where)
-    for problem in problems(scene, unloaded):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    where.require_none(problems(scene, unloaded))
     return replace(scene, source=where.source)
 
 
