@@ -82,10 +82,12 @@ class ElasticBody:
         inertia: the matrices of inertia forces.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
-        pressures: the follower pressures; None without follower pressures.
+        pressures: the follower pressures, a `fenicsrom.fem.body.pressure.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
+
+    pressures: Any
 
     def __init__(self, mesh: Mesh, scene: Scene):
         """Clamp the supports and compile the forms.
@@ -122,7 +124,6 @@ class ElasticBody:
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, scene)
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
-        self.pressures: Any = None
         self._compile_forms()
         self.inertia = Inertia(self)
         self._turning = scene.rotation
@@ -254,16 +255,15 @@ class ElasticBody:
     @property
     def symmetric(self) -> bool:
         """Whether no static follower pressure acts, whose tangent may not be symmetric."""
-        return self.pressures is None or not self.pressures.acts
+        return not self.pressures.acts
 
     def residual(self, u: Array, load: Array) -> Array:
         """Internal force at u (local,) minus a load (local,) and the static follower pressures."""
-        residual = self.internal_force(u) - load
-        return residual if self.pressures is None else residual - self.pressure_force(u)
+        return self.internal_force(u) - load - self.pressure_force(u)
 
     def pressure_force(self, u: Array) -> Array:
         """Force (local,) of the static follower pressures at a displacement u (local,), N."""
-        return np.zeros(self.local) if self.pressures is None else self.pressures.static_force(u)
+        return np.asarray(self.pressures.static_force(u))
 
     def tangent(
         self,
@@ -293,9 +293,8 @@ class ElasticBody:
         add_to_diagonal(matrix, self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
-        if self.pressures is not None:
-            factors = self.pressures.part * self.pressures.static
-            self.pressures.add_tangent(matrix, u, factors, symmetric=symmetric)
+        factors = self.pressures.part * self.pressures.static
+        self.pressures.add_tangent(matrix, u, factors, symmetric=symmetric)
         return matrix
 
     def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:

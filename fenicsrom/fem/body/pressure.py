@@ -34,7 +34,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.base.linalg import multiply
 from fenicsrom.fem.body.loads import LOAD_DEGREE, check_on_boundary
-from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
 from fenicsrom.scene import Load
 
 
@@ -176,6 +176,8 @@ class FollowerPressures:
     def polynomial(self, u0: Array, vectors: Array) -> PressurePolynomial:
         """Project (2) at u₀ (local,) and (3) on vectors (local, n): exact coefficients."""
         body, n = self._body, vectors.shape[1]
+        if not self._surfaces:
+            return no_pressure(n)
         depth = n if body.dimension == 3 else 0
         linear = np.zeros((self.numbers.size, n, n))
         quadratic = np.zeros((self.numbers.size, depth, n, n))

@@ -125,8 +125,7 @@ def check_snap(body: Any, linear: Array) -> None:
     factor = Factorisation(body.tangent(body.equilibrium), "fenicsrom_snap")
 
     def at(part: float, u: Array) -> Array:
-        if body.pressures is not None:
-            body.pressures.part = part
+        body.pressures.part = part
         return body.static(part * full, u)
 
     def grown(u: Array, begin: float, end: float, halvings: int) -> Array | None:
@@ -164,8 +163,7 @@ def check_snap(body: Any, linear: Array) -> None:
         return
     finally:
         factor.destroy(matrix=True)
-        if body.pressures is not None:
-            body.pressures.part = 1.0
+        body.pressures.part = 1.0
 
 
 def _probe_text(body: Any) -> str:

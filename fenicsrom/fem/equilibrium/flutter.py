@@ -72,7 +72,6 @@ def check_coupling(body: Any, negative: int) -> int:
 
 def _coupled_squares(body: Any, modes: Array) -> NDArray[np.complex128]:
     """The squares ω² of (1) for modes Φ (local, k) of the symmetric part, by absolute value."""
-    assert body.pressures is not None
 
     def skew_times(block: Array) -> Array:
         at, sizes = body.equilibrium, body.pressures.static

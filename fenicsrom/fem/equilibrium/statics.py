@@ -120,7 +120,7 @@ class Statics:
         rotation, pressures = self._body.rotation, self._body.pressures
         goal = rotation.omega_squared if rotation else 0.0
         square = goal if square is None else square
-        final = pressures.part if pressures else 1.0
+        final = pressures.part
         pressed = final if pressed is None else pressed
         if predicted is not None:
             found = self._newton(predicted, load)
@@ -131,8 +131,7 @@ class Statics:
         def solve(u: Array, part: float) -> Array | None:
             if rotation:
                 rotation.omega_squared = square + part * (goal - square)
-            if pressures:
-                pressures.part = pressed + part * (final - pressed)
+            pressures.part = pressed + part * (final - pressed)
             return self._newton(u, start + part * (load - start))
 
         begin = u
@@ -143,8 +142,7 @@ class Statics:
             self._plain = False
         if reached < 1.0:
             what = "of the load"
-            if pressures:
-                pressures.part = final
+            pressures.part = final
             if rotation:
                 rotation.omega_squared = goal
                 what += " and of the centrifugal force"
@@ -254,9 +252,7 @@ class _Step:
 
     def note(self, u: Array, decrement: float, first: float) -> None:
         """Note a correction that led to u (local,)."""
-        acting = self._load
-        if self._body.pressures is not None:
-            acting = acting + self._body.pressure_force(u)
+        acting = self._load + self._body.pressure_force(u)
         if self._body.rotation is not None:
             acting = acting + self._body.rotation.centrifugal_force(u)
         self.decrement = decrement

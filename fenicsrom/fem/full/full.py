@@ -160,8 +160,8 @@ class FullModel:
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
         self._pressures = solid.pressures
-        count = 0 if solid.pressures is None else solid.pressures.numbers.size
-        self._factors = np.zeros((2, count))  # at the start and at the end of the step
+        # factors of the pressures at the start and at the end of the step
+        self._factors = np.zeros((2, solid.pressures.numbers.size))
         self.damping = solid.mass_damping
         self.loads, self.load_histories = solid.load_vectors, solid.load_histories
         self.points = solid.points
@@ -185,19 +185,15 @@ class FullModel:
 
     def set_at_rest(self) -> None:
         """Let only the static follower pressures act in the operations that follow."""
-        if self._pressures is not None:
-            self._factors[:] = self._pressures.static
+        self._factors[:] = self._pressures.static
 
     def set_interval(self, begin: float, end: float) -> None:
         """Set the start and the end of the step, in s: the factors of the follower pressures."""
-        if self._pressures is not None:
-            for row, time in enumerate((begin, end)):
-                self._factors[row] = factors(self.load_histories, time)[self._pressures.numbers]
+        for row, time in enumerate((begin, end)):
+            self._factors[row] = factors(self.load_histories, time)[self._pressures.numbers]
 
     def pressure_work(self, q0: Array, dq: Array) -> float:
         """Work of the follower pressures, without their constant part, over a step, J."""
-        if self._pressures is None:
-            return 0.0
         mean = sum(0.5 * self._pressure_force(q0 + s * dq, self._factors_at(s)) for s in GAUSS)
         return self.dot(np.asarray(mean), dq)
 
@@ -207,7 +203,6 @@ class FullModel:
 
     def _pressure_force(self, q: Array, factors: Array) -> Array:
         """The follower pressures (local,) at q without their constant part, N."""
-        assert self._pressures is not None
         numbers = self._pressures.numbers
         forces = self._pressures.unit_forces(self._solid.equilibrium + q) - self.loads[:, numbers]
         return np.asarray(forces @ factors)
@@ -233,7 +228,7 @@ class FullModel:
         if self.linear:
             return self._start + multiply(self._solid.stiffness, q)
         force = self._solid.internal_force(self._solid.equilibrium + q)
-        return force if self._pressures is None else force - self._pressure_force(q, factors)
+        return force - self._pressure_force(q, factors)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (local,) and energy above that of the equilibrium."""
@@ -309,7 +304,7 @@ class FullModel:
         self._assemble(wanted, exact)
         try:
             if self._factor is None:
-                symmetric = self._solid.gyroscopic is None and self._pressures is None
+                symmetric = self._solid.gyroscopic is None and not self._pressures.numbers.size
                 self._factor = Factorisation(self._effective, "fenicsrom_step", symmetric)
             else:
                 self._factor.update()
@@ -372,8 +367,6 @@ class FullModel:
     def _tangent_times(self, u: Array, factors: Array, block: Array) -> Array:
         """The tangent at u (local,) with factors (k,) of the follower pressures, times a block."""
         found = self._solid.tangent_times(u, block)
-        if self._pressures is None:
-            return found
         return found - self._pressures.tangent_times(u, block, factors - self._pressures.static)
 
     def solve_with_contact(self, block: Array, force: Array, by_end: Array) -> Array:
@@ -409,10 +402,9 @@ class FullModel:
                 if weight != 0.0:
                     u = self._solid.equilibrium + q
                     self._solid.add_tangent(self._effective, u, weight)
-                    if self._pressures is not None:
-                        self._pressures.add_tangent(
-                            self._effective, u, weight * pressing, symmetric=symmetric
-                        )
+                    self._pressures.add_tangent(
+                        self._effective, u, weight * pressing, symmetric=symmetric
+                    )
         self._effective.axpy(wanted.mass, self._mass, structure=_SUBSET)
         if self._viscous is not None and self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness

@@ -43,12 +43,10 @@ class PathEquations:
         Raises:
             ConvergenceError: K is singular.
         """
-        self._body, dead, symmetric = body, sizes.copy(), True
-        if body.pressures is not None:
-            numbers = body.pressures.numbers
-            dead[numbers] = 0.0
-            self._constant, self._varied = body.pressures.static.copy(), sizes[numbers]
-            symmetric = not (np.any(self._constant) or np.any(self._varied))
+        self._body, dead, numbers = body, sizes.copy(), body.pressures.numbers
+        dead[numbers] = 0.0
+        self._constant, self._varied = body.pressures.static.copy(), sizes[numbers]
+        symmetric = not (np.any(self._constant) or np.any(self._varied))
         self._force = body.load_vectors @ dead
         matrix = body.tangent(body.equilibrium, symmetric=False)
         self._factor = Factorisation(matrix, "fenicsrom_path", symmetric, counting=symmetric)
@@ -111,12 +109,11 @@ class PathEquations:
 
     def _set_factor(self, y: Array) -> None:
         """Make the follower pressures of the body those at λ."""
-        if self._body.pressures is not None:
-            self._body.pressures.static = self._constant + y[-1] * self._varied
+        self._body.pressures.static = self._constant + y[-1] * self._varied
 
     def _loads(self, u: Array) -> Array:
         """The loads p (local,) at a displacement u (local,), N."""
-        if self._body.pressures is None or not np.any(self._varied):
+        if not np.any(self._varied):
             return self._force
         return np.asarray(self._force + self._body.pressures.unit_forces(u) @ self._varied)
 

@@ -38,7 +38,7 @@ from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_nor
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
-from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
+from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.reduction.damping import ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
@@ -257,8 +257,7 @@ class Solid(ElasticBody):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
         self.load_histories = histories_of(self.loads)
-        if any(load.follower for load in self.loads):
-            self.pressures = FollowerPressures(self, self.loads)
+        self.pressures = FollowerPressures(self, self.loads)
         self._set_static_load()
 
     def _assembled_loads(self) -> Array:
@@ -275,10 +274,7 @@ class Solid(ElasticBody):
 
     def _set_follower_loads(self) -> None:
         """Set the load vectors of the follower pressures to those at the equilibrium."""
-        if self.pressures is not None:
-            self.load_vectors[:, self.pressures.numbers] = self.pressures.unit_forces(
-                self.equilibrium
-            )
+        self.load_vectors[:, self.pressures.numbers] = self.pressures.unit_forces(self.equilibrium)
 
     def load_vector(self, load: Load, key: str) -> Array:
         """The load vector (local,) of a load of size 1: `fenicsrom.fem.body.loads.load_vector`."""
@@ -338,7 +334,7 @@ class Solid(ElasticBody):
     def tangent_derivative(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium, exact, for x and y (local,)."""
         found = self.derivative_at(self.equilibrium, x, y)
-        return found if self.pressures is None else found - self.pressures.static_derivative(x, y)
+        return found - self.pressures.static_derivative(x, y)
 
     def tangent_difference(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium by the central difference of the tangent.
@@ -382,8 +378,6 @@ class Solid(ElasticBody):
 
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
         """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
-        if self.pressures is None:
-            return no_pressure(vectors.shape[1])
         return self.pressures.polynomial(self.equilibrium, vectors)
 
     def _strain_products(self, vectors: Array, degree: int | None) -> Array:
