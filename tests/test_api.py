@@ -355,6 +355,7 @@ def test_demo_of_many_loads_sticks_slips_and_lifts_off() -> None:
     assert fractions[2]["open"] == pytest.approx(0.37, abs=0.02)
 
 
+@pytest.mark.slow
 def test_demo_of_matrices_in_scipy_moves_as_the_program_does() -> None:
     found = demo("hand_over_matrices")
     assert found["solution"].success
