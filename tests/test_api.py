@@ -83,6 +83,7 @@ def test_package_list_of_the_wheel_is_complete() -> None:
     assert packages == on_disk | {"fenicsrom.meshes", "fenicsrom.demos"}
     data = project["tool"]["setuptools"]["package-data"]
     assert "py.typed" in data["fenicsrom"] and (PACKAGE / "py.typed").exists()
+    assert data["fenicsrom.exchange"] == ["*.c"] and (PACKAGE / "exchange" / "fmu.c").exists()
 
 
 # ------------------------------------------------------------------ the arrays of a model
