@@ -48,7 +48,7 @@ class Turning(NamedTuple):
         inertia: J0, kg m^2.
         moments: (loads, 1 + n) moment of each unit load about the axis at q = 0, and its derivative
             by q, m.
-        rest: (k, 3 + n) Omega^2, ascending, Pi(q_Omega, Omega) and its derivative by Omega^2, with a
+        rest: (k, 3 + n) Omega^2, ascending, Pi(q_Omega, Omega) and its derivative by Omega^2, a
             cubic between two of them, and q_Omega. It is only a reference.
     """
 
