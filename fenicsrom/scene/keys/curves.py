@@ -12,13 +12,13 @@ from fenicsrom.scene.keys.loads import ACTIONS
 LOAD_SIZES = tuple(ACTIONS.tags)
 CONTACT_NUMBERS = ("preload", "gap", "normal_stiffness", "tangential_stiffness", "friction")
 PATTERN = (
-    r"^(frequency|material\.mass_damping"
+    r"^(frequency|material\.mass_damping|rotation\.speed_rpm"
     rf"|loads\.[0-9]{{1,6}}\.({'|'.join(LOAD_SIZES)})"
     rf"|contacts\.[0-9]{{1,6}}\.({'|'.join(CONTACT_NUMBERS)}))$"
 )
 ALLOWED = (
-    '"frequency", "material.mass_damping", the size of a load such as "loads.0.force", or '
-    f"contacts.N. and one of {', '.join(CONTACT_NUMBERS)}"
+    '"frequency", "material.mass_damping", "rotation.speed_rpm", the size of a load such as '
+    f'"loads.0.force", or contacts.N. and one of {", ".join(CONTACT_NUMBERS)}'
 )
 OVER_NUMBERS = tuple(name for name in CONTACT_NUMBERS if name != "gap")
 OVER_PATTERN = (
@@ -34,7 +34,7 @@ class Parameter(NamedTuple):
     """A number of the scene that a response curve follows.
 
     Attributes:
-        table: "loads", "contacts", "material", or "" for the frequency.
+        table: "loads", "contacts", "material", "rotation", or "" for the frequency.
         number: number of the load or contact; 0 for other parameters.
         name: the key in the table.
     """
@@ -73,7 +73,8 @@ class Response:
     Attributes:
         parameter: number of the scene that changes along a curve; "frequency" is the lowest
             frequency of the loads in Hz, and the frequencies of all loads and of the waves of
-            surfaces change in proportion to it.
+            surfaces change in proportion to it. "rotation.speed_rpm" needs `rotation.speeds_rpm`:
+            the body and all frequencies follow the speed.
         first: value of the parameter at which a curve starts.
         last: value of the parameter at which a curve ends, above or below `first`.
         points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
