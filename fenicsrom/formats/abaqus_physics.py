@@ -10,8 +10,7 @@ import numpy as np
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.abaqus_sets import Resolver, by_block
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import Ints, MeshFile
-from fenicsrom.formats.physics import DeckLoad, axes_of
+from fenicsrom.formats.mesh_file import DeckLoad, Ints, MeshFile, axes_of
 
 TAKEN_ELEMENTS = ("MASS", "SPRING1")
 """Elements that are no cells, but masses and springs."""

@@ -15,9 +15,8 @@ import numpy as np
 
 from fenicsrom.errors import SceneError, refuse
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
+from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
 from fenicsrom.formats.missing_nodes import with_middles
-from fenicsrom.formats.physics import DeckLoad, axes_of
 from fenicsrom.formats.shapes import from_vtk
 from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted

@@ -7,8 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fenicsrom.formats.mesh_file import Floats, Ints, Marks, MeshFile
-from fenicsrom.formats.physics import DeckLoad, DeckMaterial, Physics, axes_of
+from fenicsrom.formats.mesh_file import (
+    DeckLoad,
+    DeckMaterial,
+    Floats,
+    Ints,
+    Marks,
+    MeshFile,
+    Physics,
+    axes_of,
+)
 from fenicsrom.words import counted
 
 MOST_FORCES = 20

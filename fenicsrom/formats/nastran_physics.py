@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import Ints, MeshFile
+from fenicsrom.formats.mesh_file import DeckLoad, Ints, MeshFile, axes_of
 from fenicsrom.formats.nastran_cards import Card
-from fenicsrom.formats.physics import DeckLoad, axes_of
 from fenicsrom.formats.text import numbers_between, read_lines
 
 SELECTED = {"SPC": "SPC", "SPC1": "SPC", "FORCE": "LOAD", "GRAV": "LOAD"}

@@ -16,7 +16,6 @@ from fenicsrom.scene.keys.curves import (
     Statics,
     parameter_of,
 )
-from fenicsrom.scene.keys.damping import Damping
 from fenicsrom.scene.keys.loads import (
     Acceleration,
     Action,
@@ -36,7 +35,7 @@ from fenicsrom.scene.keys.loads import (
     Table,
     Traction,
 )
-from fenicsrom.scene.keys.materials import Elasticity, GroupMaterial, Material
+from fenicsrom.scene.keys.materials import Damping, Elasticity, GroupMaterial, Material
 from fenicsrom.scene.keys.places import Attachment, Place, Plane, Region, Support
 from fenicsrom.scene.keys.schema import (
     Abradable,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fenicsrom import formats
-from fenicsrom.formats.physics import DeckLoad, DeckMaterial, Physics
+from fenicsrom.formats.mesh_file import DeckLoad, DeckMaterial, Physics
 
 PLACES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 

@@ -22,7 +22,7 @@ from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile
-from fenicsrom.formats.physics import Physics
+from fenicsrom.formats.mesh_file import Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where

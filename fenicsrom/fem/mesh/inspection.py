@@ -21,8 +21,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     model_nodes,
     straight_kind,
 )
-from fenicsrom.formats.mesh_file import Floats, Ints
-from fenicsrom.formats.physics import Physics
+from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
 from fenicsrom.scene import Geometry
 from fenicsrom.words import brief

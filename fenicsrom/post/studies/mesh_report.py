@@ -9,7 +9,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.inspection import Group, Inspection
-from fenicsrom.formats.physics import AXES, Physics
+from fenicsrom.formats.mesh_file import AXES, Physics
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture, softly
 from fenicsrom.post.base.tables import table_of, text_table

@@ -15,7 +15,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
-from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
+from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 

@@ -1,4 +1,4 @@
-"""Materials of the body and of groups of cells: isotropic, transversely isotropic or orthotropic.
+"""Materials of the body and of groups of cells, isotropic to orthotropic, and viscous damping.
 
 An orthotropic material has three axes. With Young's moduli E₁, E₂, E₃ along them, Poisson's ratios
 ν_ij (contraction along j under a stress along i) and shear moduli G_ij, the strains follow from the
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Rule, either, list_of, number
+from fenicsrom.scene.base.rules import Rule, either, integer, list_of, number
 
 Moduli = tuple[float, ...]
 _MODULUS = number(above=0.0, unit="Pa")
@@ -101,3 +101,38 @@ class GroupMaterial(Elasticity):
 
     group: Annotated[str, rules.name]
     thickness: Annotated[float | None, number(above=0.0, unit="m")] = None
+
+
+MOST_MODES = 1000
+_RATIO = number(least=0.0, below=1.0)
+_RATIOS = either(_RATIO, list_of(_RATIO, 0, MOST_MODES, distinct=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damping:
+    """Viscous damping besides the mass-proportional damping of [material].
+
+    The damping matrix is C = α M + β K + Σ 2 ζ_k ω_k M φ_k φ_kᵀ M, where K is the stiffness at the
+    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised.
+
+    Attributes:
+        stiffness: factor β.
+        ratios: damping ratios ζ_k of the first normal modes, or one ratio for all of them.
+        modes: number of modes, if there is one ratio for all.
+    """
+
+    stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
+    ratios: Annotated[float | tuple[float, ...], _RATIOS] = ()
+    modes: Annotated[int, integer(1, MOST_MODES)] = 10
+
+    @property
+    def modal(self) -> tuple[float, ...]:
+        """The damping ratio of each damped mode."""
+        if isinstance(self.ratios, tuple):
+            return self.ratios
+        return (self.ratios,) * self.modes
+
+    @property
+    def viscous(self) -> bool:
+        """Whether anything is damped."""
+        return self.stiffness > 0.0 or any(self.modal)
