@@ -6,7 +6,6 @@ Imports run one way, between the packages and modules of this one too:
 """
 
 from fenicsrom.scene.base.toml import toml_text
-from fenicsrom.scene.checks.checks import FEW_CONTACTS, INTERFACE_MODES
 from fenicsrom.scene.json_schema import json_schema
 from fenicsrom.scene.keys.curves import (
     Backbone,
