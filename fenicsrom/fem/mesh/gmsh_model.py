@@ -25,7 +25,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     group_entities,
     model_nodes,
 )
-from fenicsrom.formats.shapes import facet_kind
+from fenicsrom.formats.shapes import SHAPES, facet_kind
 from fenicsrom.scene import Geometry
 
 SOLID = "solid"
@@ -87,13 +87,13 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
 
     cells, cell_tags, cell_groups = _solid_cells(gmsh, d, in_cells, cell)
     used = np.unique(cells)
-    vertices = gmsh.model.mesh.getElementProperties(kind)[5]
+    vertices = SHAPES[kind].corners
     corners = np.unique(cells[:, :vertices])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
     if sets:
-        on_sets = _facets_of_sets(gmsh, d, in_cells[SOLID], given, facet, facet_kind(kind), sets)
-        rows = on_sets | rows
+        boundary = boundary_facets(gmsh, d, in_cells[SOLID], given)
+        rows = _facets_of_sets(boundary, SHAPES[facet].nodes, sets) | rows
     facets, facet_tags, facet_groups = _combine(rows)
     sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in facet_groups.items()}
     near = np.isin(facets, used).all(axis=1)
@@ -149,31 +149,11 @@ def _add_model(gmsh: Any, d: int, points: Floats) -> None:
     gmsh.model.mesh.addNodes(d, 1, np.arange(len(points)) + 1, points.ravel())
 
 
-def _facets_of_sets(
-    gmsh: Any,
-    d: int,
-    solid: list[int],
-    kind: int,
-    facet: int,
-    straight_facet: int,
-    sets: dict[str, Ints],
-) -> dict[str, Ints]:
-    """Find the boundary facets that have all their nodes in a node set.
+def _facets_of_sets(boundary: Ints, width: int, sets: dict[str, Ints]) -> dict[str, Ints]:
+    """Find the facets (k, nodes) of the boundary that have all their nodes in a node set.
 
-    Args:
-        gmsh: the open gmsh.
-        d: dimension of the cells.
-        solid: the entities of the cells.
-        kind: kind of the cells.
-        facet: kind of the facets in the mesh.
-        straight_facet: kind of the straight facets of the cells.
-        sets: node numbers of each node set.
-
-    Returns:
-        Node numbers (k, nodes of the facet) of each node set that has facets.
+    Of each facet the first `width` nodes are given. Sets without facets are left out.
     """
-    width = gmsh.model.mesh.getElementProperties(facet)[3]
-    boundary = boundary_facets(gmsh, d, solid, kind, straight_facet)
     found = {
         name: boundary[np.isin(boundary, nodes).all(axis=1), :width] for name, nodes in sets.items()
     }

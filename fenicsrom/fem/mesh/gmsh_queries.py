@@ -85,11 +85,11 @@ def cell_sides(gmsh: Any, entity: int, kind: int, d: int) -> Ints:
     return np.reshape(nodes, (rows, -1)) if number else np.empty((0, 0), dtype=np.uint64)
 
 
-def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int, facet: int) -> Ints:
+def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int) -> Ints:
     """Node numbers (k, nodes) of the facets that belong to one cell only."""
     sides = [rows for entity in solid if len(rows := cell_sides(gmsh, entity, kind, d - 1))]
     rows = np.concatenate(sides)
-    vertices = gmsh.model.mesh.getElementProperties(facet)[5]
+    vertices = len(SHAPES[straight_kind(gmsh, kind)].facets[0])
     _, first, count = np.unique(
         np.sort(rows[:, :vertices], axis=1), axis=0, return_index=True, return_counts=True
     )

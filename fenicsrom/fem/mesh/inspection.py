@@ -231,7 +231,7 @@ def _described(
     for name, (nodes, _) in clean.nodes.items():
         groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
     if d == 3:
-        shown = boundary_facets(gmsh, d, entities, given, facet_kind(kind))
+        shown = boundary_facets(gmsh, d, entities, given)
         shown = shown[:, : SHAPES[facet_kind(kind)].corners]
     else:
         shown = elements_of(gmsh, d, entities, kind)
