@@ -99,9 +99,7 @@ class RotatingFrame:
 
     def _of_masses(self, between: Array, block: Array) -> Array:
         """The masses m_k times A b_k of the nodes, of a block (local,) or (local, k)."""
-        nodes = block.reshape(-1, between.shape[0], *block.shape[1:])
-        found = np.einsum("ij,nj...->ni...", between, nodes).reshape(block.shape)
-        return np.asarray((self._body.point_masses * found.T).T)
+        return np.asarray((self._body.point_masses * _at_nodes(between, block).T).T)
 
     def point_mass_times(self, block: Array) -> Array:
         """The part of Q times a block (local, k) by concentrated masses."""
@@ -135,11 +133,8 @@ class RotatingFrame:
         Returns:
             (l, 1 + k) the moments at rest, and their derivatives along the displacements, N m.
         """
-        turning = 0.5 * self._turning
         places = np.column_stack([self._arms, block])
-        nodes = places.reshape(-1, len(turning), places.shape[1])
-        turned = np.einsum("ij,njk->nik", turning, nodes).reshape(places.shape)
-        return np.asarray(forces.T @ turned)
+        return np.asarray(forces.T @ _at_nodes(0.5 * self._turning, places))
 
     def set_speed(self, omega: float) -> None:
         """Set the angular velocity, rad/s."""
@@ -173,3 +168,9 @@ class RotatingFrame:
         matrix = self._unit.copy()
         matrix.scale(self.omega)
         return matrix
+
+
+def _at_nodes(between: Array, block: Array) -> Array:
+    """A matrix (d, d) times the vector of each node in a block (local,) or (local, k)."""
+    nodes = block.reshape(-1, between.shape[0], *block.shape[1:])
+    return np.einsum("ij,nj...->ni...", between, nodes).reshape(block.shape)
