@@ -91,11 +91,6 @@ class Deflections:
     vectors: Array
     coordinates: Array
 
-    @property
-    def block(self) -> Array:
-        """U (local, s), m."""
-        return np.asarray(self.vectors @ self.coordinates)
-
 
 class Snapshots:
     """The snapshots of a structure; each set is computed when it is first read."""

@@ -68,7 +68,12 @@ class Materials:
 
     def lame(self, k: int = 0) -> tuple[float, float]:
         """The Lamé parameters λ (λ* in plane stress) and μ of an isotropic material, Pa."""
-        return lame_parameters(self.every[k], self._geometry.plane)
+        young, poisson = self.every[k].isotropic_constants
+        mu = young / (2.0 * (1.0 + poisson))
+        lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        if self._geometry.plane == "stress":
+            lame = 2.0 * lame * mu / (lame + 2.0 * mu)
+        return lame, mu
 
     def tensor(self, k: int) -> Array:
         """The elasticity tensor (m, m) of a material, Pa."""
@@ -156,13 +161,3 @@ class Materials:
             return ufl.as_matrix([[entry(i, j) for j in range(d)] for i in range(d)])
 
         return anisotropic
-
-
-def lame_parameters(material: Elasticity, plane: str | None) -> tuple[float, float]:
-    """The Lamé parameters λ (λ* in plane stress) and μ of an isotropic material, Pa."""
-    young, poisson = material.isotropic_constants
-    mu = young / (2.0 * (1.0 + poisson))
-    lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    if plane == "stress":
-        lame = 2.0 * lame * mu / (lame + 2.0 * mu)
-    return lame, mu

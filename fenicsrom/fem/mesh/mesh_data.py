@@ -114,11 +114,12 @@ class Mesh:
         low, high = self.bounds()
         extent = float(np.max(high - low))
         if region.box is not None:
-            first, last = corners = np.array(region.box)[:, :, None]
-            what, margin = f"box = {corners[:, :, 0].tolist()}", ROUNDING * extent
+            low_corner, high_corner = np.array(region.box)[:, :, None]
+            what, margin = f"box = {np.array(region.box).tolist()}", ROUNDING * extent
 
             def inside(x: Floats) -> npt.NDArray[np.bool_]:
-                return np.all((x[:d] >= first - margin) & (x[:d] <= last + margin), axis=0)
+                above, below = x[:d] >= low_corner - margin, x[:d] <= high_corner + margin
+                return np.all(above & below, axis=0)
         else:
             assert region.plane is not None
             point, normal = np.array(region.plane.point), np.array(region.plane.normal)
