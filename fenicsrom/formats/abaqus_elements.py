@@ -28,10 +28,7 @@ _FAMILIES: dict[str, int] = {
 
 _TYPES = [(re.compile(pattern), kind) for pattern, kind in _FAMILIES.items()]
 
-_NAMES = {
-    "3D18": "wedges of 18 nodes",
-    "3D27": "hexahedra of variable nodes",
-}
+_NAMES = {"3D18": "wedges of 18 nodes", "3D27": "hexahedra of variable nodes"}
 """Solids that this program cannot use, which would leave a hole in the body."""
 
 

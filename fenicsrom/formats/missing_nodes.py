@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
-from fenicsrom.formats.shapes import facets_of
+from fenicsrom.formats.shapes import distinct, facets_of
 from fenicsrom.words import are, counted
 
 FACES_OF_27 = (0, 2, 5, 3, 4, 1)
@@ -31,11 +31,9 @@ def complete(mesh: MeshFile) -> MeshFile:
     every = np.concatenate(faces)
     if not len(every):
         return mesh
-    _, first, which = np.unique(
-        np.sort(every[:, :4], axis=1), axis=0, return_index=True, return_inverse=True
-    )
+    first, which, _ = distinct(every[:, :4])
     points, number = mesh.points, len(mesh.points)
-    middle, unique = number + which.ravel(), every[first]
+    middle, unique = number + which, every[first]
     groups = {
         name: np.union1d(nodes, number + np.flatnonzero(np.isin(unique, nodes).all(axis=1)))
         for name, nodes in mesh.node_groups.items()

@@ -120,9 +120,7 @@ def _take(
         return _support(found, card, numbers)
     elif card.name == "CONM2":
         found.masses[numbers.get(card.integer(1), -1)] += factor * card.real(3)
-        return not any(card.text(k) for k in range(4, 15)) or not any(
-            card.real(k) for k in range(4, 15)
-        )
+        return not any(card.real(k) for k in range(4, 15))
     elif card.name in ("CELAS1", "CELAS2"):
         ends = [k for k in (2, 4) if card.integer(k)]
         nodes = [numbers.get(card.integer(k), -1) for k in ends]

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.errors import refuse
 from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile
-from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind, facets_of
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT, distinct, facet_kind, facets_of
 from fenicsrom.words import counted
 
 
@@ -80,12 +80,11 @@ def _check_not_doubled(path: Path, cells: list[Block]) -> None:
     """
     for number in {block.shape.corners for block in cells}:
         blocks = [block for block in cells if block.shape.corners == number]
-        corners = np.sort(np.concatenate([block.nodes[:, :number] for block in blocks]), axis=1)
-        _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-        again = np.flatnonzero(first[which.ravel()] != np.arange(len(corners)))
+        first, which, _ = distinct(np.concatenate([block.nodes[:, :number] for block in blocks]))
+        again = np.flatnonzero(first[which] != np.arange(len(which)))
         if len(again):
             labels = np.concatenate([block.labels for block in blocks if block.labels is not None])
-            one, other = labels[[first[which.ravel()[again[0]]], again[0]]]
+            one, other = labels[[first[which[again[0]]], again[0]]]
             doubled = f"{counted(len(again), 'cell')} with the same nodes as another cell"
             reason = f"such as the elements {one} and {other}: delete the doubled elements"
             raise refuse(path, f"{doubled}, {reason}")
@@ -112,9 +111,8 @@ def _matching(blocks: list[Block], corners: int, facets: Ints) -> list[tuple[Int
     if not len(facets):
         return [(block.nodes, np.zeros(len(block.nodes), dtype=bool)) for block in blocks]
     given = [block.nodes[:, :corners] for block in blocks]
-    both = np.sort(np.concatenate([facets[:, :corners], *given]), axis=1)
-    _, first, which = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    at = first[which.ravel()[len(facets) :]]
+    first, which, _ = distinct(np.concatenate([facets[:, :corners], *given]))
+    at = first[which[len(facets) :]]
     found, rows = at < len(facets), facets[np.minimum(at, len(facets) - 1)]
     ends = np.cumsum([len(part) for part in given])[:-1]
     return list(zip(np.split(rows, ends), np.split(found, ends), strict=True))

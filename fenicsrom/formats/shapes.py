@@ -94,6 +94,20 @@ def from_vtk(kind: int, cells: Ints) -> Ints:
     return cells[:, FROM_VTK.get(kind, range(cells.shape[1]))]
 
 
+def distinct(rows: Ints) -> tuple[Ints, Ints, Ints]:
+    """Find rows (m, n) that hold the same numbers in any order.
+
+    Returns:
+        The first of each kind of rows (k,), the kind of each row (m,), and the number of rows of
+        each kind (k,).
+    """
+    rows = np.sort(rows, axis=1)
+    _, first, which, count = np.unique(
+        rows, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    return first, which.ravel(), count
+
+
 def facet_kind(kind: int) -> int:
     """The kind of the facets of a kind of cells: straight, or with one node on each edge."""
     shape = SHAPES[kind]

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.formats.mesh_file import Floats, Ints
-from fenicsrom.formats.shapes import facets_of
+from fenicsrom.formats.shapes import distinct, facets_of
 
 ON_FACET = 1e-5
 """Nodes at smaller distances from a facet, relative to its size, lie on it.
@@ -34,9 +34,7 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
         raise refuse(source, "a node has coordinates that are not finite", ErrorKind.MESH)
     facets = facets_of(kind, cells)
     facets = facets.reshape(-1, facets.shape[-1])
-    _, first, count = np.unique(
-        np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
-    )
+    first, _, count = distinct(facets)
 
     def refused(number: int, what: str, place: Floats) -> SceneError:
         where = ", ".join(f"{value:.6g}" for value in place[:dimension])

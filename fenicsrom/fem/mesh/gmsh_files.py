@@ -286,6 +286,5 @@ def _parameters(path: Path) -> set[str]:
     while (inner := re.sub(r"\{[^{}]*\}", "", text)) != text:
         text = inner
     blocks = re.findall(r"\bDefineConstant\s*\[([^]]*)\]", text)
-    return {entry.partition("=")[0].strip() for block in blocks for entry in block.split(",")} - {
-        ""
-    }
+    names = {entry.partition("=")[0].strip() for block in blocks for entry in block.split(",")}
+    return names - {""}

@@ -25,7 +25,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     group_entities,
     model_nodes,
 )
-from fenicsrom.formats.shapes import SHAPES, facet_kind
+from fenicsrom.formats.shapes import SHAPES, distinct, facet_kind
 from fenicsrom.scene import Geometry
 
 SOLID = "solid"
@@ -184,22 +184,16 @@ def _node_groups(
         Node numbers of the vertices (n,) and of the ends of the edges (k, 2) of each group, and
         warnings.
     """
-    pairs = (
-        {name: elements_of(gmsh, 1, on, 1) for name, on in group_entities(gmsh, source, 1).items()}
-        if d == 3
-        else {}
-    )
-    points = {
-        name: elements_of(gmsh, 0, on, 15).ravel()
-        for name, on in group_entities(gmsh, source, 0).items()
-    } | sets
+    curves = group_entities(gmsh, source, 1) if d == 3 else {}
+    pairs = {name: elements_of(gmsh, 1, on, 1) for name, on in curves.items()}
+    single = group_entities(gmsh, source, 0)
+    points = {name: elements_of(gmsh, 0, on, 15).ravel() for name, on in single.items()} | sets
     if d == 3 and sets:
         edges = [cell_sides(gmsh, entity, kind, 1) for entity in solid]
         whole = np.concatenate([edge for edge in edges if len(edge)])
         for name, nodes in sets.items():
-            inside = np.unique(
-                np.sort(whole[np.isin(whole, nodes).all(axis=1), :2], axis=1), axis=0
-            )
+            within = np.sort(whole[np.isin(whole, nodes).all(axis=1), :2], axis=1)
+            inside = np.unique(within, axis=0)
             pairs[name] = np.concatenate([pairs[name], inside]) if name in pairs else inside
     found, warnings = {}, []
     for name in sorted(pairs.keys() | points.keys()):
@@ -209,9 +203,8 @@ def _node_groups(
         if len(kept):
             found[name] = (kept, ends[np.isin(ends, corners).all(axis=1)])
         else:
-            warnings.append(
-                f"{source}: node group {name!r} has no vertex of the cells and is left out"
-            )
+            what = f"node group {name!r} has no vertex of the cells and is left out"
+            warnings.append(f"{source}: {what}")
     return found, tuple(warnings)
 
 
@@ -239,11 +232,9 @@ def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, 
         return np.empty((0, 0), dtype=np.int64), np.empty(0, dtype=np.int64), {}
     rows = np.concatenate(list(groups.values()))
     group = np.repeat(np.arange(len(groups)), [len(elements) for elements in groups.values()])
-    _, first, element = np.unique(
-        np.sort(rows, axis=1), axis=0, return_index=True, return_inverse=True
-    )
+    first, element, _ = distinct(rows)
     member = np.zeros((len(first), len(groups)), dtype=bool)
-    member[element.ravel(), group] = True
+    member[element, group] = True
     kinds, tags = np.unique(member, axis=0, return_inverse=True)
     found = {
         name: tuple((np.flatnonzero(kinds[:, i]) + 1).tolist()) for i, name in enumerate(groups)

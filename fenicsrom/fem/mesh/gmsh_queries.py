@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.errors import ErrorKind, refuse
-from fenicsrom.formats.shapes import SHAPES, STRAIGHT
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT, distinct
 
 Ints = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
@@ -90,9 +90,7 @@ def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int) -> Ints:
     sides = [rows for entity in solid if len(rows := cell_sides(gmsh, entity, kind, d - 1))]
     rows = np.concatenate(sides)
     vertices = len(SHAPES[straight_kind(gmsh, kind)].facets[0])
-    _, first, count = np.unique(
-        np.sort(rows[:, :vertices], axis=1), axis=0, return_index=True, return_counts=True
-    )
+    first, _, count = distinct(rows[:, :vertices])
     return rows[first[count == 1]]
 
 

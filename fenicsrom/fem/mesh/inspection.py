@@ -162,10 +162,8 @@ def _curved(gmsh: Any, found: Inspection) -> tuple[str, float]:
         except SceneError as error:
             return f"does not work: {error}", 0.0
         gmsh.model.setCurrent("file")
-    worst = min(
-        gmsh.model.mesh.getElementQualities(tags, "minSJ").min()
-        for tags in gmsh.model.mesh.getElements(d)[1]
-    )
+    tags = np.concatenate(gmsh.model.mesh.getElements(d)[1])
+    worst = np.min(gmsh.model.mesh.getElementQualities(tags, "minSJ"))
     factor = geometry.scale**d
     volume = factor * sum(_measure(gmsh, d, tag) for _, tag in gmsh.model.getEntities(d))
     change = volume / found.volume - 1.0
