@@ -392,3 +392,10 @@ class ElasticBody:
             if part.size:
                 detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
                 yield (self.materials.thickness_of(part) * detj * weights).reshape(-1), gradients
+
+    def tabulated(self, fields: Array, about: Array, **rule: Any) -> tuple[Array, Array]:
+        """All chunks of `tabulate` together: weights (k,) and gradients (1 + n, k, d, d)."""
+        chunks = list(self.tabulate(fields, about, **rule))
+        none = np.zeros((0, 1 + fields.shape[1], self.dimension, self.dimension))
+        weights = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
+        return weights, np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)

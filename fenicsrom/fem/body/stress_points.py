@@ -32,11 +32,8 @@ def stress_table(
     cell = solid.mesh.domain.basix_cell()
     simplex = cell in (basix.CellType.triangle, basix.CellType.tetrahedron)
     rule = 2 * (degree - 1) if simplex else 2 * degree - 1
-    chunks = list(solid.tabulate(vectors, equilibrium, rule))
-    d, n = solid.dimension, vectors.shape[1]
-    volume = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
-    none = np.zeros((0, 1 + n, d, d))
-    gradients = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
+    d = solid.dimension
+    volume, gradients = solid.tabulated(vectors, equilibrium, degree=rule)
     nodes = _vertex_nodes(solid)
     used, cells = np.unique(nodes, return_inverse=True)
     columns = [solid.field(column).x.array for column in (equilibrium, *vectors.T)]
@@ -77,16 +74,15 @@ def _vertex_nodes(solid: ElasticBody) -> Array:
 def _extrapolation(cell: basix.CellType, degree: int, points: Array) -> Array:
     """Extrapolation (v, g) from Gauss points to vertices by polynomials of degree k - 1."""
     corners = np.asarray(basix.geometry(cell))
-    element = basix.create_element(
-        basix.ElementFamily.P,
-        cell,
-        degree - 1,
-        basix.LagrangeVariant.gll_warped,
-        discontinuous=degree == 1,
-    )
-    at_points = element.tabulate(0, points)[0, :, :, 0]
-    at_corners = element.tabulate(0, corners)[0, :, :, 0]
+    at_points, at_corners = (_shapes_at(cell, degree - 1, x) for x in (points, corners))
     return np.asarray(at_corners @ np.linalg.inv(at_points))
+
+
+def _shapes_at(cell: basix.CellType, degree: int, points: Array) -> Array:
+    """Shape functions (points, nodes) of a degree at points of a cell."""
+    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
+    element = basix.create_element(family, cell, degree, variant, discontinuous=degree == 0)
+    return np.asarray(element.tabulate(0, points)[0, :, :, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +118,11 @@ def local_part(solid: ElasticBody) -> LocalPart:
     first = sum(counts[: solid.comm.rank])
     own = counts[solid.comm.rank]
     cell = solid.mesh.domain.basix_cell()
-    linear = basix.create_element(basix.ElementFamily.P, cell, 1, basix.LagrangeVariant.gll_warped)
-    nodes = np.asarray(solid.space.element.basix_element.points)
-    at_nodes = linear.tabulate(0, nodes)[0, :, :, 0]
+    at_nodes = _shapes_at(cell, 1, np.asarray(solid.space.element.basix_element.points))
     index_map = dofmap.index_map
     return LocalPart(
         slice(first, first + own),
         np.asarray(dofmap.list[:own]),
-        np.asarray(at_nodes),
+        at_nodes,
         index_map.size_local + index_map.num_ghosts,
     )

@@ -116,12 +116,9 @@ def _gradients_at(
     touching = np.isin(solid.space.dofmap.list, nodes).any(axis=1)
     owned = solid.owned_cells()
     cells = owned[touching[owned]]
-    d, m = solid.dimension, tests.shape[1]
+    m = tests.shape[1]
     fields = np.concatenate([vectors, tests], axis=1)
-    chunks = list(solid.tabulate(fields, solid.equilibrium, cells=cells))
-    weights = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
-    none = np.zeros((0, 1 + fields.shape[1], d, d))
-    values = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
+    weights, values = solid.tabulated(fields, solid.equilibrium, cells=cells)
     values[-m:] *= weights[:, None, None]
     every = np.concatenate(solid.comm.allgather(values), axis=1)
     numbers = solid.materials.of_points(weights.size // max(1, cells.size), cells)
