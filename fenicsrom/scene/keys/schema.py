@@ -249,6 +249,12 @@ class Rotation:
         return math.pi / 30.0 * self.speed_rpm
 
 
+METHODS = ("rubin", "craig-bampton")
+COMPARED = ("none", "principal", "mmi", "mmi-nls", "all")
+"""Selections of derivatives that `fenicsrom compare` takes by default."""
+_FORCE = choice("polynomial", "projection")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Basis:
     """The reduction basis.
@@ -280,7 +286,7 @@ class Basis:
             the projection of the full elastic force.
     """
 
-    method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
+    method: Annotated[str, choice(*METHODS)] = "rubin"
     modes: Annotated[str | int, rules.modes] = "auto"
     masters: Annotated[str | int | None, rules.masters] = None
     derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "principal"
@@ -288,7 +294,7 @@ class Basis:
     size: Annotated[int | None, integer(1, 1000)] = None
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, choice("exact", "central-difference")] = "exact"
-    elastic_force: Annotated[str, choice("polynomial", "projection")] = "polynomial"
+    elastic_force: Annotated[str, _FORCE] = "polynomial"
 
     @property
     def adapts(self) -> bool:
@@ -397,22 +403,11 @@ class Compare:
     """
 
     full: Annotated[bool, flag] = True
-    methods: Annotated[tuple[str, ...], list_of(choice("rubin", "craig-bampton"))] = (
-        "rubin",
-        "craig-bampton",
-    )
-    derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = (
-        "none",
-        "principal",
-        "mmi",
-        "mmi-nls",
-        "all",
-    )
+    methods: Annotated[tuple[str, ...], list_of(choice(*METHODS))] = METHODS
+    derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = COMPARED
     modes: Annotated[tuple[int, ...], list_of(integer(0, 1000))] = (1, 2, 3, 5)
     sizes: Annotated[tuple[int, ...] | None, list_of(integer(1, 1000))] = None
-    elastic_force: Annotated[tuple[str, ...], list_of(choice("polynomial", "projection"))] = (
-        "polynomial",
-    )
+    elastic_force: Annotated[tuple[str, ...], list_of(_FORCE)] = ("polynomial",)
     schemes: Annotated[tuple[str, ...] | None, list_of(choice(*SCHEMES))] = None
     meshes: Annotated[tuple[str, ...] | None, list_of(rules.mesh_change)] = None
     steps: Annotated[tuple[int, ...] | None, list_of(integer(4, 1_000_000))] = None
