@@ -324,15 +324,9 @@ def _read_harmonics(value: Any, where: Where) -> tuple[tuple[int, float, float],
     return tuple(found)
 
 
-harmonics = Rule(
-    _read_harmonics,
-    array(
-        {"prefixItems": [integer(1, 1000).schema], **array({"type": "number"}, 3, 3)},
-        least=1,
-    ),
-    "list of [order, amplitude, phase], each order once",
-    "–, –, rad",
-)
+_HARMONIC = {"prefixItems": [integer(1, 1000).schema], **array({"type": "number"}, 3, 3)}
+_HARMONICS = "list of [order, amplitude, phase], each order once"
+harmonics = Rule(_read_harmonics, array(_HARMONIC, least=1), _HARMONICS, "–, –, rad")
 
 
 def _read_series(value: Any, where: Where) -> Path | tuple[tuple[float, float], ...]:

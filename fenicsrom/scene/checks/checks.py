@@ -357,11 +357,8 @@ def _basis_problems(scene: Scene) -> Problems:
         return
     if any(contact.place.at == "nodes" for contact in scene.contacts):
         return  # the number of static modes is known only with the mesh
-    points, masters, dimension = (
-        len(scene.contacts),
-        default_masters(scene),
-        scene.geometry.dimension,
-    )
+    points, dimension = len(scene.contacts), scene.geometry.dimension
+    masters = default_masters(scene)
     each = dimension if masters == "all" else 1
     static = points * each if isinstance(masters, str) else min(masters, points * dimension)
     available = {"V": LEAST_MODES if isinstance(basis.modes, str) else basis.modes, "S": static}

@@ -170,16 +170,13 @@ class OrderFrequency(float):
 
 
 _HERTZ = number(above=0.0, unit="Hz")
-Frequency = Annotated[
-    float,
-    replace(
-        _HERTZ,
-        read=lambda value, where: (
-            value if isinstance(value, OrderFrequency) else _HERTZ.read(value, where)
-        ),
-    ),
-    EngineOrder,
-]
+
+
+def _read_frequency(value: Any, where: rules.Where) -> Any:
+    return value if isinstance(value, OrderFrequency) else _HERTZ(value, where)
+
+
+Frequency = Annotated[float, replace(_HERTZ, read=_read_frequency), EngineOrder]
 
 
 @dataclass(frozen=True, kw_only=True)

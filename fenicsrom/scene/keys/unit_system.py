@@ -123,12 +123,7 @@ class Units:
         if not is_sequence(rows):
             return rows
         units = unit.split(", ")
-        return [
-            [self.in_si(entry, one) for entry, one in zip(row, units, strict=False)]
-            if is_sequence(row)
-            else row
-            for row in rows
-        ]
+        return [list(map(self.in_si, row, units)) if is_sequence(row) else row for row in rows]
 
     @property
     def names(self) -> str:
