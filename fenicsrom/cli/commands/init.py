@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command, refused
-from fenicsrom.cli.mesh_files import inspected
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.starting import inspected
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 
 UNITS = Argument(

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, Command
-from fenicsrom.cli.mesh_files import inspected, positive
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.starting import inspected, positive
 
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 

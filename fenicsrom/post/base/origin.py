@@ -24,7 +24,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import refuse
 from fenicsrom.files import atomic_write, reads_other_files
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
@@ -38,6 +38,7 @@ LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: 
 MODEL = "reduced_model.npz"
 SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
 TABLES = ("response", "backbone", "equilibria", "campbell", "sweep", "comparison", "stability")
+ANOTHER = "; remove this file, or choose another folder"  # what to do about a damaged record
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
 RESULTS = (
     # numbers
@@ -171,22 +172,13 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError, AttributeError):
         sound = False
     if not sound:
-        raise _damaged(path, "is damaged")
+        raise refuse(path, f"is damaged{ANOTHER}")
     for name in [*(record["results"] or ()), *_copies(*inputs)]:
         plain = isinstance(name, str) and name not in ("", "..") and name == Path(name).name
         if not plain or (folder / name).is_symlink():
-            raise _damaged(path, f"names {name!r}, which leaves the folder")
+            raise refuse(path, f"names {name!r}, which leaves the folder{ANOTHER}")
     found: dict[str, Any] = record
     return found
-
-
-def _damaged(path: Path, reason: str) -> SceneError:
-    """The error of a record that cannot be used."""
-    return SceneError(
-        f"{path}: {reason}; remove this file, or choose another folder",
-        kind=ErrorKind.FORMAT,
-        source=str(path),
-    )
 
 
 def _copies(*inputs: Mapping[str, Any] | None) -> list[Any]:

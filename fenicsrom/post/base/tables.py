@@ -18,6 +18,12 @@ def table_of(rows: Iterable[Mapping[str, Any]]) -> list[list[Any]]:
     return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
 
 
+def named(pattern: str, names: Iterable[str], values: Iterable[float]) -> dict[str, float]:
+    """Values by a pattern such as "amplitude_{}_m" with their names."""
+    pairs = zip(names, map(float, values), strict=False)
+    return {pattern.format(name): value for name, value in pairs}
+
+
 def cell_text(value: Any) -> str:
     """Format one cell: four digits for a float, a dash for None."""
     if value is None:

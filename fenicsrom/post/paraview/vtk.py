@@ -287,12 +287,8 @@ def corner_shapes(nodes: Values, corners: int) -> Values:
     d = nodes.shape[1]
     if corners == d + 1:
         return np.column_stack([1.0 - nodes.sum(axis=1), nodes])
-    found = np.ones((nodes.shape[0], corners))
-    for corner in range(corners):
-        for axis in range(d):
-            x = nodes[:, axis]
-            found[:, corner] *= x if corner >> axis & 1 else 1.0 - x
-    return found
+    at_end = np.arange(corners)[:, None] >> np.arange(d) & 1
+    return np.where(at_end, nodes[:, None], 1.0 - nodes[:, None]).prod(axis=2)
 
 
 def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
