@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -143,19 +143,23 @@ def _is_of(options: argparse.Namespace, result: Path) -> bool:
     return own and result.exists()
 
 
-def require_other(path: Path, read: Iterable[Path]) -> None:
-    """Check that a command does not replace a file that it reads.
+def target(name: str | Path, *read: str | Path) -> Path:
+    """The path of the file or folder that a command without a scene writes.
 
     Args:
-        path: the file to be written.
+        name: the path.
         read: the files that the command reads.
 
     Raises:
-        SceneError: the command would replace a file that it reads.
+        SceneError: the command would replace a file that it reads, or the path lies inside the
+            container and would be deleted with it.
     """
-    if path.resolve() in [other.resolve() for other in read]:
+    path = Path(name)
+    require_lasting(path)
+    if path.resolve() in [Path(other).resolve() for other in read]:
         reason = "the command reads this file; give another name"
         raise refused("--output", path, reason, ErrorKind.FILE)
+    return path
 
 
 def require_lasting(path: Path, option: str = "--output") -> None:

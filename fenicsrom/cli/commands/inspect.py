@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, Command
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import inspected, positive
 
@@ -26,8 +26,7 @@ def inspect(options: argparse.Namespace) -> int:
     found = inspected(options)
     warnings, files = list(found.warnings), []
     if found.refusal is None:
-        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
-        require_lasting(folder)
+        folder = target(options.output or f"out/{Path(options.mesh).stem}")
         picture = mesh_report.group_picture(found)
         files = [one.path for one in draw_pictures([picture], folder, warnings)]
         files += mesh_report.write_group_page(found, folder, warnings)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import Argument, Command
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 
 FOLDERS = Argument(
@@ -24,9 +24,7 @@ def report(options: argparse.Namespace) -> int:
     """
     from fenicsrom.post.studies.folders_report import write
 
-    output = Path(options.output)
-    require_lasting(output)
-    table, files = write([Path(folder) for folder in options.folders], output)
+    table, files = write([Path(folder) for folder in options.folders], target(options.output))
     print_results(None, table, [], files=files)
     return 0
 
