@@ -6,8 +6,6 @@ Modules that need numpy, numba or dolfinx are imported by the command that uses 
 the commands, so that an interrupt during these imports ends with a sentence too.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The end of a command: its printed report and its exit code."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fenicsrom.cli.printing import print_results

@@ -1,7 +1,5 @@
 """The output folder of a command: its name, its record, and how to continue after an interrupt."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex

@@ -1,7 +1,5 @@
 """The parser of the command line."""
 
-from __future__ import annotations
-
 import argparse
 
 from fenicsrom import __version__

@@ -1,7 +1,5 @@
 """Prints progress to stderr, and results with the list of files to stdout."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """The commands: each module holds the arguments and the function of one command or of several."""
 
-from __future__ import annotations
-
 from fenicsrom.cli.commands import (
     cache,
     export,

@@ -1,7 +1,5 @@
 """`fenicsrom export`: write a stored model, or the deck of a scene, for another program."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fenicsrom import`: make a reduced model of the matrices of a superelement."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

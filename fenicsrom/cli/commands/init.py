@@ -1,7 +1,5 @@
 """`fenicsrom init`: write a starter scene for a mesh file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

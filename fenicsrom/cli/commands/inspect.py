@@ -1,7 +1,5 @@
 """`fenicsrom inspect`: describe a mesh file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fenicsrom report`: put the results of several output folders on one page."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fenicsrom schema`: print or write the JSON schema of scene files."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

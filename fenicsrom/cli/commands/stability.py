@@ -1,7 +1,5 @@
 """`fenicsrom stability`: run extreme or random variants of a scene."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

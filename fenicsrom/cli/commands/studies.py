@@ -1,7 +1,5 @@
 """The commands that compute one study of a scene or of a stored model, and print its report."""
 
-from __future__ import annotations
-
 import argparse
 from inspect import signature
 from pathlib import Path

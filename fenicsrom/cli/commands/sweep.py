@@ -1,7 +1,5 @@
 """`fenicsrom sweep`: run a scene or a stored model for many values of its keys."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

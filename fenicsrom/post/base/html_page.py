@@ -1,7 +1,5 @@
 """A report as one HTML file that contains its pictures and charts."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html

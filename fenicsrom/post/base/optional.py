@@ -1,7 +1,5 @@
 """Python modules that only some outputs need."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from ctypes.util import find_library

@@ -5,8 +5,6 @@ overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a s
 not large, is copied beside it. `provenance.json` names the results of the run.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Reports: what a command found, as files and in the terminal; the same for all commands."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property

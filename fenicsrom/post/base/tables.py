@@ -1,7 +1,5 @@
 """Tables as text: how a cell is formatted, and the table that the terminal shows."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

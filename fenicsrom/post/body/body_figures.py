@@ -1,7 +1,5 @@
 """Figures of deformed bodies: shapes, static deflection and stresses."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import numpy as np

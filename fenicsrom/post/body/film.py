@@ -1,7 +1,5 @@
 """Animations of a body as GIF files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

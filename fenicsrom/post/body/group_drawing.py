@@ -1,7 +1,5 @@
 """The picture of a mesh with its groups coloured."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

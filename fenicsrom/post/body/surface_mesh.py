@@ -1,7 +1,5 @@
 """Meshes of the rigid surfaces of a scene: walls, casings and balls, as they move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The page needs no network: it holds the data and the library that draws them, k3d.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The report of a damped nonlinear mode: sentences, tables and files."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report of an equilibrium path: sentences, tables and files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

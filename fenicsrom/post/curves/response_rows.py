@@ -1,7 +1,5 @@
 """The numbers of response curves: rows of `response.csv` and contents of `response.json`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of motions, contacts, energies and mode shapes."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence

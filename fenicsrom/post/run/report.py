@@ -1,7 +1,5 @@
 """The report of a run: `report.html`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The sentences about a run for the terminal and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 

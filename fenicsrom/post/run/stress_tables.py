@@ -1,7 +1,5 @@
 """Stresses and reactions as rows, sentences and files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path

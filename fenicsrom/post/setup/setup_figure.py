@@ -5,8 +5,6 @@ all of them. Each symbol has a form and a colour of its own, so that readers who
 colours apart see the form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any

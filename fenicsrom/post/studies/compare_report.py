@@ -1,7 +1,5 @@
 """The report of a comparison: tables, sentences, and pictures of error, run time and size."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

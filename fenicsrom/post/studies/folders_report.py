@@ -1,7 +1,5 @@
 """Several output folders on one page: results, curves over each other, differences of scenes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

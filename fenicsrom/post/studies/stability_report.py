@@ -1,7 +1,5 @@
 """The report of `fenicsrom stability`: table, picture and files."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import fields

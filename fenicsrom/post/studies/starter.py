@@ -1,7 +1,5 @@
 """The starter scene of `fenicsrom init`: a commented TOML file that runs at once."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """The report of a sweep: one table, one picture, and the runs that failed with their sentences."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Mapping
