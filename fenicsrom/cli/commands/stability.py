@@ -5,8 +5,8 @@ from pathlib import Path
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import RESULTS, SCENE, Argument, Command, refused
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import read_scene
 

@@ -15,8 +15,8 @@ from fenicsrom.cli.arguments import (
     Command,
     scene_file,
 )
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import ranks, source, workers
 from fenicsrom.cli.termination import is_terminated
 

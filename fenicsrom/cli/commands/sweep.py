@@ -13,8 +13,8 @@ from fenicsrom.cli.arguments import (
     Argument,
     Command,
 )
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.scene import Scene, read_scene

@@ -25,6 +25,7 @@ from typing import Any
 from fenicsrom.errors import refuse
 from fenicsrom.files import atomic_write, reads_other_files
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.captions import CAPTIONS
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.units import units_sentence
@@ -42,20 +43,17 @@ RESULTS = (
     # numbers
     *("report.html", "summary.json", "history.npz", "checkpoint.npz", MODEL, f"*stored_{MODEL}"),
     *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
-    # pictures of a run
-    *("setup.png", "motion.png", "motion.gif", "spectra.png", "section.png", "rub_map.png"),
-    *("energy.png", "energy_per_period.png", "contact.png", "contact_[1-4].png", "stress.png"),
-    *("modes.png", "shapes.png", "equilibrium.png", "mac.png", "coordinates.png"),
+    # pictures
+    *(f"{name}.png" for name in CAPTIONS),
+    *("motion.gif", "contact_[1-4].png"),
+    *("multipliers.png", "pareto.png", "size.png", "indicator.png"),
     # ParaView; the shapes are folders if several ranks wrote them
     *("results.pvd", "results", "groups.vtu", "surface_[1-9]*", "contact_points", "motion"),
     *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
-    *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
-    *("response_peaks.csv", "peaks.png"),
-    *("run_up.csv", "run_up.png", "wear.csv", "wear.png"),
-    *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
-    *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
+    *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
+    *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 

@@ -45,10 +45,8 @@ VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh"
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Collect one flat row for each combination, for `comparison.csv`."""
-    found = []
-    for outcome in comparison.outcomes:
-        c = outcome.combination
-        row = {
+    return [
+        {
             "mesh": c.mesh,
             "steps_per_period": c.steps,
             "method": c.method,
@@ -74,26 +72,27 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "residual": outcome.residual,
             "failure": outcome.failure,
         }
-        found.append(row)
-    return found
+        for outcome in comparison.outcomes
+        for c in [outcome.combination]
+    ]
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
     """Collect what `comparison.json` has of a comparison."""
     combinations = []
     for outcome, row in zip(comparison.outcomes, rows(comparison), strict=True):
-        entry = {
-            key: value
-            for key, value in row.items()
-            if not key.startswith(("offline_", "online_", "error_", "labels"))
-        }
-        entry["labels"] = list(outcome.labels)
-        entry["offline_seconds"] = outcome.offline
-        entry["online_seconds"] = list(outcome.online)
-        entry["online_median_seconds"] = row["online_s"]
-        entry["error_percent"] = outcome.errors
-        entry["response"] = response_summary(outcome.motion) if outcome.motion else None
-        combinations.append(entry)
+        listed = ("offline_", "online_", "error_", "labels")
+        combinations.append(
+            {key: value for key, value in row.items() if not key.startswith(listed)}
+            | {
+                "labels": list(outcome.labels),
+                "offline_seconds": outcome.offline,
+                "online_seconds": list(outcome.online),
+                "online_median_seconds": row["online_s"],
+                "error_percent": outcome.errors,
+                "response": response_summary(outcome.motion) if outcome.motion else None,
+            }
+        )
     full = comparison.full
     return {
         "dofs": comparison.unknowns,

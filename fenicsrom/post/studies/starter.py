@@ -123,8 +123,8 @@ def starter_scene(
     ]
     if not system.is_si:
         lines += [f"[units] # {why}: check them"]
-        lines += [f"{name} = {_quoted(getattr(system, name))}" for name in ("length", "mass")]
-        lines += [f"time = {_quoted(system.time)}", ""]
+        keys = ("length", "mass", "time")
+        lines += [*(f"{name} = {_quoted(getattr(system, name))}" for name in keys), ""]
     lines += [
         "[geometry]",
         f"mesh = {_quoted(relative)}",
