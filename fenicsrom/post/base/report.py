@@ -104,10 +104,8 @@ class Report:
 
     def _json(self) -> dict[str, Any]:
         """The content of the JSON file: the scene, the summary, and how the computation ended."""
-        found, ended = self.found, {}
-        for name in ("seconds", "interrupted"):
-            if hasattr(found, name):
-                ended[name] = getattr(found, name)
+        found, names = self.found, ("seconds", "interrupted")
+        ended = {name: getattr(found, name) for name in names if hasattr(found, name)}
         if hasattr(found, "unfinished"):
             ended["unfinished"] = str(found.unfinished) if found.unfinished else None
         if hasattr(found, "mesh_check"):

@@ -79,13 +79,8 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     tables += [stress_tables.stress_rows(stresses.peaks), stress_tables.RECOVERY_NOTE]
     if stresses.modes:
         tables += [stress_tables.modal_rows(stresses.modes), stress_tables.MODAL_NOTE]
-    return [
-        ("Stresses", tables),
-        (
-            "Reactions",
-            [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)],
-        ),
-    ]
+    reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
+    return [("Stresses", tables), ("Reactions", reactions)]
 
 
 def _agreement(found: ModeAgreement | None) -> list[Any]:
@@ -118,11 +113,8 @@ def _notes(found: Study | Rerun) -> list[str]:
     """Compose the notes on the results."""
     if not found.motions:
         return []
-    periodic = (
-        sentences.periodic_sentence(found.motions["reduced"])
-        if "reduced" in found.motions
-        else None
-    )
+    reduced = found.motions.get("reduced")
+    periodic = None if reduced is None else sentences.periodic_sentence(reduced)
     notes = [
         response_note(found.motions),
         points_note(found.motions, found.scene),

@@ -154,12 +154,9 @@ def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dic
     }
     for name, motion in motions.items():
         if motion.state.shape[1] > 1:
-            found["response"][name]["points"] = [
-                {"position_m": position, **point}
-                for position, point in zip(
-                    contact_places(points), point_summaries(motion), strict=True
-                )
-            ]
+            pairs = zip(contact_places(points), point_summaries(motion), strict=True)
+            listed = [{"position_m": position, **point} for position, point in pairs]
+            found["response"][name]["points"] = listed
     if errors := errors_of(motions):
         found["error_percent"] = errors
     return found
@@ -222,8 +219,7 @@ def write_history(
             d = scene.geometry.dimension
             moved = support_displacement(scene.loads, motion.time, d)
             arrays[f"{name}_support_displacement"] = moved
-            absolute = absolute_displacement(scene, points, motion)
-            arrays[f"{name}_absolute_displacement"] = absolute
+            arrays[f"{name}_absolute_displacement"] = absolute_displacement(scene, points, motion)
     return write_arrays(path, arrays)
 
 

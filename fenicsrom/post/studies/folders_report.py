@@ -85,12 +85,9 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         The table of results, and the files.
 
     Raises:
-        SceneError: a folder holds no results, or `output` holds those of another command.
+        SceneError: a folder holds no results.
         OSError: a file cannot be written.
     """
-    if (output / SCENE_FILE).exists():
-        reason = "the folder holds the results of a command; give another one"
-        raise refuse(f"--output {output}", reason, ErrorKind.FILE)
     unique = len({folder.name for folder in folders}) == len(folders)
     found = [outcome(folder, folder.name if unique else str(folder)) for folder in folders]
     output.mkdir(parents=True, exist_ok=True)

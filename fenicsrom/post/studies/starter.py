@@ -11,7 +11,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
-from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
@@ -65,14 +65,14 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
         allowed = [list(LENGTHS), list(MASSES), list(TIMES)]
         if len(names) != 3 or any(n not in a for n, a in zip(names, allowed, strict=True)):
             listed = ", then ".join(" or ".join(entry) for entry in allowed)
-            reason = f"must be {listed}, such as mm,t,s"
-            raise refuse(f"--units {given}", reason, ErrorKind.RANGE)
+            reason = f"--units {given}: must be {listed}, such as mm,t,s"
+            raise SceneError(reason, kind=ErrorKind.RANGE, key="units")
         if found.path.suffix.lower() == ".geo" and names[0] != "m":
             reason = (
-                f"the coordinates of a .geo file are in m: write {found.path} in m, or give the "
-                ".msh file that gmsh makes of it"
+                f"--units {given}: the coordinates of a .geo file are in m: write {found.path} "
+                "in m, or give the .msh file that gmsh makes of it"
             )
-            raise refuse(f"--units {given}", reason, ErrorKind.RANGE)
+            raise SceneError(reason, kind=ErrorKind.RANGE, key="units", source=str(found.path))
         return Units(length=names[0], mass=names[1], time=names[2]), "as --units says"
     if found.path.suffix.lower() in (".step", ".stp", ".geo") or found.geometry.scale != 1.0:
         return Units(), ""
@@ -244,8 +244,9 @@ def _require_group(found: Inspection, name: str, option: str) -> Group:
         if group.name == name:
             return group
     names = ", ".join(dict.fromkeys(group.name for group in groups)) or "none"
-    reason = f"must be a group of facets or nodes: {names}"
-    raise refuse(found.path, reason, ErrorKind.PLACE, f"{option} {name}")
+    reason = f"{found.path}: {option} {name}: must be a group of facets or nodes: {names}"
+    key = option.lstrip("-")
+    raise SceneError(reason, kind=ErrorKind.PLACE, key=key, source=str(found.path))
 
 
 def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:
