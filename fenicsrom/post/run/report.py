@@ -18,7 +18,6 @@ from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import scene_heading
-from fenicsrom.words import counted
 
 REPORT = "report.html"
 
@@ -127,23 +126,13 @@ def _notes(found: Study | Rerun) -> list[str]:
 
 def _basis(study: Study) -> list[Any]:
     """Compose the tables of modes and derivatives, and the size of the basis."""
-    modes, basis = study.modes, study.basis
-    if modes is None:
+    if study.modes is None:
         return []
-    frequencies = enumerate(modes.frequencies_hz, 1)
+    frequencies = enumerate(study.modes.frequencies_hz, 1)
     found: list[Any] = [
         table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in frequencies)
     ]
-    if basis is not None:
-        found.append(
-            f"{basis.method}, {counted(basis.size, 'coordinate')}: {', '.join(basis.labels)}. "
-            f"Condition number of the scaled reduced mass: {basis.condition:.3g}; of the scaled "
-            f"residual flexibility: {modes.flexibility_condition:.3g}."
-        )
-        if basis.dropped:
-            dropped = ", ".join(f"{k} ({v:.0e})" for k, v in basis.dropped.items())
-            found.append(f"Dropped because they depend on other vectors: {dropped}")
-    found += _sizes(study.sized)
+    found += [*sentences.basis_sentences(study), *_sizes(study.sized)]
     if study.derivatives is not None:
         found.append(
             table_of(

@@ -225,14 +225,14 @@ def basis_sentences(study: Study) -> list[str]:
     left = []
     if dropped:
         share = f"{study.scene.basis.threshold:g} of the largest"
-        left = [f"modes left out, with an amplitude below {share}: {' '.join(dropped)}"]
+        left = [f"Modes left out, with an amplitude below {share}: {' '.join(dropped)}."]
     if basis.dropped:
-        left.append(f"vectors left out, because others contain them: {' '.join(basis.dropped)}")
+        left.append(f"Vectors left out, because others contain them: {' '.join(basis.dropped)}.")
     return [
-        f"basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}",
+        f"Basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}.",
         *left,
-        f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
-        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
+        f"Condition number: {basis.condition:.3g} of the scaled reduced mass, "
+        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility.",
     ]
 
 
