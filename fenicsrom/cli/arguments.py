@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
@@ -49,6 +50,7 @@ FROM = Argument(
     "--from",
     dest="stored",
     metavar="MODEL",
+    type=Path,
     help="use the reduced_model.npz of an earlier run, without a mesh and dolfinx",
 )
 SET = Argument(

@@ -76,8 +76,8 @@ STATES = {
 
 
 def _origin(options: argparse.Namespace, folder: Path) -> Any:
-    """How the command was started, and the command that repeats the run in its folder."""
-    from fenicsrom.post.base.origin import SCENE_FILE, Origin
+    """How the command was started."""
+    from fenicsrom.post.base.origin import Origin
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
@@ -89,15 +89,8 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
         for value in getattr(options, name, [])
         for word in (option, value)
     ]
-    repeat = ["fenicsrom", options.name, SCENE_FILE, *varied]
-    return Origin(
-        ("fenicsrom", *options.arguments),
-        repeat,
-        (options.name, *varied),
-        options.overrides,
-        Path(model) if model else None,
-        resume or None,
-    )
+    command, task = ("fenicsrom", *options.arguments), (options.name, *varied)
+    return Origin(command, task, options.overrides, model, resume or None)
 
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:

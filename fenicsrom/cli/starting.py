@@ -124,7 +124,7 @@ def source(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, An
     if getattr(options, "stored", None):
         from fenicsrom.online.store import archive
 
-        current = changed_model(options, archive.load_model(Path(options.stored)))
+        current = changed_model(options, archive.load_model(options.stored))
         return None, current, current.scene
     require_scene(options)
     comm, scene = start(options, unloaded)

@@ -47,7 +47,7 @@ def _from_model(options: argparse.Namespace) -> int:
     with importing():
         from fenicsrom.online.store import archive, checkpoints
 
-    stored = archive.load_model(Path(options.stored))
+    stored = archive.load_model(options.stored)
     if options.resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(options.resume))
     current = changed_model(options, stored)

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import (
@@ -55,12 +54,11 @@ def sweep(options: argparse.Namespace) -> int:
         from fenicsrom.online.store import archive
 
     if options.stored:
-        model = archive.load_model(Path(options.stored))
+        model = archive.load_model(options.stored)
         scene = changed_model(options, model).scene
-        source: str | None = options.stored
     else:
         require_scene(options)
-        scene, source = read_scene(options.scene, options.overrides), None
+        scene = read_scene(options.scene, options.overrides)
 
     def variant(overrides: Sequence[str]) -> Scene:
         if options.scene is not None:
@@ -73,7 +71,7 @@ def sweep(options: argparse.Namespace) -> int:
             variant,
             axes,
             folder,
-            stored=Path(source) if source else None,
+            stored=options.stored,
             comm=comm,
             workers=computing,
             resume=options.resume,

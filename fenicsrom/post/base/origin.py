@@ -66,7 +66,6 @@ class Origin:
 
     Attributes:
         command: the words of the command.
-        repeat: the words that repeat it in the output folder, without `--from` and `--resume`.
         task: the name of the command, and the options that vary the scene.
         overrides: the values of `--set`.
         model: the stored model, or None.
@@ -74,7 +73,6 @@ class Origin:
     """
 
     command: Sequence[str]
-    repeat: Sequence[str]
     task: Sequence[str] = ("run",)
     overrides: Sequence[str] = ()
     model: Path | None = None
@@ -83,8 +81,7 @@ class Origin:
 
 def python_origin() -> Origin:
     """The origin of a run that a Python program started."""
-    words = ("python3", *sys.argv)
-    return Origin(words, ("fenicsrom", "run", SCENE_FILE))
+    return Origin(("python3", *sys.argv))
 
 
 def is_result(name: str) -> bool:
@@ -127,7 +124,7 @@ def write_origin(
         "mesh": mesh,
         "model": model,
         "resumed_from": _named(origin.resume),
-        "repeat": shlex.join([*origin.repeat, *inputs]),
+        "repeat": shlex.join(["fenicsrom", origin.task[0], SCENE_FILE, *origin.task[1:], *inputs]),
         "task": list(origin.task),
         "results": [name for name in _copies(mesh, model) if name not in before],
     }

@@ -95,7 +95,7 @@ def _results(found: Study | Rerun) -> list[Any]:
     listed: list[Any] = []
     if motions:
         listed.append(response_rows(motions, found.sizes, names))
-        listed.append(sentences.support_sentence(found.scene, found.points, motions))
+        listed.append(sentences.support_sentence(found))
     if isinstance(found, Study):
         listed += sentences.study_results(found)
     else:
