@@ -236,7 +236,7 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 @pytest.mark.parametrize("cell", CELLS)
 def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
-    from fenicsrom.post.paraview.vtk import refined_grid, write_vtu
+    from fenicsrom.post.paraview.vtk import Attached, refined_grid, write_vtu
 
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim
@@ -245,7 +245,7 @@ def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     assert grid.cell_type == CELLS[cell][1] and mean.shape == (len(grid.points), len(points))
     values = points @ np.arange(1.0, 1.0 + d)
     np.testing.assert_allclose(mean @ values, grid.points[:, :d] @ np.arange(1.0, 1.0 + d))
-    write_vtu(tmp_path / "fine.vtu", grid, {"x": mean @ values})
+    write_vtu(tmp_path / "fine.vtu", grid, Attached({"x": mean @ values}))
     read = pyvista.read(tmp_path / "fine.vtu")
     sizes = np.abs(read.triangulate().compute_cell_sizes()["Area" if d == 2 else "Volume"])
     assert sizes.sum() == pytest.approx(LENGTH * HEIGHT ** (d - 1))
