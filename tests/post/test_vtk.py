@@ -191,20 +191,22 @@ def test_fields_on_full_disk_leave_no_file(tmp_path):
 
 
 PARALLEL = """
+from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from fenicsrom.post.paraview import vtk
 from spaces import of_space, space_on
 space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
 u = of_space(space, 2)
-print(vtk.write_fields({folder!r}, "modes", space, {{"1V": u}}))
-print(vtk.write_motion({folder!r}, "motion", space, [0.0, 0.5], lambda i: i * u))
+folder = Path({folder!r})
+print(vtk.write_fields(folder, "modes", space, {{"1V": u}}))
+print(vtk.write_motion(folder, "motion", space, [0.0, 0.5], lambda i: i * u))
 def frame(number):
     if MPI.COMM_WORLD.rank == 1 and number == 1:
         raise OSError(28, "No space left on device")
     return u
 try:
-    vtk.write_motion({folder!r}, "broken", space, [0.0, 0.5], frame)
+    vtk.write_motion(folder, "broken", space, [0.0, 0.5], frame)
 except OSError as error:
     print("refused:", error)
 """

@@ -127,13 +127,8 @@ class Report:
         pictures = draw_pictures(listed, folder, self.warnings)
         if len(self.warnings) > known:
             files = self.write_numbers(folder)
-        page = write_report(
-            folder / "report.html",
-            self._heading(),
-            self._parts([(drawn.heading, [drawn]) for drawn in pictures]),
-            self.verdict,
-            self.warnings,
-        )
+        page, parts = folder / "report.html", [(drawn.heading, [drawn]) for drawn in pictures]
+        write_report(page, self._heading(), self._parts(parts), self.verdict, self.warnings)
         return [page, *files, *(drawn.path for drawn in pictures)]
 
     @property

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+Values = NDArray[Any]
+Times = Sequence[float] | Values
+"""Instants, s."""
+
+
 @dataclass(frozen=True)
 class Attached:
     """Values that go into the file of a grid, such as that of a displacement field.
@@ -45,12 +50,12 @@ class Attached:
 NOTHING = Attached()
 
 
+Fields = Mapping[str, "np.ndarray | Function"]
+"""Label -> nodal values, as an array of the local and ghost unknowns or a Function."""
+
+
 def write_fields(
-    folder: str | Path,
-    name: str,
-    space: FunctionSpace,
-    fields: Mapping[str, np.ndarray | Function],
-    attached: Attached = NOTHING,
+    folder: Path, name: str, space: FunctionSpace, fields: Fields, attached: Attached = NOTHING
 ) -> Path:
     """Write displacement fields as point arrays of one grid. Collective.
 
@@ -61,7 +66,7 @@ def write_fields(
         folder: the folder to write to; it is created if it is missing.
         name: name of the file, without suffix.
         space: vector Lagrange space of degree 1 or 2.
-        fields: label -> nodal values, as an array of the local and ghost unknowns or a Function.
+        fields: the fields.
         attached: values besides the fields.
 
     Returns:
@@ -74,21 +79,21 @@ def write_fields(
     grid = grid_of(space)
     values = _at_points(grid, space, fields, attached)
     if comm.size == 1:
-        path = Path(folder) / f"{name}.vtu"
+        path = folder / f"{name}.vtu"
         with atomic_write(path) as temporary:
             write_vtu(temporary, grid.grid, values)
         return path
-    path = Path(folder) / name
+    path = folder / name
     with atomic_folder(path, comm) as temporary:
         file = _write_parts(temporary, name, grid.grid, values, comm)
     return path / file
 
 
 def write_motion(
-    folder: str | Path,
+    folder: Path,
     name: str,
     space: FunctionSpace,
-    times: Sequence[float] | np.ndarray,
+    times: Times,
     frames: Callable[[int], np.ndarray | Function],
     label: str = "displacement",
     attach: Callable[[int], Attached] = lambda number: NOTHING,
@@ -123,15 +128,11 @@ def write_motion(
         values = replace(values, nodes=single)
         return _write_parts(place, f"{name}_{number:05d}", grid.grid, values, comm)
 
-    return write_instants(Path(folder) / name, times, write, comm)
+    return write_instants(folder / name, times, write, comm)
 
 
 def write_points(
-    folder: str | Path,
-    name: str,
-    times: Sequence[float] | np.ndarray,
-    points: np.ndarray,
-    arrays: Mapping[str, np.ndarray],
+    folder: Path, name: str, times: Times, points: Values, arrays: Mapping[str, Values]
 ) -> Path:
     """Write points with values that change in time, one point set per instant. Not collective.
 
@@ -157,7 +158,7 @@ def write_points(
         write_vtp(place / file, points, {label: found[number] for label, found in arrays.items()})
         return file
 
-    return write_instants(Path(folder) / name, times, write)
+    return write_instants(folder / name, times, write)
 
 
 @dataclass(frozen=True)
@@ -207,10 +208,7 @@ def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
 
 
 def _at_points(
-    grid: NumberedGrid,
-    space: FunctionSpace,
-    fields: Mapping[str, np.ndarray | Function],
-    attached: Attached,
+    grid: NumberedGrid, space: FunctionSpace, fields: Fields, attached: Attached
 ) -> Attached:
     """Add fields to values, both at the points of the grid; vectors get zeros in 2D."""
     block = space.dofmap.index_map_bs
@@ -232,8 +230,6 @@ def _write_parts(folder: Path, name: str, grid: Grid, values: Attached, comm: An
         write_pieces(folder / f"{name}.pvtu", pieces, values)
     return f"{name}.pvtu" if several else piece
 
-
-Values = NDArray[Any]
 
 TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}
 
@@ -478,7 +474,7 @@ def _write_list(path: Path, kind: str, lines: Iterable[str]) -> None:
 
 
 def write_instants(
-    path: Path, times: Sequence[float] | Values, write: Callable[[Path, int], str], comm: Any = None
+    path: Path, times: Times, write: Callable[[Path, int], str], comm: Any = None
 ) -> Path:
     """Write a folder with a file for each instant, and the file that lists them.
 
