@@ -1,12 +1,10 @@
-"""The command line. `parser` holds the table of commands.
+"""The command line. `commands` holds the table of commands.
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
 Modules that need numpy, numba or dolfinx are imported by the command that uses them. `main` imports
 the commands, so that an interrupt during these imports ends with a sentence too.
 """
-
-from __future__ import annotations
 
 import argparse
 import sys
@@ -23,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = argparse.Namespace(arguments=words)
     try:
         with terminable():
-            from fenicsrom.cli.parser import make_parser
+            from fenicsrom.cli.commands import make_parser
 
             options = make_parser().parse_args(words, options)
             alone = options.name not in ("sweep", "map")

@@ -1,10 +1,9 @@
 """The arguments of the command line, and the record of a command."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
@@ -51,6 +50,7 @@ FROM = Argument(
     "--from",
     dest="stored",
     metavar="MODEL",
+    type=Path,
     help="use the reduced_model.npz of an earlier run, without a mesh and dolfinx",
 )
 SET = Argument(

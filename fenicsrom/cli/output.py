@@ -1,11 +1,9 @@
 """The output folder of a command: its name, its record, and how to continue after an interrupt."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -78,8 +76,8 @@ STATES = {
 
 
 def _origin(options: argparse.Namespace, folder: Path) -> Any:
-    """How the command was started, and the command that repeats the run in its folder."""
-    from fenicsrom.post.base.origin import SCENE_FILE, Origin
+    """How the command was started."""
+    from fenicsrom.post.base.origin import Origin
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
@@ -91,15 +89,8 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
         for value in getattr(options, name, [])
         for word in (option, value)
     ]
-    repeat = ["fenicsrom", options.name, SCENE_FILE, *varied]
-    return Origin(
-        ("fenicsrom", *options.arguments),
-        repeat,
-        (options.name, *varied),
-        options.overrides,
-        Path(model) if model else None,
-        resume or None,
-    )
+    command, task = ("fenicsrom", *options.arguments), (options.name, *varied)
+    return Origin(command, task, options.overrides, model, resume or None)
 
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
@@ -143,19 +134,23 @@ def _is_of(options: argparse.Namespace, result: Path) -> bool:
     return own and result.exists()
 
 
-def require_other(path: Path, read: Iterable[Path]) -> None:
-    """Check that a command does not replace a file that it reads.
+def target(name: str | Path, *read: str | Path) -> Path:
+    """The path of the file or folder that a command without a scene writes.
 
     Args:
-        path: the file to be written.
+        name: the path.
         read: the files that the command reads.
 
     Raises:
-        SceneError: the command would replace a file that it reads.
+        SceneError: the command would replace a file that it reads, or the path lies inside the
+            container and would be deleted with it.
     """
-    if path.resolve() in [other.resolve() for other in read]:
+    path = Path(name)
+    require_lasting(path)
+    if path.resolve() in [Path(other).resolve() for other in read]:
         reason = "the command reads this file; give another name"
         raise refused("--output", path, reason, ErrorKind.FILE)
+    return path
 
 
 def require_lasting(path: Path, option: str = "--output") -> None:

@@ -1,6 +1,4 @@
-"""Prints progress to stderr, and results with the list of files to stdout."""
-
-from __future__ import annotations
+"""Prints progress to stderr and results to stdout, and ends a command as its computation did."""
 
 import logging
 import shutil
@@ -8,6 +6,7 @@ import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from fenicsrom.cli.ranks import CLEAR, all_ranks, end_progress
 from fenicsrom.cli.termination import is_terminated
@@ -80,3 +79,40 @@ def print_results(
     print("files:")
     for path in files:
         print(f"  {printable(str(path))}")
+
+
+def finish(found: Any, comm: Any) -> int:
+    """Print the report of a record, and end as its computation did.
+
+    Args:
+        found: the record, such as `fenicsrom.response` returns it.
+        comm: the communicator; None without MPI.
+
+    Returns:
+        The exit code 0.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError, AccuracyError: the error that ended the computation.
+    """
+    if found.files:  # this rank wrote results
+        from fenicsrom.post.reports import report
+
+        shown = report(found)
+        print_results(found.scene, shown.text(), shown.warnings, (), found.files, shown.varied)
+    if getattr(found, "interrupted", False):
+        raise KeyboardInterrupt
+    return end(comm, getattr(found, "unfinished", None))
+
+
+def end(comm: Any, error: Exception | None) -> int:
+    """Give the exit code 0, or raise the error after the first rank has written its files.
+
+    Raises:
+        ConvergenceError, AccuracyError: the given error.
+    """
+    if error is None:
+        return 0
+    if comm is not None:
+        comm.barrier()
+    raise error

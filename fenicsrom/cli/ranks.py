@@ -1,7 +1,5 @@
 """Errors of a run on several ranks: each sentence is printed once, and no rank waits forever."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

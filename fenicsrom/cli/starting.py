@@ -1,14 +1,16 @@
-"""The start of a command from a scene or from a stored model."""
+"""The start of a command from a scene, a stored model or a mesh file."""
 
 from __future__ import annotations
 
 import argparse
 import gc
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.cli.arguments import refused
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.reading.overrides import names_of
@@ -61,9 +63,7 @@ def workers(options: argparse.Namespace) -> Iterator[Workers]:
         except (OSError, ValueError) as error:
             problem = f"no Dask scheduler answers ({error})"
     if problem is not None:
-        raise SceneError(
-            f"--scheduler {address}: {problem}", kind=ErrorKind.FILE, key="--scheduler"
-        )
+        raise refused("--scheduler", address, problem, ErrorKind.FILE)
     with client, client.get_executor(pure=False) as executor:
         yield executor
 
@@ -124,7 +124,7 @@ def source(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, An
     if getattr(options, "stored", None):
         from fenicsrom.online.store import archive
 
-        current = changed_model(options, archive.load_model(Path(options.stored)))
+        current = changed_model(options, archive.load_model(options.stored))
         return None, current, current.scene
     require_scene(options)
     comm, scene = start(options, unloaded)
@@ -137,3 +137,28 @@ def given_keys(options: argparse.Namespace) -> set[str]:
     for name, value in (read_toml(options.scene) if options.scene is not None else {}).items():
         keys |= {f"{name}.{key}" for key in value} if isinstance(value, dict) else {name}
     return keys
+
+
+def inspected(options: argparse.Namespace) -> Any:
+    """Read the mesh file of the options."""
+    from fenicsrom.fem.mesh.inspection import inspect
+
+    scale, size = positive(options.scale, "--scale"), positive(options.size, "--size")
+    return inspect(Path(options.mesh), scale or 1.0, size)
+
+
+def positive(text: str | None, name: str) -> float | None:
+    """Read the number of an option; None if the option is not given.
+
+    Raises:
+        SceneError: the number is not above 0.
+    """
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise refused(name, text, "must be a number above 0", ErrorKind.RANGE)
+    return value

@@ -1,7 +1,5 @@
 """The signal SIGTERM sets a flag that the run reads between stages and after each period."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time as clock

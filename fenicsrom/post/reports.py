@@ -1,7 +1,5 @@
 """The report of every record that a command finds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -460,8 +460,7 @@ def handmade(**changes):
 
 def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
     """The scene of a round surface gives no normal."""
-    from fenicsrom.post.studies.compare_figures import pareto_figure
-    from fenicsrom.post.studies.compare_report import error_heads
+    from fenicsrom.post.studies.compare_report import error_heads, pareto_figure
 
     found = replace(handmade(), points=contact_points([0.0, 1.0], [0.0, -1.0]))
     heads = error_heads(found)

@@ -11,8 +11,8 @@ from support import beam_scene, refusal
 from fenicsrom.assess.studies import stability
 from fenicsrom.assess.studies.random_cases import KINDS, MOST_MODES, random_cases
 from fenicsrom.assess.studies.scales import Scales
+from fenicsrom.cli.commands import make_parser
 from fenicsrom.cli.commands.stability import stability as command
-from fenicsrom.cli.parser import make_parser
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 

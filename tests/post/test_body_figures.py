@@ -16,6 +16,7 @@ from fenicsrom.post.base.style import magnification
 from fenicsrom.post.body import body_figures
 from fenicsrom.post.body.body_view import (
     NODE,
+    Frame,
     areas,
     face_on,
     is_seen,
@@ -134,7 +135,7 @@ def test_picture_shows_a_place_where_the_projection_says(plate):
     corner = surface.points[np.argmax(surface.points[:, 0] + 1e-3 * surface.points @ view.towards)]
     place = corner + 0.2 * view.towards
     ball = painted(pyvista.Sphere(radius=0.02, center=place), "#FF0000")
-    image = render([painted(surface), ball], view, low, high, size)
+    image = render([painted(surface), ball], Frame(view, low, high), size)
     assert image.shape == (300, 400, 3) and image[0, 0].min() == 255
     red = (image[..., 0] > 150) & (image[..., 1] < 80)
     y, x = (found.mean() + 0.5 for found in np.nonzero(red))
@@ -151,7 +152,7 @@ def test_symbols_behind_a_body_are_pale(plate, symbol):
     low, high = np.array([-0.6, -0.5]), np.array([1.4, 1.0])
     place = surface.points.mean(axis=0) - 0.3 * view.towards
     ball = painted(pyvista.Sphere(radius=0.03, center=place), "#FF0000")._replace(symbol=symbol)
-    image = render([painted(surface, "#FFFFFF"), ball], view, low, high, (400, 300)) / 255.0
+    image = render([painted(surface, "#FFFFFF"), ball], Frame(view, low, high), (400, 300)) / 255.0
     reddest = np.max(image[..., 0] - image[..., 1])
     assert 0.2 < reddest < 0.6 if symbol else reddest < 0.05
 

@@ -37,7 +37,7 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
     chosen = Selection(("1V", "1S"), (), {}, {})
     study = Study(beam_scene(2), modes=modes, basis=basis, selection=chosen)
     _, modes_left, vectors_left, _ = basis_sentences(study)
-    assert modes_left.endswith(": 2V 3V") and vectors_left.endswith(": 1V1V")
+    assert modes_left.endswith(": 2V 3V.") and vectors_left.endswith(": 1V1V.")
     assert "0.0001" in modes_left  # basis.threshold
     whole = Study(
         beam_scene(2), modes=modes, basis=basis, selection=Selection(modes.labels, (), {}, {})

@@ -191,20 +191,22 @@ def test_fields_on_full_disk_leave_no_file(tmp_path):
 
 
 PARALLEL = """
+from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from fenicsrom.post.paraview import vtk
 from spaces import of_space, space_on
 space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
 u = of_space(space, 2)
-print(vtk.write_fields({folder!r}, "modes", space, {{"1V": u}}))
-print(vtk.write_motion({folder!r}, "motion", space, [0.0, 0.5], lambda i: i * u))
+folder = Path({folder!r})
+print(vtk.write_fields(folder, "modes", space, {{"1V": u}}))
+print(vtk.write_motion(folder, "motion", space, [0.0, 0.5], lambda i: i * u))
 def frame(number):
     if MPI.COMM_WORLD.rank == 1 and number == 1:
         raise OSError(28, "No space left on device")
     return u
 try:
-    vtk.write_motion({folder!r}, "broken", space, [0.0, 0.5], frame)
+    vtk.write_motion(folder, "broken", space, [0.0, 0.5], frame)
 except OSError as error:
     print("refused:", error)
 """
@@ -236,7 +238,7 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 @pytest.mark.parametrize("cell", CELLS)
 def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
-    from fenicsrom.post.paraview.vtk import refined_grid, write_vtu
+    from fenicsrom.post.paraview.vtk import Attached, refined_grid, write_vtu
 
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim
@@ -245,7 +247,7 @@ def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     assert grid.cell_type == CELLS[cell][1] and mean.shape == (len(grid.points), len(points))
     values = points @ np.arange(1.0, 1.0 + d)
     np.testing.assert_allclose(mean @ values, grid.points[:, :d] @ np.arange(1.0, 1.0 + d))
-    write_vtu(tmp_path / "fine.vtu", grid, {"x": mean @ values})
+    write_vtu(tmp_path / "fine.vtu", grid, Attached({"x": mean @ values}))
     read = pyvista.read(tmp_path / "fine.vtu")
     sizes = np.abs(read.triangulate().compute_cell_sizes()["Area" if d == 2 else "Volume"])
     assert sizes.sum() == pytest.approx(LENGTH * HEIGHT ** (d - 1))

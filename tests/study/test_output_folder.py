@@ -25,9 +25,7 @@ from fenicsrom.study.curves import STATE
 from fenicsrom.study.sweeps import MODELS, RUNS
 
 DEMO = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
-ORIGIN = Origin(
-    ("fenicsrom", "run", "a b.toml"), ("fenicsrom", "run", "scene.toml"), ("run",), ("x=1",)
-)
+ORIGIN = Origin(("fenicsrom", "run", "a b.toml"), ("run",), ("x=1",))
 
 
 def scene(*overrides: str) -> Scene:
@@ -91,7 +89,7 @@ def test_another_scene_is_replaced_only_on_request(tmp_path: Path) -> None:
 
 def test_another_command_is_another_run(tmp_path: Path) -> None:
     run(tmp_path, scene(), "report.html")
-    modes = Origin(ORIGIN.command, ORIGIN.repeat, ("modes",))
+    modes = Origin(ORIGIN.command, ("modes",))
     with (
         refusal(ErrorKind.FILE, "--output", tmp_path.name),
         output_folder(tmp_path, scene(), None, modes),
@@ -275,7 +273,7 @@ if moment == "after the old results went":
     origin.write_origin = die
 if moment == "before the scene is written":
     origin.write_text = die
-started = origin.Origin(("new run",), (), ("run",))
+started = origin.Origin(("new run",))
 scene = read_scene(sys.argv[2], ["loads.0.force=1.0"])
 with output_folder(folder, scene, None, started, True):
     (folder / "summary.json").write_text("new")
@@ -347,7 +345,7 @@ def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     record = read_record(tmp_path)
     assert record is not None and record["state"] == "interrupted"
-    resumed = Origin(ORIGIN.command, ORIGIN.repeat, resume=tmp_path / "checkpoint.npz")
+    resumed = Origin(ORIGIN.command, resume=tmp_path / "checkpoint.npz")
     longer = scene("time.periods=200")
     with output_folder(tmp_path, longer, None, resumed):
         assert (tmp_path / "checkpoint.npz").read_text() == "state"
@@ -359,7 +357,7 @@ def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
 
 def test_sweep_resumes_only_in_a_folder_of_its_scene(tmp_path: Path) -> None:
     def resumed(*values: str) -> Origin:
-        return Origin((), (), ("sweep", *values), resume=tmp_path / "runs")
+        return Origin((), ("sweep", *values), resume=tmp_path / "runs")
 
     run(tmp_path, scene(), "report.html")
     with refusal(ErrorKind.FILE, "--output"), output_folder(tmp_path, scene(), None, resumed("a")):
@@ -375,7 +373,7 @@ def test_sweep_resumes_only_in_a_folder_of_its_scene(tmp_path: Path) -> None:
 
 def test_inputs_inside_the_folder_are_kept(tmp_path: Path) -> None:
     run(tmp_path, scene(), "reduced_model.npz", "report.html")
-    model = Origin(ORIGIN.command, ORIGIN.repeat, model=tmp_path / "reduced_model.npz")
+    model = Origin(ORIGIN.command, model=tmp_path / "reduced_model.npz")
     with output_folder(tmp_path, scene("loads.0.force=1.0"), None, model, True):
         (tmp_path / "report.html").write_text("")
     assert names(tmp_path) == {"scene.toml", "provenance.json", "report.html", "reduced_model.npz"}
@@ -391,13 +389,13 @@ def test_model_is_copied_unless_it_is_large(
     folder.mkdir()
     (folder / "reduced_model.npz").write_text("mine")
     checkpoint = tmp_path / "checkpoint.npz"
-    origin = Origin((), ("fenicsrom",), model=model, resume=checkpoint)
+    origin = Origin((), model=model, resume=checkpoint)
     with output_folder(folder, scene(), None, origin, True):
         (folder / "report.html").write_text("")
     record = read_record(folder)
     assert record is not None
     name = "stored_reduced_model.npz" if limit == 10 else str(model)
-    assert record["repeat"] == f"fenicsrom --from {name} --resume {checkpoint}"
+    assert record["repeat"] == f"fenicsrom run scene.toml --from {name} --resume {checkpoint}"
     assert (folder / "reduced_model.npz").read_text() == "mine"
     assert (name in names(folder)) == (name in record["results"]) == (limit == 10)
 

@@ -1,7 +1,5 @@
 """`fenicsrom cache`: show the cache of results, or empty it."""
 
-from __future__ import annotations
-
 import argparse
 
 from fenicsrom.cli.arguments import Argument, Command

@@ -1,12 +1,10 @@
 """`fenicsrom export`: write a stored model, or the deck of a scene, for another program."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import FILE, SET, Argument, Command, refused
-from fenicsrom.cli.output import require_lasting, require_other
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind
 
@@ -41,9 +39,7 @@ def export(options: argparse.Namespace) -> int:
     if not is_model:
         return _export_scene(options)
     stored = archive.load_model(model).with_overrides(options.overrides)
-    path = Path(options.output or f"{model.stem}{SUFFIXES[options.format]}")
-    require_lasting(path)
-    require_other(path, [model])
+    path = target(options.output or f"{model.stem}{SUFFIXES[options.format]}", model)
     found, judged = write(stored, path, options.format), of_model(stored)
     lines = [*found.notes, *filter(None, [judged.sentence()])]
     print_results(stored.scene, "", judged.warnings(stored.scene), lines, found.files)
@@ -57,9 +53,8 @@ def _export_scene(options: argparse.Namespace) -> int:
     from fenicsrom.scene import read_scene
 
     scene = read_scene(options.model, options.overrides, unloaded=True)
-    path = Path(options.output or f"{Path(options.model).stem}.inp")
-    require_lasting(path)
-    require_other(path, [Path(options.model), scene.geometry.mesh])
+    name = options.output or f"{Path(options.model).stem}.inp"
+    path = target(name, options.model, scene.geometry.mesh)
     deck = scene_deck(scene)
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])

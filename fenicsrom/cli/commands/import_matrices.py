@@ -1,12 +1,10 @@
 """`fenicsrom import`: make a reduced model of the matrices of a superelement."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import FILE, Argument, Command
-from fenicsrom.cli.output import require_lasting, require_other
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 
 MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")
@@ -31,9 +29,7 @@ def import_matrices(options: argparse.Namespace) -> int:
     from fenicsrom.words import counted
 
     matrices, scene = Path(options.matrices), options.superelement_scene
-    path = Path(options.output or f"{matrices.stem}.npz")
-    require_lasting(path)
-    require_other(path, [matrices, Path(scene)])
+    path = target(options.output or f"{matrices.stem}.npz", matrices, scene)
     given = read_superelement_scene(scene, matrices)
     stored = superelement_model(read_matrices(matrices), given)
     archive.save_model(path, stored)

@@ -1,15 +1,13 @@
 """`fenicsrom init`: write a starter scene for a mesh file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any
 
 from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command, refused
-from fenicsrom.cli.mesh_files import inspected
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.starting import inspected
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 
 UNITS = Argument(
@@ -34,11 +32,10 @@ def init(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the mesh cannot be used, or the scene file exists.
     """
-    from fenicsrom.files import atomic_write
+    from fenicsrom.post.base.writers import write_text
     from fenicsrom.post.studies.starter import starter_scene, units_of
 
-    path = Path(options.output or Path(options.mesh).with_suffix(".toml"))
-    require_lasting(path)
+    path = target(options.output or Path(options.mesh).with_suffix(".toml"))
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
         raise refused("--output", path, reason, ErrorKind.FILE)
@@ -56,8 +53,7 @@ def init(options: argparse.Namespace) -> int:
     mode = _first_mode(text, path, options.tip, warnings)
     if mode is not None:
         text = starter_scene(found, path.parent, **settings, mode=mode)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
     task = {"rub": "run", "damper": "run"}.get(options.template, options.template)
     task = "modes" if mode is None else task
     print_results(None, "", warnings, [f"Now run: fenicsrom {task} {path}"], [path])

@@ -1,14 +1,12 @@
 """`fenicsrom inspect`: describe a mesh file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
 from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, Command
-from fenicsrom.cli.mesh_files import inspected, positive
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.starting import inspected, positive
 
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 
@@ -26,8 +24,7 @@ def inspect(options: argparse.Namespace) -> int:
     found = inspected(options)
     warnings, files = list(found.warnings), []
     if found.refusal is None:
-        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
-        require_lasting(folder)
+        folder = target(options.output or f"out/{Path(options.mesh).stem}")
         picture = mesh_report.group_picture(found)
         files = [one.path for one in draw_pictures([picture], folder, warnings)]
         files += mesh_report.write_group_page(found, folder, warnings)

@@ -1,7 +1,5 @@
 """`fenicsrom modes`: compute modes and modal derivatives."""
 
-from __future__ import annotations
-
 import argparse
 
 from fenicsrom import study

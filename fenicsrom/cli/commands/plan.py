@@ -1,7 +1,5 @@
 """`fenicsrom plan`: list the stages of a scene."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, Command
-from fenicsrom.cli.ending import end
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.printing import end, print_results
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 
@@ -48,7 +47,7 @@ def _from_model(options: argparse.Namespace) -> int:
     with importing():
         from fenicsrom.online.store import archive, checkpoints
 
-    stored = archive.load_model(Path(options.stored))
+    stored = archive.load_model(options.stored)
     if options.resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(options.resume))
     current = changed_model(options, stored)

@@ -1,13 +1,10 @@
 """`fenicsrom schema`: print or write the JSON schema of scene files."""
 
-from __future__ import annotations
-
 import argparse
 import json
-from pathlib import Path
 
 from fenicsrom.cli.arguments import FILE, Command
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import target
 from fenicsrom.scene import json_schema
 
 
@@ -17,11 +14,9 @@ def schema(options: argparse.Namespace) -> int:
     if options.output is None:
         print(text)
         return 0
-    from fenicsrom.files import atomic_write
+    from fenicsrom.post.base.writers import write_text
 
-    require_lasting(Path(options.output))
-    with atomic_write(options.output) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_text(target(options.output), text + "\n")
     return 0
 
 

@@ -1,14 +1,12 @@
 """`fenicsrom stability`: run extreme or random variants of a scene."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import RESULTS, SCENE, Argument, Command, refused
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import read_scene
 

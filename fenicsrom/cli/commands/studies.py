@@ -1,7 +1,5 @@
 """The commands that compute one study of a scene or of a stored model, and print its report."""
 
-from __future__ import annotations
-
 import argparse
 from inspect import signature
 from pathlib import Path
@@ -17,8 +15,8 @@ from fenicsrom.cli.arguments import (
     Command,
     scene_file,
 )
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import ranks, source, workers
 from fenicsrom.cli.termination import is_terminated
 

@@ -1,10 +1,7 @@
 """`fenicsrom sweep`: run a scene or a stored model for many values of its keys."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from fenicsrom import study
 from fenicsrom.cli.arguments import (
@@ -15,8 +12,8 @@ from fenicsrom.cli.arguments import (
     Argument,
     Command,
 )
-from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.scene import Scene, read_scene
@@ -57,12 +54,11 @@ def sweep(options: argparse.Namespace) -> int:
         from fenicsrom.online.store import archive
 
     if options.stored:
-        model = archive.load_model(Path(options.stored))
+        model = archive.load_model(options.stored)
         scene = changed_model(options, model).scene
-        source: str | None = options.stored
     else:
         require_scene(options)
-        scene, source = read_scene(options.scene, options.overrides), None
+        scene = read_scene(options.scene, options.overrides)
 
     def variant(overrides: Sequence[str]) -> Scene:
         if options.scene is not None:
@@ -75,7 +71,7 @@ def sweep(options: argparse.Namespace) -> int:
             variant,
             axes,
             folder,
-            stored=Path(source) if source else None,
+            stored=options.stored,
             comm=comm,
             workers=computing,
             resume=options.resume,

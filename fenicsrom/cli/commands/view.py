@@ -1,7 +1,5 @@
 """`fenicsrom view`: open a report in the browser."""
 
-from __future__ import annotations
-
 import argparse
 import webbrowser
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What to see in each picture, and the file with its numbers, by the name of the picture."""
 
-from __future__ import annotations
-
 import re
 
 CAPTIONS = {

@@ -4,8 +4,6 @@ All tables, sentences and pictures have the same order: the axes, or the normal 
 then its tangents.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A report as one HTML file that contains its pictures and charts."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html
@@ -32,12 +30,12 @@ class Folded(str):
     """A heading whose section opens by a click."""
 
 
+Sections = Iterable[tuple[str, Iterable[Any]]]
+"""Headings and the items below them; see `html_report`."""
+
+
 def write_report(
-    path: str | Path,
-    title: str,
-    sections: Iterable[tuple[str, Iterable[Any]]],
-    verdict: str = "",
-    warnings: Sequence[str] = (),
+    path: Path, title: str, sections: Sections, verdict: str = "", warnings: Sequence[str] = ()
 ) -> Path:
     """Write a report, see `html_report`; return its path.
 
@@ -46,16 +44,13 @@ def write_report(
     Raises:
         OSError: the file cannot be written.
     """
-    run = origin_table(Path(path).parent)
+    run = origin_table(path.parent)
     last = [(Folded("What was run"), [run])] if run else []
     return write_text(path, html_report(title, [*sections, *last], verdict, warnings))
 
 
 def html_report(
-    title: str,
-    sections: Iterable[tuple[str, Iterable[Any]]],
-    verdict: str = "",
-    warnings: Sequence[str] = (),
+    title: str, sections: Sections, verdict: str = "", warnings: Sequence[str] = ()
 ) -> str:
     """Compose a report in one HTML page.
 

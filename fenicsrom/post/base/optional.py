@@ -1,7 +1,5 @@
 """Python modules that only some outputs need."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from ctypes.util import find_library
@@ -10,10 +8,8 @@ from functools import cache
 
 def missing_module(*names: str) -> str | None:
     """Say which of some Python modules is not installed; None if all are installed."""
-    for name in names:
-        if importlib.util.find_spec(name) is None:
-            return f"{name} is not installed"
-    return None
+    missing = (name for name in names if importlib.util.find_spec(name) is None)
+    return next((f"{name} is not installed" for name in missing), None)
 
 
 @cache

@@ -5,8 +5,6 @@ overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a s
 not large, is copied beside it. `provenance.json` names the results of the run.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -24,9 +22,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import refuse
 from fenicsrom.files import atomic_write, reads_other_files
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.captions import CAPTIONS
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.units import units_sentence
@@ -38,25 +37,23 @@ LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: 
 MODEL = "reduced_model.npz"
 SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
 TABLES = ("response", "backbone", "equilibria", "campbell", "sweep", "comparison", "stability")
+ANOTHER = "; remove this file, or choose another folder"  # what to do about a damaged record
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
 RESULTS = (
     # numbers
     *("report.html", "summary.json", "history.npz", "checkpoint.npz", MODEL, f"*stored_{MODEL}"),
     *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
-    # pictures of a run
-    *("setup.png", "motion.png", "motion.gif", "spectra.png", "section.png", "rub_map.png"),
-    *("energy.png", "energy_per_period.png", "contact.png", "contact_[1-4].png", "stress.png"),
-    *("modes.png", "shapes.png", "equilibrium.png", "mac.png", "coordinates.png"),
+    # pictures
+    *(f"{name}.png" for name in CAPTIONS),
+    *("motion.gif", "contact_[1-4].png"),
+    *("multipliers.png", "pareto.png", "size.png", "indicator.png"),
     # ParaView; the shapes are folders if several ranks wrote them
     *("results.pvd", "results", "groups.vtu", "surface_[1-9]*", "contact_points", "motion"),
     *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
-    *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
-    *("response_peaks.csv", "peaks.png"),
-    *("run_up.csv", "run_up.png", "wear.csv", "wear.png"),
-    *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
-    *("runs", "models", "map.csv", "map.json", "map.png", "map_curves.png", "map.h5", "map_lines"),
+    *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
+    *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
@@ -69,7 +66,6 @@ class Origin:
 
     Attributes:
         command: the words of the command.
-        repeat: the words that repeat it in the output folder, without `--from` and `--resume`.
         task: the name of the command, and the options that vary the scene.
         overrides: the values of `--set`.
         model: the stored model, or None.
@@ -77,7 +73,6 @@ class Origin:
     """
 
     command: Sequence[str]
-    repeat: Sequence[str]
     task: Sequence[str] = ("run",)
     overrides: Sequence[str] = ()
     model: Path | None = None
@@ -86,8 +81,7 @@ class Origin:
 
 def python_origin() -> Origin:
     """The origin of a run that a Python program started."""
-    words = ("python3", *sys.argv)
-    return Origin(words, ("fenicsrom", "run", SCENE_FILE))
+    return Origin(("python3", *sys.argv))
 
 
 def is_result(name: str) -> bool:
@@ -130,7 +124,7 @@ def write_origin(
         "mesh": mesh,
         "model": model,
         "resumed_from": _named(origin.resume),
-        "repeat": shlex.join([*origin.repeat, *inputs]),
+        "repeat": shlex.join(["fenicsrom", origin.task[0], SCENE_FILE, *origin.task[1:], *inputs]),
         "task": list(origin.task),
         "results": [name for name in _copies(mesh, model) if name not in before],
     }
@@ -171,22 +165,13 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError, AttributeError):
         sound = False
     if not sound:
-        raise _damaged(path, "is damaged")
+        raise refuse(path, f"is damaged{ANOTHER}")
     for name in [*(record["results"] or ()), *_copies(*inputs)]:
         plain = isinstance(name, str) and name not in ("", "..") and name == Path(name).name
         if not plain or (folder / name).is_symlink():
-            raise _damaged(path, f"names {name!r}, which leaves the folder")
+            raise refuse(path, f"names {name!r}, which leaves the folder{ANOTHER}")
     found: dict[str, Any] = record
     return found
-
-
-def _damaged(path: Path, reason: str) -> SceneError:
-    """The error of a record that cannot be used."""
-    return SceneError(
-        f"{path}: {reason}; remove this file, or choose another folder",
-        kind=ErrorKind.FORMAT,
-        source=str(path),
-    )
 
 
 def _copies(*inputs: Mapping[str, Any] | None) -> list[Any]:

@@ -1,7 +1,5 @@
 """Pictures, and how they are drawn to files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

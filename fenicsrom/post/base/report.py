@@ -1,7 +1,5 @@
 """Reports: what a command found, as files and in the terminal; the same for all commands."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -106,10 +104,8 @@ class Report:
 
     def _json(self) -> dict[str, Any]:
         """The content of the JSON file: the scene, the summary, and how the computation ended."""
-        found, ended = self.found, {}
-        for name in ("seconds", "interrupted"):
-            if hasattr(found, name):
-                ended[name] = getattr(found, name)
+        found, names = self.found, ("seconds", "interrupted")
+        ended = {name: getattr(found, name) for name in names if hasattr(found, name)}
         if hasattr(found, "unfinished"):
             ended["unfinished"] = str(found.unfinished) if found.unfinished else None
         if hasattr(found, "mesh_check"):
@@ -131,13 +127,8 @@ class Report:
         pictures = draw_pictures(listed, folder, self.warnings)
         if len(self.warnings) > known:
             files = self.write_numbers(folder)
-        page = write_report(
-            folder / "report.html",
-            self._heading(),
-            self._parts([(drawn.heading, [drawn]) for drawn in pictures]),
-            self.verdict,
-            self.warnings,
-        )
+        page, parts = folder / "report.html", [(drawn.heading, [drawn]) for drawn in pictures]
+        write_report(page, self._heading(), self._parts(parts), self.verdict, self.warnings)
         return [page, *files, *(drawn.path for drawn in pictures)]
 
     @property

@@ -4,8 +4,6 @@ Figures are matplotlib `Figure` objects made without pyplot: no window opens and
 memory. `figure.savefig(path)` writes one. matplotlib is imported only when a figure is made.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Callable, Collection, Iterable

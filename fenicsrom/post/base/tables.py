@@ -1,7 +1,5 @@
 """Tables as text: how a cell is formatted, and the table that the terminal shows."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -16,6 +14,12 @@ def table_of(rows: Iterable[Mapping[str, Any]]) -> list[list[Any]]:
     """The table of rows with the same keys, which are its header; empty without rows."""
     rows = list(rows)
     return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
+
+
+def named(pattern: str, names: Iterable[str], values: Iterable[float]) -> dict[str, float]:
+    """Values by a pattern such as "amplitude_{}_m" with their names."""
+    pairs = zip(names, map(float, values), strict=False)
+    return {pattern.format(name): value for name, value in pairs}
 
 
 def cell_text(value: Any) -> str:

@@ -1,7 +1,5 @@
 """Text, CSV, JSON, PNG and `.npz` files; each appears complete or not at all."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

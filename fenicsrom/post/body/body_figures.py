@@ -1,7 +1,5 @@
 """Figures of deformed bodies: shapes, static deflection and stresses."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -9,6 +7,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import Axes, Figure, magnification, scale_text, styled
 from fenicsrom.post.body.body_view import (
+    Frame,
     PolyData,
     View,
     areas,
@@ -109,7 +108,8 @@ def _deformed(
 
     edges, nodal = form_edges(surface), nodal or {}
     bodies = {label: surface.warp_by_vector(label, factor=k) for label, k in factors.items()}
-    low, high = frame_of(view, [surface.points, *(body.points for body in bodies.values())])
+    points = [surface.points, *(body.points for body in bodies.values())]
+    _, low, high = frame_of(view, points)
     step = high - low
     columns = min(len(bodies), 2 if step[1] < 0.25 * step[0] else 3 if step[1] < step[0] else 5)
     wide = 9.6 if columns > 1 else 8.0
@@ -134,7 +134,7 @@ def _deformed(
     parts += [drawn_lines(merge(bent)), *(drawn_lines(line, "white", 3.5) for line in white)]
     high = high + step * [columns - 1, 0] + [0.0, step[1] - (high - low)[1]]
     low = low - step * [0.0, row + 0.1 * (row > 0)]
-    figure, axis, _ = body_figure(parts, view, low, high, 0.8, wide)
+    figure, axis, _ = body_figure(parts, Frame(view, low, high), 0.8, wide)
     for (x, y), title in corners:
         axis.text(x, y, title, fontsize=11, va="bottom")
     return figure, axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,11 +179,25 @@ def largest_of(displacement: Array) -> Array:
     return np.asarray(displacement[int(np.argmax(np.linalg.norm(displacement, axis=1)))])
 
 
-def frame_of(view: View, points: Sequence[Array]) -> tuple[Array, Array]:
-    """Corners (2,) of the part of a picture with points (n, 3), and with the triad below, m."""
+class Frame(NamedTuple):
+    """The part of a picture that is shown.
+
+    Attributes:
+        view: the projection.
+        low: (2,) lower left corner, m.
+        high: (2,) upper right corner, m.
+    """
+
+    view: View
+    low: Array
+    high: Array
+
+
+def frame_of(view: View, points: Sequence[Array]) -> Frame:
+    """The part of a picture with points (n, 3), and with the triad below."""
     places = np.concatenate([view.project(found) for found in points])
     spare = 0.03 * view.length
-    return places.min(axis=0) - [spare, 0.16 * view.length], places.max(axis=0) + spare
+    return Frame(view, places.min(axis=0) - [spare, 0.16 * view.length], places.max(axis=0) + spare)
 
 
 Ints = NDArray[np.int64]

@@ -1,7 +1,5 @@
 """Animations of a body as GIF files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.post.base.style import STATES, Figure, magnification, new_panels, scale_text, styled
 from fenicsrom.post.body.body_figures import OUTLINE, SIZE
-from fenicsrom.post.body.body_view import PolyData, View, form_edges, frame_of
+from fenicsrom.post.body.body_view import Frame, PolyData, View, form_edges, frame_of
 from fenicsrom.post.body.rendering import (
     FINE,
     Part,
@@ -99,10 +97,10 @@ def film_frames(film: Film) -> Iterator[Pixels]:
     parts = [drawn_lines(edges, OUTLINE), coloured(body, SIZE, largest or 1.0)]
     parts.append(Part(cloud, dots.look | look))
     places = film.surface.points + factor * film.moved
-    low, high = frame_of(film.view, [film.surface.points, *places])
+    view, low, high = frame_of(film.view, [film.surface.points, *places])
     high[1] += TIME_HEIGHT / WIDTH * (high[0] - low[0])
     height = round(WIDTH * min(1.0, (high[1] - low[1]) / (high[0] - low[0])))
-    window = window_of(parts, film.view, low, high, (WIDTH, height))
+    window = window_of(parts, Frame(view, low, high), (WIDTH, height))
     canvas: Any = FigureCanvasAgg(_legend(film, 1e3 * largest, scale_text(factor)))
     canvas.draw()
     legend = np.asarray(canvas.buffer_rgba())[..., :3]

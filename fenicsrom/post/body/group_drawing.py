@@ -1,7 +1,5 @@
 """The picture of a mesh with its groups coloured."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -53,10 +51,10 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     columns = min(6, max(1, len(coloured)))
     wide, spare = 9.0 / max(1.5, len(views)), 0.3 - 0.3 * (-len(coloured) // columns)
     frames = [frame_of(seen, [surface.points]) for seen in views]
-    tall = max((high - low)[1] / (high - low)[0] for low, high in frames)
+    tall = max((high - low)[1] / (high - low)[0] for _, low, high in frames)
     figure, axes = new_panels(wide * len(views), wide * tall + spare, 1, len(views))
-    for axis, seen, (low, high) in zip(axes, views, frames, strict=True):
-        show(axis, parts, seen, low, high, wide)
+    for axis, seen, frame in zip(axes, views, frames, strict=True):
+        show(axis, parts, frame, wide)
         shown = [(n, p) for n, p in names.items() if is_seen(surface, p, seen)]
         write_names(axis, ((n, seen.project(p), "black") for n, p in shown), wide)
     if groups:

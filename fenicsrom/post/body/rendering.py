@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import Axes, Figure, new_panels
 from fenicsrom.post.base.writers import PICTURE_DPI
-from fenicsrom.post.body.body_view import PolyData, View
+from fenicsrom.post.body.body_view import Frame, PolyData
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -88,19 +88,15 @@ def _window() -> Plotter:
     return plotter
 
 
-def window_of(
-    parts: Sequence[Part], view: View, low: Array, high: Array, size: tuple[int, int]
-) -> Plotter:
+def window_of(parts: Sequence[Part], frame: Frame, size: tuple[int, int]) -> Plotter:
     """The window with these parts and nothing else in it.
 
     Args:
         parts: what to draw.
-        view: the projection.
-        low: (2,) lower left corner of the picture, m.
-        high: (2,) its upper right corner, m.
+        frame: the part of the picture that is shown.
         size: width and height of the picture in pixels.
     """
-    plotter = _window()
+    plotter, (view, low, high) = _window(), frame
     plotter.clear_actors()
     window: Any = plotter.render_window
     window.SetSize(FINE * size[0], FINE * size[1])  # `window_size` would draw everything
@@ -135,59 +131,53 @@ def pixels_of(plotter: Plotter) -> Pixels:
     return np.array(Image.fromarray(image).reduce(FINE))
 
 
-def render(
-    parts: Sequence[Part], view: View, low: Array, high: Array, size: tuple[int, int]
-) -> Pixels:
+def render(parts: Sequence[Part], frame: Frame, size: tuple[int, int]) -> Pixels:
     """Draw the parts; symbols behind the body are pale. Arguments as for `window_of`."""
-    whole = pixels_of(window_of(parts, view, low, high, size))
+    whole = pixels_of(window_of(parts, frame, size))
     if symbols := [part for part in parts if part.symbol]:
-        front = pixels_of(window_of(symbols, view, low, high, size))
+        front = pixels_of(window_of(symbols, frame, size))
         here = front.min(axis=2) < 255
         whole[here] = HIDDEN * front[here] + (1.0 - HIDDEN) * whole[here] + 0.5
     return whole
 
 
-def show(
-    axis: Axes, parts: Sequence[Part], view: View, low: Array, high: Array, width: float
-) -> None:
+def show(axis: Axes, parts: Sequence[Part], frame: Frame, width: float) -> None:
     """Draw the parts in a panel without axes and to scale.
 
     Args:
         axis: the panel.
         parts: what to draw.
-        view: the projection.
-        low: (2,) lower left corner of the part of the picture that is shown, m.
-        high: (2,) its upper right corner, m.
+        frame: the part of the picture that is shown.
         width: of the panel, inches.
     """
+    _, low, high = frame
     axis.set_axis_off()
     axis.set(xticks=[], yticks=[])  # measuring hidden ticks takes time
     wide, tall = np.rint(PICTURE_DPI * width / (high - low)[0] * (high - low)).astype(int)
-    image = render(parts, view, low, high, (int(wide), int(tall)))
+    image = render(parts, frame, (int(wide), int(tall)))
     axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear")
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
 
 
 def body_figure(
-    parts: Sequence[Part], view: View, low: Array, high: Array, spare: float, width: float = 8.0
+    parts: Sequence[Part], frame: Frame, spare: float, width: float = 8.0
 ) -> tuple[Figure, Axes, float]:
     """Draw the parts in a figure with one panel, not much taller than wide.
 
     Args:
         parts: what to draw.
-        view: the projection.
-        low: (2,) lower left corner of the part of the picture that is shown, m.
-        high: (2,) its upper right corner, m.
+        frame: the part of the picture that is shown.
         spare: height of title, legend and colour bar, inches.
         width: largest width of the panel, inches.
 
     Returns:
         The figure, the panel and its width in inches.
     """
-    aspect = (high[1] - low[1]) / (high[0] - low[0])
+    across, up = frame.high - frame.low
+    aspect = up / across
     wide = width * min(1.0, max(0.6, 1.0 / aspect))
     figure, (axis,) = new_panels(wide, wide * aspect + spare)
-    show(axis, parts, view, low, high, wide)
+    show(axis, parts, frame, wide)
     return figure, axis, wide
 
 

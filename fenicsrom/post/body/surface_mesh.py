@@ -1,7 +1,5 @@
 """Meshes of the rigid surfaces of a scene: walls, casings and balls, as they move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import surface_turn
-from fenicsrom.post.paraview.vtk import Grid, linear_grid, write_instants, write_vtu
+from fenicsrom.post.paraview.vtk import Attached, Grid, linear_grid, write_instants, write_vtu
 from fenicsrom.scene import Scene
 
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
@@ -57,7 +55,7 @@ def _writer(
         file = f"surface_{k + 1}_{number if moving else 0:05d}.vtu"
         if not (folder / file).exists():
             grid = surface_grid(scene, points, k, float(times[number]), moved)
-            write_vtu(folder / file, grid, {}, notes=notes)
+            write_vtu(folder / file, grid, Attached(notes=notes))
         return file
 
     return write

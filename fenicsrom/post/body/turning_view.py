@@ -3,8 +3,6 @@
 The page needs no network: it holds the data and the library that draws them, k3d.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -236,7 +234,7 @@ def _plot(surface: PolyData, view: View) -> Any:
 
     plot = k3d.plot(grid_visible=False, colorbar_object_id=0, camera_auto_fit=False)
     plot.lighting, plot.camera_fov = 0.3, FIELD
-    low, high = frame_of(view, [surface.points])
+    _, low, high = frame_of(view, [surface.points])
     wide, tall = high - low
     deep = surface.points @ view.towards
     away = 0.5 * max(tall, wide / BROAD) / np.tan(np.radians(0.5 * FIELD)) + float(np.ptp(deep))

@@ -1,7 +1,5 @@
 """The report of a damped nonlinear mode: sentences, tables and files."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,7 @@ from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import named, table_of
 from fenicsrom.post.curves.response_figures import contact_columns
 from fenicsrom.words import counted
 
@@ -35,9 +33,7 @@ def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
         "modal_amplitude_sqrtkg_m": point.modal_amplitude,
         "frequency_Hz": point.frequency,
         "damping_ratio": point.damping_ratio,
-        **{
-            f"amplitude_{axis}_m": float(a) for axis, a in zip("xyz", point.amplitude, strict=False)
-        },
+        **named("amplitude_{}_m", "xyz", point.amplitude),
         **(contact_columns(motion) if found.contacts else {}),
         "residual": motion.residual,
     }

@@ -1,7 +1,5 @@
 """The report of an equilibrium path: sentences, tables and files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import named, table_of
 from fenicsrom.post.curves.response_figures import STABLE, UNSTABLE, stretches
 from fenicsrom.words import counted
 
@@ -30,10 +28,9 @@ def rows(found: EquilibriumPath) -> list[dict[str, Any]]:
 
 
 def _row(point: Equilibrium) -> dict[str, Any]:
-    axes = zip("xyz", point.probe, strict=False)
     return {
         "load_factor": point.load_factor,
-        **{f"probe_{axis}_m": float(value) for axis, value in axes},
+        **named("probe_{}_m", "xyz", point.probe),
         "largest_displacement_m": point.largest,
         "negative_pivots": point.negative_pivots,
         "residual": point.residual,

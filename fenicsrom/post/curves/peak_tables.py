@@ -1,7 +1,5 @@
 """The peaks of response curves over a second number: sentences, table, rows and picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fenicsrom.assess.curves.peaks import largest_peaks

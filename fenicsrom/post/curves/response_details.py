@@ -1,7 +1,5 @@
 """More figures of response curves: Floquet multipliers, harmonics and maps of contact states."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

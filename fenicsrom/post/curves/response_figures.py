@@ -1,7 +1,5 @@
 """The figure of response curves: amplitude, phase, peak normal force and dissipated energy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """The files of response curves: numbers, motions, pictures and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace

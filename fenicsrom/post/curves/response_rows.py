@@ -1,7 +1,5 @@
 """The numbers of response curves: rows of `response.csv` and contents of `response.json`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from fenicsrom.assess.curves.response_results import (
     judged_multiplier,
 )
 from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.post.base.tables import named
 from fenicsrom.post.curves.peak_tables import optimum_summary
 from fenicsrom.post.curves.response_figures import (
     contact_columns,
@@ -49,10 +48,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
     return {
         column_name(found.scene, found.table.parameter): point.parameter,
         **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
-        **{
-            f"probe_amplitude_{axis}_m": float(a)
-            for axis, a in zip("xyz", point.probe_amplitude, strict=False)
-        },
+        **named("probe_amplitude_{}_m", "xyz", point.probe_amplitude),
         "phase_deg": float(np.degrees(np.angle(main[0]))),
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
         **(contact_columns(point) if found.contacts else {}),

@@ -1,7 +1,5 @@
 """The results of response curves in sentences and tables, for the terminal and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

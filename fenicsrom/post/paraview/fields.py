@@ -1,7 +1,5 @@
 """Fields of a study for ParaView and animations: shapes, the last period and contact points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -162,7 +162,7 @@ def write_groups(solid: Solid, folder: Path) -> list[Path]:
     }
     grid = linear_grid(points, cells.reshape(whole.shape[:2]), d - 1)
     with atomic_write(folder / GROUPS) as temporary:
-        write_vtu(temporary, grid, {}, marks)
+        write_vtu(temporary, grid, Attached(cells=marks))
     return [folder / GROUPS]
 
 

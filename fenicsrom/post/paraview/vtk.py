@@ -11,7 +11,7 @@ from __future__ import annotations
 import html
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +26,18 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+Values = NDArray[Any]
+Times = Sequence[float] | Values
+"""Instants, s."""
+
+
 @dataclass(frozen=True)
 class Attached:
-    """Values that go into the file of a displacement field.
+    """Values that go into the file of a grid, such as that of a displacement field.
 
     Attributes:
-        nodes: name -> values (nodes, m) or (nodes,) at the local nodes of the space.
+        nodes: name -> values (nodes, m) or (nodes,) at the local nodes of the space, or at the
+            points of the grid.
         cells: name -> values (cells, m) or (cells,) in the cells of this rank.
         notes: name -> text, such as units.
     """
@@ -44,12 +50,12 @@ class Attached:
 NOTHING = Attached()
 
 
+Fields = Mapping[str, "np.ndarray | Function"]
+"""Label -> nodal values, as an array of the local and ghost unknowns or a Function."""
+
+
 def write_fields(
-    folder: str | Path,
-    name: str,
-    space: FunctionSpace,
-    fields: Mapping[str, np.ndarray | Function],
-    attached: Attached = NOTHING,
+    folder: Path, name: str, space: FunctionSpace, fields: Fields, attached: Attached = NOTHING
 ) -> Path:
     """Write displacement fields as point arrays of one grid. Collective.
 
@@ -60,7 +66,7 @@ def write_fields(
         folder: the folder to write to; it is created if it is missing.
         name: name of the file, without suffix.
         space: vector Lagrange space of degree 1 or 2.
-        fields: label -> nodal values, as an array of the local and ghost unknowns or a Function.
+        fields: the fields.
         attached: values besides the fields.
 
     Returns:
@@ -71,23 +77,23 @@ def write_fields(
     """
     comm = space.mesh.comm
     grid = grid_of(space)
-    arrays = _arrays(grid, space, fields, attached)
+    values = _at_points(grid, space, fields, attached)
     if comm.size == 1:
-        path = Path(folder) / f"{name}.vtu"
+        path = folder / f"{name}.vtu"
         with atomic_write(path) as temporary:
-            write_vtu(temporary, grid.grid, arrays, attached.cells, attached.notes)
+            write_vtu(temporary, grid.grid, values)
         return path
-    path = Path(folder) / name
+    path = folder / name
     with atomic_folder(path, comm) as temporary:
-        file = _write_parts(temporary, name, grid, arrays, attached, comm)
+        file = _write_parts(temporary, name, grid.grid, values, comm)
     return path / file
 
 
 def write_motion(
-    folder: str | Path,
+    folder: Path,
     name: str,
     space: FunctionSpace,
-    times: Sequence[float] | np.ndarray,
+    times: Times,
     frames: Callable[[int], np.ndarray | Function],
     label: str = "displacement",
     attach: Callable[[int], Attached] = lambda number: NOTHING,
@@ -117,20 +123,16 @@ def write_motion(
     comm, grid = space.mesh.comm, grid_of(space)
 
     def write(place: Path, number: int) -> str:
-        attached = attach(number)
-        arrays = _arrays(grid, space, {label: frames(number)}, attached)
-        arrays[label] = arrays[label].astype(np.float32)
-        return _write_parts(place, f"{name}_{number:05d}", grid, arrays, attached, comm)
+        values = _at_points(grid, space, {label: frames(number)}, attach(number))
+        single = {**values.nodes, label: values.nodes[label].astype(np.float32)}
+        values = replace(values, nodes=single)
+        return _write_parts(place, f"{name}_{number:05d}", grid.grid, values, comm)
 
-    return write_instants(Path(folder) / name, times, write, comm)
+    return write_instants(folder / name, times, write, comm)
 
 
 def write_points(
-    folder: str | Path,
-    name: str,
-    times: Sequence[float] | np.ndarray,
-    points: np.ndarray,
-    arrays: Mapping[str, np.ndarray],
+    folder: Path, name: str, times: Times, points: Values, arrays: Mapping[str, Values]
 ) -> Path:
     """Write points with values that change in time, one point set per instant. Not collective.
 
@@ -156,7 +158,7 @@ def write_points(
         write_vtp(place / file, points, {label: found[number] for label, found in arrays.items()})
         return file
 
-    return write_instants(Path(folder) / name, times, write)
+    return write_instants(folder / name, times, write)
 
 
 @dataclass(frozen=True)
@@ -205,40 +207,29 @@ def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
     return np.asarray(field.x.array if hasattr(field, "x") else field)
 
 
-def _arrays(
-    grid: NumberedGrid,
-    space: FunctionSpace,
-    fields: Mapping[str, np.ndarray | Function],
-    attached: Attached,
-) -> dict[str, np.ndarray]:
-    """Give the values at the points of the grid by name; vectors are padded with zeros in 2D."""
+def _at_points(
+    grid: NumberedGrid, space: FunctionSpace, fields: Fields, attached: Attached
+) -> Attached:
+    """Add fields to values, both at the points of the grid; vectors get zeros in 2D."""
     block = space.dofmap.index_map_bs
     found = {
         label: in_space(unknowns_of(field).reshape(-1, block)[grid.nodes])
         for label, field in fields.items()
     }
-    return found | {label: values[grid.nodes] for label, values in attached.nodes.items()}
+    found |= {label: values[grid.nodes] for label, values in attached.nodes.items()}
+    return replace(attached, nodes=found)
 
 
-def _write_parts(
-    folder: Path,
-    name: str,
-    grid: NumberedGrid,
-    arrays: Mapping[str, np.ndarray],
-    attached: Attached,
-    comm: Any,
-) -> str:
+def _write_parts(folder: Path, name: str, grid: Grid, values: Attached, comm: Any) -> str:
     """Write the piece of this rank, and on the first rank the list of pieces; return its name."""
     several = comm.size > 1
     piece = f"{name}_p{comm.rank}.vtu" if several else f"{name}.vtu"
-    write_vtu(folder / piece, grid.grid, arrays, attached.cells, attached.notes)
+    write_vtu(folder / piece, grid, values)
     if several and comm.rank == 0:
         pieces = [f"{name}_p{rank}.vtu" for rank in range(comm.size)]
-        write_pieces(folder / f"{name}.pvtu", pieces, arrays, attached.cells)
+        write_pieces(folder / f"{name}.pvtu", pieces, values)
     return f"{name}.pvtu" if several else piece
 
-
-Values = NDArray[Any]
 
 TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}
 
@@ -287,12 +278,8 @@ def corner_shapes(nodes: Values, corners: int) -> Values:
     d = nodes.shape[1]
     if corners == d + 1:
         return np.column_stack([1.0 - nodes.sum(axis=1), nodes])
-    found = np.ones((nodes.shape[0], corners))
-    for corner in range(corners):
-        for axis in range(d):
-            x = nodes[:, axis]
-            found[:, corner] *= x if corner >> axis & 1 else 1.0 - x
-    return found
+    at_end = np.arange(corners)[:, None] >> np.arange(d) & 1
+    return np.where(at_end, nodes[:, None], 1.0 - nodes[:, None]).prod(axis=2)
 
 
 def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
@@ -356,21 +343,11 @@ def in_space(vectors: Values) -> Values:
     return found
 
 
-def write_vtu(
-    path: Path,
-    grid: Grid,
-    arrays: Mapping[str, Values],
-    cell_arrays: Mapping[str, Values] | None = None,
-    notes: Mapping[str, str] | None = None,
-) -> None:
-    """Write one grid.
+def write_vtu(path: Path, grid: Grid, values: Attached) -> None:
+    """Write one grid and values at its points and in its cells; ParaView shows notes as field data.
 
-    Args:
-        path: the file.
-        grid: the grid.
-        arrays: values at the points by name, (n_points,) or (n_points, components).
-        cell_arrays: values of the cells by name.
-        notes: texts by name, such as units; ParaView shows them as field data.
+    Raises:
+        OSError: the file cannot be written.
     """
     count, per_cell = grid.cells.shape
     cells: dict[str, Values] = {
@@ -378,30 +355,25 @@ def write_vtu(
         "offsets": np.arange(1, count + 1, dtype=np.int64) * per_cell,
         "types": np.full(count, grid.cell_type, dtype=np.uint8),
     }
-    _write_vtk(
-        path, "UnstructuredGrid", grid.points, arrays, "Cells", count, cells, cell_arrays, notes
-    )
+    _write_vtk(path, "UnstructuredGrid", grid.points, "Cells", cells, values)
 
 
 def write_vtp(path: Path, points: Values, arrays: Mapping[str, Values]) -> None:
     """Write one point set."""
     count = np.arange(len(points), dtype=np.int64)
     cells = {"connectivity": count, "offsets": count + 1}
-    _write_vtk(path, "PolyData", points, arrays, "Verts", len(points), cells)
+    _write_vtk(path, "PolyData", points, "Verts", cells, Attached(arrays))
 
 
 def _write_vtk(
     path: Path,
     kind: str,
     points: Values,
-    arrays: Mapping[str, Values],
     section: str,
-    count: int,
     cells: Mapping[str, Values],
-    cell_arrays: Mapping[str, Values] | None = None,
-    notes: Mapping[str, str] | None = None,
+    found: Attached,
 ) -> None:
-    """Write points, their arrays and `count` cells: an XML header, then the packed arrays."""
+    """Write points, cells and values on them: an XML header, then the packed arrays."""
     blocks: list[bytes] = []
     position = 0
 
@@ -419,12 +391,13 @@ def _write_vtk(
         'compressor="vtkZLibDataCompressor">',
         f"<{kind}>",
         "<FieldData>",
-        *(_note(name, text) for name, text in (notes or {}).items()),
-        f'</FieldData><Piece NumberOfPoints="{len(points)}" NumberOf{section}="{count}">',
+        *(_note(name, text) for name, text in found.notes.items()),
+        f'</FieldData><Piece NumberOfPoints="{len(points)}" '
+        f'NumberOf{section}="{cells["offsets"].size}">',
         "<PointData>",
-        *(array(values, label) for label, values in arrays.items()),
+        *(array(values, label) for label, values in found.nodes.items()),
         "</PointData><CellData>",
-        *(array(values, label) for label, values in (cell_arrays or {}).items()),
+        *(array(values, label) for label, values in found.cells.items()),
         "</CellData><Points>",
         array(points.astype(np.float64), "Points"),
         f"</Points><{section}>",
@@ -479,18 +452,13 @@ def write_blocks(path: Path, blocks: Iterable[tuple[str, str]]) -> None:
     _write_list(path, "vtkMultiBlockDataSet", listed)
 
 
-def write_pieces(
-    path: Path,
-    pieces: Sequence[str],
-    arrays: Mapping[str, Values],
-    cell_arrays: Mapping[str, Values] | None = None,
-) -> None:
-    """Write the `.pvtu` file that lists the pieces of a grid, which have these arrays."""
+def write_pieces(path: Path, pieces: Sequence[str], found: Attached) -> None:
+    """Write the `.pvtu` file that lists the pieces of a grid, which have these values."""
     lines = [
         "<PPointData>",
-        *(f"<PDataArray {_type(values, label)}/>" for label, values in arrays.items()),
+        *(f"<PDataArray {_type(values, label)}/>" for label, values in found.nodes.items()),
         "</PPointData><PCellData>",
-        *(f"<PDataArray {_type(values, label)}/>" for label, values in (cell_arrays or {}).items()),
+        *(f"<PDataArray {_type(values, label)}/>" for label, values in found.cells.items()),
         "</PCellData><PPoints>",
         '<PDataArray type="Float64" Name="Points" NumberOfComponents="3"/>',
         "</PPoints>",
@@ -506,7 +474,7 @@ def _write_list(path: Path, kind: str, lines: Iterable[str]) -> None:
 
 
 def write_instants(
-    path: Path, times: Sequence[float] | Values, write: Callable[[Path, int], str], comm: Any = None
+    path: Path, times: Times, write: Callable[[Path, int], str], comm: Any = None
 ) -> Path:
     """Write a folder with a file for each instant, and the file that lists them.
 

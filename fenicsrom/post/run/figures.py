@@ -1,7 +1,5 @@
 """Figures of motions, contacts, energies and mode shapes."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -399,13 +397,13 @@ class ContactAxis(NamedTuple):
         wanted = np.linspace(0, self.at.size - 1, min(self.at.size, MOST_NUMBERS))
         look: dict[str, Any] = {"fontsize": 8, "color": "#0072B2"}
         axes.yaxis.get_offset_text().set_horizontalalignment("right")  # beside the first number
+        if upright:
+            look |= {"transform": axes.get_yaxis_transform(), "va": "center"}
+        else:
+            look |= {"transform": axes.get_xaxis_transform(), "va": "bottom", "ha": "center"}
         for k in np.unique(wanted.round().astype(int)):
-            if upright:
-                place, turn = (1.005, self.at[k]), axes.get_yaxis_transform()
-                axes.text(*place, str(k + 1), transform=turn, va="center", **look)
-            else:
-                place, turn = (self.at[k], 1.0), axes.get_xaxis_transform()
-                axes.text(*place, str(k + 1), transform=turn, ha="center", va="bottom", **look)
+            x, y = (1.005, self.at[k]) if upright else (self.at[k], 1.0)
+            axes.text(x, y, str(k + 1), **look)
 
 
 def contact_axis(points: ContactPoints | None, count: int) -> ContactAxis:

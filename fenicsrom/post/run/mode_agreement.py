@@ -1,7 +1,5 @@
 """The modes of the reduced model beside those of the full model: table, sentence and picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

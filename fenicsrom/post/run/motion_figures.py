@@ -1,7 +1,5 @@
 """Pictures of motions that answer one question each: transients, sections, maps, coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

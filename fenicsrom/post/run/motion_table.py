@@ -1,7 +1,5 @@
 """The table of the responses of the models, and the notes on the contact points in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

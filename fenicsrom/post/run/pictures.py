@@ -1,7 +1,5 @@
 """The pictures of a run: motion, contact, energy, shapes and the animation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The report of a run: `report.html`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,6 @@ from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import scene_heading
-from fenicsrom.words import counted
 
 REPORT = "report.html"
 
@@ -81,13 +78,8 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     tables += [stress_tables.stress_rows(stresses.peaks), stress_tables.RECOVERY_NOTE]
     if stresses.modes:
         tables += [stress_tables.modal_rows(stresses.modes), stress_tables.MODAL_NOTE]
-    return [
-        ("Stresses", tables),
-        (
-            "Reactions",
-            [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)],
-        ),
-    ]
+    reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
+    return [("Stresses", tables), ("Reactions", reactions)]
 
 
 def _agreement(found: ModeAgreement | None) -> list[Any]:
@@ -103,7 +95,7 @@ def _results(found: Study | Rerun) -> list[Any]:
     listed: list[Any] = []
     if motions:
         listed.append(response_rows(motions, found.sizes, names))
-        listed.append(sentences.support_sentence(found.scene, found.points, motions))
+        listed.append(sentences.support_sentence(found))
     if isinstance(found, Study):
         listed += sentences.study_results(found)
     else:
@@ -120,11 +112,8 @@ def _notes(found: Study | Rerun) -> list[str]:
     """Compose the notes on the results."""
     if not found.motions:
         return []
-    periodic = (
-        sentences.periodic_sentence(found.motions["reduced"])
-        if "reduced" in found.motions
-        else None
-    )
+    reduced = found.motions.get("reduced")
+    periodic = None if reduced is None else sentences.periodic_sentence(reduced)
     notes = [
         response_note(found.motions),
         points_note(found.motions, found.scene),
@@ -137,23 +126,13 @@ def _notes(found: Study | Rerun) -> list[str]:
 
 def _basis(study: Study) -> list[Any]:
     """Compose the tables of modes and derivatives, and the size of the basis."""
-    modes, basis = study.modes, study.basis
-    if modes is None:
+    if study.modes is None:
         return []
-    frequencies = enumerate(modes.frequencies_hz, 1)
+    frequencies = enumerate(study.modes.frequencies_hz, 1)
     found: list[Any] = [
         table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in frequencies)
     ]
-    if basis is not None:
-        found.append(
-            f"{basis.method}, {counted(basis.size, 'coordinate')}: {', '.join(basis.labels)}. "
-            f"Condition number of the scaled reduced mass: {basis.condition:.3g}; of the scaled "
-            f"residual flexibility: {modes.flexibility_condition:.3g}."
-        )
-        if basis.dropped:
-            dropped = ", ".join(f"{k} ({v:.0e})" for k, v in basis.dropped.items())
-            found.append(f"Dropped because they depend on other vectors: {dropped}")
-    found += _sizes(study.sized)
+    found += [*sentences.basis_sentences(study), *_sizes(study.sized)]
     if study.derivatives is not None:
         found.append(
             table_of(

@@ -1,7 +1,5 @@
 """A motion at a speed of rotation that varies: sentence, numbers and picture."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The sentences about a run for the terminal and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -91,14 +89,12 @@ def equilibrium_sentence(deflection: Array) -> str:
     return f"Displacement of the probe in the static equilibrium: {components}."
 
 
-def support_sentence(
-    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
-) -> str | None:
+def support_sentence(run: Study | Rerun) -> str | None:
     """State the absolute amplitudes if the supports move; None otherwise."""
-    found = support_summary(scene, points, motions).get("support_motion", {})
+    found = support_summary(run).get("support_motion", {})
     if not found:
         return None
-    names = direction_names(scene, points)
+    names = direction_names(run.scene, run.points)
     absolute = [
         f"{named_millimetres(names, in_order(numbers['absolute_amplitude_m']))} ({name})"
         for name, numbers in found.items()
@@ -227,14 +223,14 @@ def basis_sentences(study: Study) -> list[str]:
     left = []
     if dropped:
         share = f"{study.scene.basis.threshold:g} of the largest"
-        left = [f"modes left out, with an amplitude below {share}: {' '.join(dropped)}"]
+        left = [f"Modes left out, with an amplitude below {share}: {' '.join(dropped)}."]
     if basis.dropped:
-        left.append(f"vectors left out, because others contain them: {' '.join(basis.dropped)}")
+        left.append(f"Vectors left out, because others contain them: {' '.join(basis.dropped)}.")
     return [
-        f"basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}",
+        f"Basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}.",
         *left,
-        f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
-        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
+        f"Condition number: {basis.condition:.3g} of the scaled reduced mass, "
+        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility.",
     ]
 
 
@@ -307,7 +303,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     if reduced is not None:
         told += [resumed_sentence(reduced), periodic_sentence(reduced)]
         told.append(wear_sentence(reduced, found.scene, found.points))
-    told.append(support_sentence(found.scene, found.points, found.motions))
+    told.append(support_sentence(found))
     if isinstance(found, Study):
         told += [*study_results(found), *basis_sentences(found)]
         told += [] if found.agreement is None else [agreement_sentence(found.agreement)]

@@ -1,8 +1,6 @@
 """Stresses and reactions as rows, sentences and files."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.online.stress.reactions import Reactions
 from fenicsrom.online.stress.stress_peaks import Peak, Stresses
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import named, table_of
 from fenicsrom.post.base.writers import write_rows
 
 STRESSES = "stresses.csv"
@@ -46,17 +44,11 @@ def peak_record(peak: Peak) -> dict[str, Any]:
         "state": peak.state,
         **({"frequency_Hz": peak.frequency} if modal else {"time_s": peak.time}),
         f"von_mises_{unit}": peak.von_mises,
-        **_named("{}_m", "xyz", peak.position),
-        **_named(f"principal_{{}}_{unit}", "123", peak.principal),
+        **named("{}_m", "xyz", peak.position),
+        **named(f"principal_{{}}_{unit}", "123", peak.principal),
         f"gauss_von_mises_{unit}": peak.point_von_mises,
-        **_named("gauss_{}_m", "xyz", peak.point_position),
+        **named("gauss_{}_m", "xyz", peak.point_position),
     }
-
-
-def _named(pattern: str, names: Iterable[str], values: Array) -> dict[str, float]:
-    """The values by a pattern with their names."""
-    pairs = zip(names, map(float, values), strict=False)
-    return {pattern.format(name): value for name, value in pairs}
 
 
 def stress_summary(stresses: Stresses) -> dict[str, Any]:
@@ -81,8 +73,8 @@ def reaction_record(reactions: Reactions, row: int) -> dict[str, Any]:
     """The reactions at one instant by name, with units."""
     places = dict(zip(reactions.supports, reactions.values[row], strict=True))
     places["by_momentum"] = reactions.by_momentum[row]
-    named = {name: _named("{}", reactions.components, found) for name, found in places.items()}
-    return {"time_s": float(reactions.time[row]), **named}
+    parts = {name: named("{}", reactions.components, found) for name, found in places.items()}
+    return {"time_s": float(reactions.time[row]), **parts}
 
 
 def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:

@@ -1,7 +1,5 @@
 """The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -45,8 +43,8 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
     first = _of_model(found) if isinstance(found, Rerun) else _of_stages(found)
     begin = {"dofs": first.pop("dofs"), "frequencies_hz": found.frequencies_hz}
     contents = {"scene": found.scene.source, **begin, **first}
-    contents |= motions_summary(found.motions, found.points)
-    contents |= support_summary(found.scene, found.points, found.motions)
+    contents |= motions_summary(found)
+    contents |= support_summary(found)
     contents |= wear_summary(found.motions, found.scene, found.points)
     contents["estimated_error_percent"] = estimates_summary(found.errors)
     if found.stresses is not None:
@@ -149,39 +147,31 @@ def size_summary(found: Sized | None) -> dict[str, Any]:
     }
 
 
-def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
+def motions_summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the responses of all models, and the errors of the reduced against the full model."""
-    found: dict[str, Any] = {
-        "response": {name: response_summary(motion) for name, motion in motions.items()}
-    }
-    for name, motion in motions.items():
+    response = {name: response_summary(motion) for name, motion in found.motions.items()}
+    for name, motion in found.motions.items():
         if motion.state.shape[1] > 1:
-            found["response"][name]["points"] = [
-                {"position_m": position, **point}
-                for position, point in zip(
-                    contact_places(points), point_summaries(motion), strict=True
-                )
-            ]
-    if errors := errors_of(motions):
-        found["error_percent"] = errors
-    return found
+            pairs = zip(contact_places(found.points), point_summaries(motion), strict=True)
+            listed = [{"position_m": position, **point} for position, point in pairs]
+            response[name]["points"] = listed
+    errors = errors_of(found.motions)
+    return {"response": response} | ({"error_percent": errors} if errors else {})
 
 
-def support_summary(
-    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
-) -> dict[str, Any]:
+def support_summary(run: Study | Rerun) -> dict[str, Any]:
     """The entry `support_motion` of a scene whose supports move; empty for any other scene.
 
     Returns:
         For each model `support_amplitude_m` along the axes, and `absolute_amplitude_m` of what
         `response.MODEL.amplitude_m` gives relative to the supports.
     """
+    scene, found = run.scene, {}
     if not moves_supports(scene):
         return {}
-    found = {}
-    for name, motion in motions.items():
+    for name, motion in run.motions.items():
         moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
-        absolute = replace(motion, displacement=absolute_displacement(scene, points, motion))
+        absolute = replace(motion, displacement=absolute_displacement(scene, run.points, motion))
         found[name] = {
             "support_amplitude_m": 0.5 * np.ptp(moved[motion.last_period()], axis=0),
             "absolute_amplitude_m": amplitudes(absolute),
@@ -224,8 +214,7 @@ def write_history(
             d = scene.geometry.dimension
             moved = support_displacement(scene.loads, motion.time, d)
             arrays[f"{name}_support_displacement"] = moved
-            absolute = absolute_displacement(scene, points, motion)
-            arrays[f"{name}_absolute_displacement"] = absolute
+            arrays[f"{name}_absolute_displacement"] = absolute_displacement(scene, points, motion)
     return write_arrays(path, arrays)
 
 

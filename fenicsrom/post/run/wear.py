@@ -1,7 +1,5 @@
 """The wear of abradable layers: its numbers, sentence, table and picture."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

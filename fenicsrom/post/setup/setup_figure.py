@@ -5,8 +5,6 @@ all of them. Each symbol has a form and a colour of its own, so that readers who
 colours apart see the form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -55,7 +53,8 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     view = view or setup_view(surface, marks)
     drawn = symbols(marks, grid.points, view.length)
     places = [surface.points, *(part.mesh.points for part in drawn)]
-    low, high = frame_of(view, places)
+    frame = frame_of(view, places)
+    _, low, high = frame
     body = [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
     body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]
     around = surroundings(marks, grid.points)
@@ -64,7 +63,7 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     columns = 2 if len(handles) > 3 else len(handles)
     rows = -(-len(handles) // max(columns, 1))
     spare = 0.6 + 0.21 * (rows + title.count("\n"))
-    figure, axis, wide = body_figure([*body, *around], view, low, high, spare)
+    figure, axis, wide = body_figure([*body, *around], frame, spare)
     write_names(axis, _numbers(marks, view, (high[0] - low[0]) / (72.0 * wide)), wide)
     reach = [part.mesh.points for part in around]
     if any(np.any((seen < low) | (seen > high)) for seen in map(view.project, reach)):
@@ -73,13 +72,8 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
         layout.set(rect=(0.0, 0.0, 1.0 / (1.04 + OVERVIEW), 1.0))  # it does not know the panel
         figure.set_figwidth(figure.get_figwidth() * (1.04 + OVERVIEW))
         panel = axis.inset_axes((1.02, 0.0, OVERVIEW, 1.0))
-        show(
-            panel,
-            [painted(surface), *around],
-            far,
-            *frame_of(far, [*places, *reach]),
-            OVERVIEW * wide,
-        )
+        whole = frame_of(far, [*places, *reach])
+        show(panel, [painted(surface), *around], whole, OVERVIEW * wide)
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)

@@ -1,7 +1,5 @@
 """The report of a Campbell diagram: tables, picture and files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

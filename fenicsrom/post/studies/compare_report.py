@@ -1,19 +1,36 @@
-"""The files of a comparison: CSV, JSON, pictures and report."""
+"""The report of a comparison: tables, sentences, and pictures of error, run time and size."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from fenicsrom.assess.errors.agreement import pareto_front
 from fenicsrom.assess.full.full_cache import machine
-from fenicsrom.assess.studies.compare import REPEATS, Comparison
+from fenicsrom.assess.studies.compare import REPEATS, Comparison, Outcome
 from fenicsrom.online.motion.measures import response_summary
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.post.studies import compare_figures
 from fenicsrom.words import counted
 
+METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
+SHORT = {"rubin": "R", "craig-bampton": "CB"}
+DOT: dict[str, Any] = {"marker": "o", "linestyle": ""}
+DOTS = {"rubin": DOT, "craig-bampton": DOT | {"marker": "s"}}
+# large hollow squares: equal values of the other method stay visible
+LINES: dict[str, dict[str, Any]] = {
+    "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
+    "craig-bampton": {"marker": "s", "markersize": 9, "markerfacecolor": "none", "linestyle": "--"},
+}
+INK, FRONT = "#5b636b", "#9AA0A6"
+LEGEND_WIDTH = 1.5  # inches of an entry
+LEAST = 1e-6  # percent; smaller errors are drawn at this value
+BESIDE = [(7, -4), (-7, -4), (0, 7), (0, -15)]  # places of a name beside its point, points
+ABOVE = [(7, 4), (-7, 4), (7, -13), (-7, -13)]
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
     "amplitude_normal": "normal amplitude",
@@ -28,10 +45,8 @@ VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh"
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Collect one flat row for each combination, for `comparison.csv`."""
-    found = []
-    for outcome in comparison.outcomes:
-        c = outcome.combination
-        row = {
+    return [
+        {
             "mesh": c.mesh,
             "steps_per_period": c.steps,
             "method": c.method,
@@ -57,26 +72,27 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
             "residual": outcome.residual,
             "failure": outcome.failure,
         }
-        found.append(row)
-    return found
+        for outcome in comparison.outcomes
+        for c in [outcome.combination]
+    ]
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
     """Collect what `comparison.json` has of a comparison."""
     combinations = []
     for outcome, row in zip(comparison.outcomes, rows(comparison), strict=True):
-        entry = {
-            key: value
-            for key, value in row.items()
-            if not key.startswith(("offline_", "online_", "error_", "labels"))
-        }
-        entry["labels"] = list(outcome.labels)
-        entry["offline_seconds"] = outcome.offline
-        entry["online_seconds"] = list(outcome.online)
-        entry["online_median_seconds"] = row["online_s"]
-        entry["error_percent"] = outcome.errors
-        entry["response"] = response_summary(outcome.motion) if outcome.motion else None
-        combinations.append(entry)
+        listed = ("offline_", "online_", "error_", "labels")
+        combinations.append(
+            {key: value for key, value in row.items() if not key.startswith(listed)}
+            | {
+                "labels": list(outcome.labels),
+                "offline_seconds": outcome.offline,
+                "online_seconds": list(outcome.online),
+                "online_median_seconds": row["online_s"],
+                "error_percent": outcome.errors,
+                "response": response_summary(outcome.motion) if outcome.motion else None,
+            }
+        )
     full = comparison.full
     return {
         "dofs": comparison.unknowns,
@@ -112,7 +128,7 @@ def table(comparison: Comparison) -> list[list[Any]]:
     lines = []
     for outcome in comparison.outcomes:
         c, online = outcome.combination, outcome.online
-        line: dict[str, Any] = {"method": compare_figures.METHODS[c.method], "modes": c.modes}
+        line: dict[str, Any] = {"method": METHODS[c.method], "modes": c.modes}
         line |= {"derivatives": c.chosen}
         line |= {head: getattr(c, name) or None for head, name in varied.items()}
         line |= {"size": len(outcome.labels) or None}
@@ -143,13 +159,13 @@ def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
     amplitude = error_heads(comparison)["amplitude_tangential"]
-    small = [o for o in compare_figures.rated(comparison) if len(o.labels) <= SMALL]
+    small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
     if small:
-        best = min(small, key=compare_figures.amplitude_error)
+        best = min(small, key=amplitude_error)
         found.append(
             f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
             f"{counted(len(best.labels), 'coordinate')}: its error of the {amplitude} is "
-            f"{compare_figures.amplitude_error(best):.2g} %, it is "
+            f"{amplitude_error(best):.2g} %, it is "
             f"{comparison.speed_up(best):.0f} times as fast as the full model, and its offline "
             f"time pays off after {_runs(comparison.break_even(best))}."
         )
@@ -157,7 +173,7 @@ def sentences(comparison: Comparison) -> list[str]:
     if ours is not None and plain is not None:
         found.append(
             f"Rank correlation (Spearman) with the error of the {amplitude} over "
-            f"{len(compare_figures.rated(comparison))} bases: {ours:.2f} for the residual in the "
+            f"{len(rated(comparison))} bases: {ours:.2f} for the residual in the "
             f"energy norm (the indicator), {plain:.2f} for the residual in the plain norm. "
             "The indicator needs no run of the full model."
         )
@@ -209,29 +225,212 @@ def timing_note(comparison: Comparison) -> list[str]:
     return found
 
 
+def rated(comparison: Comparison) -> list[Outcome]:
+    """The outcomes whose error of the amplitude is known."""
+    return [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
+
+
+def amplitude_error(outcome: Outcome) -> float:
+    """Error of the tangential amplitude of an outcome with a full model, percent."""
+    error = outcome.errors["amplitude_tangential"]
+    assert error is not None
+    return error
+
+
+def _drawn_errors(outcomes: Sequence[Outcome]) -> list[float]:
+    """The errors of the amplitude as they are drawn on a logarithmic axis, percent."""
+    return [max(amplitude_error(outcome), LEAST) for outcome in outcomes]
+
+
+def _error_label(comparison: Comparison) -> str:
+    """The label of an axis with the errors of the amplitude."""
+    return f"error of the {error_names(comparison.scene, comparison.points)[1]} amplitude, %"
+
+
+def _colours(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Give each way of selecting derivatives a colour."""
+    names = list(dict.fromkeys(o.combination.chosen for o in outcomes))
+    return {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(names)}
+
+
+def _name(outcome: Outcome) -> str:
+    """Name a point by method, number of modes and size."""
+    c = outcome.combination
+    steps = "" if c.steps is None else f"/{c.steps}"
+    return f"{SHORT[c.method]}{c.modes}·{len(outcome.labels)}{steps}{c.mesh.partition('=')[2]}"
+
+
+@styled
+def pareto_figure(comparison: Comparison) -> Figure:
+    """Draw the error of the amplitude against online and total time, with the Pareto front."""
+    outcomes, full = rated(comparison), comparison.full
+    errors, colours = _drawn_errors(outcomes), _colours(outcomes)
+    assert full is not None
+    figure, axes = new_panels(10.5, 5.8, 1, 2, sharey=True)
+    for axis, title, offline in zip(
+        axes, ("online time", "offline and online time"), (False, True), strict=True
+    ):
+        costs = [o.online_seconds + offline * o.offline_seconds for o in outcomes]
+        front = pareto_front(costs, errors)
+        # a staircase: between two points of the front, the left one is the best available
+        corners = np.array([(costs[k], errors[k]) for k in front])
+        axis.plot(*corners.T, color=FRONT, linewidth=1.2, zorder=1, drawstyle="steps-post")
+        for k, (outcome, cost, error) in enumerate(zip(outcomes, costs, errors, strict=True)):
+            c = outcome.combination
+            filled = c.elastic_force == "polynomial"
+            axis.scatter(
+                cost,
+                error,
+                s=52 if k in front else 26,
+                marker=DOTS[c.method]["marker"],
+                zorder=3,
+                linewidths=1.3,
+                edgecolors=colours[c.chosen],
+                facecolors=colours[c.chosen] if filled else "white",
+            )
+        axis.axvline(full.seconds, color="#000000", linewidth=1.0, linestyle=":")
+        axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=title)
+        _write_names(axis, outcomes, costs, front)
+        axis.annotate(
+            "full model",
+            (full.seconds, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(-4, -4),
+            textcoords="offset points",
+            rotation=90,
+            ha="right",
+            va="top",
+            fontsize=8.5,
+        )
+    axes[0].set_ylabel(_error_label(comparison))
+    more = {"Pareto front": {"color": FRONT}}
+    if any(o.combination.elastic_force == "projection" for o in outcomes):
+        more = {"projection": {"color": INK, "markerfacecolor": "white", **DOT}} | more
+    _legend(figure, outcomes, DOT, DOTS, more)
+    return figure
+
+
+def _write_names(
+    axis: Axes, outcomes: Sequence[Outcome], xs: Sequence[float], front: Sequence[int] = ()
+) -> None:
+    """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
+    from matplotlib.transforms import Bbox
+
+    ys, colours = _drawn_errors(outcomes), _colours(outcomes)
+    axis.margins(x=0.12, y=0.06)
+    figure: Any = axis.get_figure()
+    figure.canvas.draw()  # the places of the names depend on the layout
+    places = axis.transData.transform(np.column_stack([xs, ys]))
+    taken = [Bbox([place, place]).padded(5.0 * figure.dpi / 72.0) for place in places]
+    for k in sorted(range(len(outcomes)), key=lambda k: k not in front):
+        # the line of the front continues to the right, so its names stand above
+        for dx, dy in ABOVE + BESIDE if k in front else BESIDE + ABOVE:
+            text = axis.annotate(
+                _name(outcomes[k]),
+                (xs[k], ys[k]),
+                (dx, dy),
+                textcoords="offset points",
+                fontsize=8,
+                va="bottom",
+                ha="right" if dx < 0 else "center" if dx == 0 else "left",
+                fontweight="bold" if k in front else "normal",
+                color=colours[outcomes[k].combination.chosen],
+            )
+            box = text.get_window_extent()
+            inside = all(map(axis.bbox.contains, *box.corners().T))
+            if inside and not box.count_overlaps(taken):
+                taken.append(box)
+                break
+            text.remove()
+
+
+def _legend(
+    figure: Figure,
+    outcomes: Sequence[Outcome],
+    look: Mapping[str, Any],
+    looks: Mapping[str, Mapping[str, Any]],
+    more: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Draw the legend: colours for derivatives, looks for methods, and more entries by names."""
+    from matplotlib.lines import Line2D
+
+    entries = {name: {"color": c, **look} for name, c in _colours(outcomes).items()}
+    methods = dict.fromkeys(o.combination.method for o in outcomes)
+    entries |= {METHODS[method]: {"color": INK, **looks[method]} for method in methods}
+    handles = [Line2D([], [], label=name, **of) for name, of in (entries | {**more}).items()]
+    columns = int(figure.get_figwidth() / LEGEND_WIDTH)
+    figure.legend(handles=handles, loc="outside upper right", ncols=min(len(handles), columns))
+
+
+@styled
+def size_figure(comparison: Comparison) -> Figure:
+    """Draw the error of the amplitude against the number of normal modes and the size.
+
+    Figures 8, 9 and 14 of the paper have the same axes.
+    """
+    outcomes = rated(comparison)
+    figure, axes = new_panels(10.5, 5.0, 1, 2, sharey=True)
+    colours, first = _colours(outcomes), outcomes[0].combination
+    lines: dict[tuple[str, str], list[Outcome]] = {}
+    for o in outcomes:
+        c = o.combination
+        own = {name: getattr(c, name) for name in ("method", "modes", "derivatives", "size")}
+        if replace(first, **own) == c:
+            lines.setdefault((c.method, c.chosen), []).append(o)
+    for (method, chosen), members in lines.items():
+        free = [o for o in members if o.combination.size is None]
+        for axis, shown, values in (
+            (axes[0], free, lambda o: o.combination.modes),
+            (axes[1], members, lambda o: len(o.labels)),
+        ):
+            ordered = sorted(shown, key=lambda o: (values(o), o.combination.modes))
+            places = [values(o) for o in ordered], _drawn_errors(ordered)
+            axis.plot(*places, color=colours[chosen], **LINES[method])
+    for axis, name in zip(axes, ("normal modes", "coordinates"), strict=True):
+        axis.set(yscale="log", xlabel=f"number of {name}")
+        axis.xaxis.get_major_locator().set_params(integer=True)
+    axes[0].set_ylabel(_error_label(comparison))
+    _legend(figure, outcomes, {}, LINES, {})
+    return figure
+
+
+@styled
+def indicator_figure(comparison: Comparison) -> Figure:
+    """Draw the error of the amplitude against its indicator, one point for each basis."""
+    outcomes = [o for o in rated(comparison) if o.indicator is not None]
+    figure, (axis,) = new_panels(6.4, 5.0)
+    colours, indicators = _colours(outcomes), [float(o.indicator or 0.0) for o in outcomes]
+    for o, x, y in zip(outcomes, indicators, _drawn_errors(outcomes), strict=True):
+        marker, colour = DOTS[o.combination.method]["marker"], colours[o.combination.chosen]
+        axis.scatter(x, y, s=30, marker=marker, color=colour)
+    correlation = comparison.rank_correlation()
+    title = f"rank correlation {correlation:.2f}" if correlation is not None else ""
+    axis.set(xscale="log", yscale="log", xlabel="indicator (no full run)", title=title)
+    axis.set_ylabel(_error_label(comparison))
+    _write_names(axis, outcomes, indicators)
+    _legend(figure, outcomes, DOT, DOTS, {})
+    return figure
+
+
 def pictures(comparison: Comparison) -> list[Picture]:
     """The pictures of a comparison with a full model."""
-    if comparison.full is None or not compare_figures.rated(comparison):
+    if comparison.full is None or not rated(comparison):
         return []
     return [
         Picture(
             "Error against run time",
             "pareto.png",
-            lambda: compare_figures.pareto_figure(comparison),
+            lambda: pareto_figure(comparison),
             "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
             "dot, the number of coordinates, after a slash the steps per period, and the value of "
             "a change of the mesh. The points on the line are the Pareto front: no other "
             "basis is both faster and more accurate.",
         ),
-        Picture(
-            "Error against the size of the basis",
-            "size.png",
-            lambda: compare_figures.size_figure(comparison),
-        ),
+        Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),
         Picture(
             "Error against the residual",
             "indicator.png",
-            lambda: compare_figures.indicator_figure(comparison),
+            lambda: indicator_figure(comparison),
             "The residual of the full equations at the reduced motion, in the energy norm, "
             "relative to the loads.",
         ),

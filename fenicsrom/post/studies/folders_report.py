@@ -1,7 +1,5 @@
 """Several output folders on one page: results, curves over each other, differences of scenes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib
@@ -13,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.html_page import verdict_of, write_report
 from fenicsrom.post.base.origin import SCENE_FILE
@@ -54,23 +52,16 @@ def outcome(folder: Path, name: str) -> Outcome:
     """
     kind = next((kind for kind, file in FILES.items() if (folder / file).is_file()), None)
     if kind is None or not (folder / SCENE_FILE).is_file():
-        raise SceneError(
-            f"{folder}: must be the output folder of {', '.join(FILES)}; it has no "
-            f"{SCENE_FILE} with {', '.join(FILES.values())}",
-            kind=ErrorKind.FILE,
-            source=str(folder),
-        )
+        needed = f"{SCENE_FILE} with {', '.join(FILES.values())}"
+        reason = f"must be the output folder of {', '.join(FILES)}; it has no {needed}"
+        raise refuse(folder, reason, ErrorKind.FILE)
     try:
         summary = json.loads((folder / FILES[kind]).read_text("utf-8"))
         scene = dict(_flat(tomllib.loads((folder / SCENE_FILE).read_text("utf-8"))))
         table = folder / f"{kind}.csv"
         text = table.read_text("utf-8") if kind != "run" else ""
     except (ValueError, OSError) as error:
-        raise SceneError(
-            f"{folder}: the results cannot be read: {error}",
-            kind=ErrorKind.FORMAT,
-            source=str(folder),
-        ) from None
+        raise refuse(folder, f"the results cannot be read: {error}") from None
     rows = list(csv.DictReader(text.splitlines()))
     return Outcome(name, kind, folder, scene, summary, rows)
 
@@ -94,16 +85,9 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         The table of results, and the files.
 
     Raises:
-        SceneError: a folder holds no results, or `output` holds those of another command.
+        SceneError: a folder holds no results.
         OSError: a file cannot be written.
     """
-    if (output / SCENE_FILE).exists():
-        raise SceneError(
-            f"--output {output}: the folder holds the results of a command; give another one",
-            kind=ErrorKind.FILE,
-            key="--output",
-            source=str(output),
-        )
     unique = len({folder.name for folder in folders}) == len(folders)
     found = [outcome(folder, folder.name if unique else str(folder)) for folder in folders]
     output.mkdir(parents=True, exist_ok=True)

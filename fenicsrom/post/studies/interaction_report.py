@@ -1,7 +1,5 @@
 """The report of an interaction map: picture, curves, tables and files."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 from typing import Any

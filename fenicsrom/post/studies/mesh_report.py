@@ -1,7 +1,5 @@
 """The output of `fenicsrom inspect`: a table of the mesh and its groups, and a picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The report of `fenicsrom stability`: table, picture and files."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import fields
@@ -35,14 +33,10 @@ HOW = (
 
 def row(finding: Finding) -> dict[str, Any]:
     """A finding as a flat row: the columns of `stability.csv`."""
-    found: dict[str, Any] = {
-        name: getattr(finding.case, name) for name in ("axis", "value", "model")
-    }
-    found["overrides"] = " ".join(finding.case.overrides)
-    found |= {
-        item.name: getattr(finding, item.name) for item in fields(finding) if item.name != "case"
-    }
-    found["verdict"] = finding.verdict.value
+    case, names = finding.case, [item.name for item in fields(finding) if item.name != "case"]
+    found: dict[str, Any] = {name: getattr(case, name) for name in ("axis", "value", "model")}
+    found |= {"overrides": " ".join(case.overrides)}
+    found |= {name: getattr(finding, name) for name in names} | {"verdict": finding.verdict.value}
     return {
         key: None if isinstance(value, float) and not np.isfinite(value) else value
         for key, value in found.items()

@@ -1,7 +1,5 @@
 """The starter scene of `fenicsrom init`: a commented TOML file that runs at once."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -125,8 +123,8 @@ def starter_scene(
     ]
     if not system.is_si:
         lines += [f"[units] # {why}: check them"]
-        lines += [f"{name} = {_quoted(getattr(system, name))}" for name in ("length", "mass")]
-        lines += [f"time = {_quoted(system.time)}", ""]
+        keys = ("length", "mass", "time")
+        lines += [*(f"{name} = {_quoted(getattr(system, name))}" for name in keys), ""]
     lines += [
         "[geometry]",
         f"mesh = {_quoted(relative)}",
@@ -246,12 +244,9 @@ def _require_group(found: Inspection, name: str, option: str) -> Group:
         if group.name == name:
             return group
     names = ", ".join(dict.fromkeys(group.name for group in groups)) or "none"
-    raise SceneError(
-        f"{found.path}: {option} {name}: must be a group of facets or nodes: {names}",
-        kind=ErrorKind.PLACE,
-        key=option.lstrip("-"),
-        source=str(found.path),
-    )
+    reason = f"{found.path}: {option} {name}: must be a group of facets or nodes: {names}"
+    key = option.lstrip("-")
+    raise SceneError(reason, kind=ErrorKind.PLACE, key=key, source=str(found.path))
 
 
 def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:

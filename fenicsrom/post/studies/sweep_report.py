@@ -1,7 +1,5 @@
 """The report of a sweep: one table, one picture, and the runs that failed with their sentences."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Mapping
@@ -90,19 +88,14 @@ def sentences(found: Sweep) -> list[str]:
 def remarks(found: Sweep) -> list[str]:
     """One sentence for each reason of doubtful and failed runs and each warning, with the runs."""
     reasons: dict[str, list[str]] = {}
-    for row in sorted(found.with_outcome(FAILED, DOUBTFUL, DONE), key=_is_done):
-        if "sentence" not in row:
-            continue
-        reasons.setdefault(row["sentence"], []).append(str(row["run"]))
+    listed = found.with_outcome(FAILED, DOUBTFUL, DONE)
+    for row in sorted(listed, key=lambda row: bool(row["outcome"] == DONE)):
+        if "sentence" in row:
+            reasons.setdefault(row["sentence"], []).append(str(row["run"]))
     return [
         f"{'run' if len(runs) == 1 else 'runs'} {', '.join(runs)}: {sentence}"
         for sentence, runs in reasons.items()
     ]
-
-
-def _is_done(row: dict[str, Any]) -> bool:
-    """Whether a run is neither doubtful nor failed."""
-    return bool(row["outcome"] == DONE)
 
 
 def summary(found: Sweep) -> dict[str, Any]:
