@@ -47,7 +47,7 @@ EXTRA_MODES = 4  # additional modes to track, because they may cross the request
 
 
 @brief()
-@dataclass(eq=False, repr=False)
+@dataclass(eq=False, repr=False, kw_only=True)
 class Campbell:
     """The frequencies of a body at several speeds.
 
@@ -80,15 +80,15 @@ class Campbell:
     mac: Array
     largest: Array
     names: list[str]
-    critical: list[Critical]
-    operating_squares: Array | None
+    critical: list[Critical] = field(default_factory=list)
+    operating_squares: Array | None = None
     change: float | None
     mesh_check: MeshCheck
     unknowns: int
-    seconds: float
-    warnings: list[str] = field(default_factory=list)
-    unfinished: Exception | None = None
-    body: Solid | None = None
+    seconds: float = 0.0
+    warnings: list[str]
+    unfinished: Exception | None
+    body: Solid | None
     files: list[Path] = field(default_factory=list)
 
     @property
@@ -159,40 +159,31 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         count = min(count, given.whole.modes)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished = tracked.follow_speeds(solid, speeds, count)
+    body, names = None, list[str]()
     if isinstance(solid, RangeBody):
         judged = of_range(solid.whole)
     else:
-        judged = of_solid(
-            scene.at_speed(float(speeds[0])),
-            solid,
-            (tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]),
-        )
+        squares = tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]
+        judged = of_solid(scene.at_speed(float(speeds[0])), solid, squares)
+        body, names = solid, tracked.names(solid, scene)[:count]
     reached = speeds[: len(tracked.squares)]
-    kept = np.array(tracked.squares)[:, :count]
     found = Campbell(
-        scene,
-        reached,
-        kept,
-        np.array(tracked.mac)[:, :count],
-        np.array(tracked.largest),
-        [] if isinstance(solid, RangeBody) else tracked.names(solid, scene)[:count],
-        [],
-        None,
-        max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
-        judged,
-        solid.free,
-        0.0,
-        [*solid.warnings, *judged.warnings(scene)],
-        unfinished,
-        None if isinstance(solid, RangeBody) else solid,
+        scene=scene,
+        speeds_rpm=reached,
+        squares=np.array(tracked.squares)[:, :count],
+        mac=np.array(tracked.mac)[:, :count],
+        largest=np.array(tracked.largest),
+        names=names,
+        change=max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
+        mesh_check=judged,
+        unknowns=solid.free,
+        warnings=[*solid.warnings, *judged.warnings(scene)],
+        unfinished=unfinished,
+        body=body,
     )
     found.warnings += _warnings(found)
-    found.warnings += strain_warnings(
-        [
-            (f"at {speed:g} rpm", deformed)
-            for speed, deformed in zip(reached, tracked.deformations, strict=False)
-        ]
-    )
+    states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
+    found.warnings += strain_warnings(list(states))
     _find_critical_speeds(found, _Between(solid, reached, tracked))
     found.seconds = clock.perf_counter() - begin
     return found

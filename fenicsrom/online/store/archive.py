@@ -104,6 +104,7 @@ RANGE_ARRAYS = (
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
+Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 UNITS = {
     "mass": "kg",
     "stiffness": "N/m",
@@ -157,7 +158,7 @@ class StoredModel:
     whole: RangeModel | None = None
 
     @property
-    def meshes(self) -> tuple[ReducedModel, ReducedModel, list[int]] | None:
+    def meshes(self) -> Meshes | None:
         """The models of the same coordinates on the elements of the mesh and on finer ones.
 
         With the numbers of these coordinates among those of the model; -1 for another coordinate.
