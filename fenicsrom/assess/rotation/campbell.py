@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -184,16 +185,27 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     found.warnings += _warnings(found)
     states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
     found.warnings += strain_warnings(list(states))
-    _find_critical_speeds(found, _Between(solid, reached, tracked))
+    _find_critical_speeds(found, solid, tracked)
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _find_critical_speeds(found: Campbell, between: _Between) -> None:
+def _find_critical_speeds(found: Campbell, solid: Solid | RangeBody, tracked: _Tracked) -> None:
     """Find the critical speeds, and the frequencies at the speed of operation."""
     rotation = found.scene.rotation
     assert rotation is not None
     log.info("critical speeds ..")
+
+    @cache
+    def between(speed: float) -> tuple[Array, Array]:
+        """omega^2 and MAC of the modes, in their order at the nearest speed of the diagram."""
+        k = int(np.argmin(np.abs(found.speeds_rpm - speed)))
+        if found.speeds_rpm[k] == speed:
+            return tracked.squares[k], np.ones(tracked.count)
+        solid.spin(np.pi / 30.0 * speed)
+        values, vectors, _ = modes_at_speed(solid, tracked.count)
+        values, _, mac = follow(solid, tracked.squares[k], tracked.shapes[k], values, vectors)
+        return values, mac
 
     def solve(mode: int, speed: float) -> tuple[float, float]:
         squares, mac = between(speed)
@@ -309,32 +321,6 @@ class _Tracked:
         nodes = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
         shapes = self.shapes[0].reshape(len(nodes), d, self.count)
         return mode_names(nodes, shapes, axis, point, solid.comm)
-
-
-class _Between:
-    """The modes at any speed, in the order of those at the nearest speed of the diagram."""
-
-    def __init__(self, solid: Solid | RangeBody, speeds: Array, tracked: _Tracked):
-        self.solid, self.speeds, self.tracked = solid, speeds, tracked
-        self._found: dict[float, tuple[Array, Array]] = {}
-
-    def __call__(self, speed: float) -> tuple[Array, Array]:
-        """omega^2 (m,) at a speed (rev/min), and the MAC with the modes at the nearest speed.
-
-        Raises:
-            ConvergenceError, AccuracyError: as in `modes_at_speed`.
-        """
-        tracked, k = self.tracked, int(np.argmin(np.abs(self.speeds - speed)))
-        if self.speeds[k] == speed:
-            return tracked.squares[k], np.ones(tracked.count)
-        if speed not in self._found:
-            self.solid.spin(np.pi / 30.0 * speed)
-            values, vectors, _ = modes_at_speed(self.solid, tracked.count)
-            values, _, mac = follow(
-                self.solid, tracked.squares[k], tracked.shapes[k], values, vectors
-            )
-            self._found[speed] = values, mac
-        return self._found[speed]
 
 
 def speeds_rpm(scene: Scene) -> Array:
