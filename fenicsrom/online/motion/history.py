@@ -132,12 +132,11 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
         raise refuse("is not a history.npz: it holds no motion", ErrorKind.FORMAT)
     found = {}
     for name in names:
-        mine = {key: arrays.get(f"{name}_{key}") for key in HISTORY_ARRAYS}
-        jump = arrays.get(f"{name}_{JUMP}")
-        for key, array in mine.items():
-            if array is None:
+        for key in HISTORY_ARRAYS:
+            if f"{name}_{key}" not in arrays:
                 raise refuse(f"the array {name}_{key} is missing", ErrorKind.FORMAT)
-        values: dict[str, Any] = {HISTORY_ARRAYS[key]: array for key, array in mine.items()}
+        values: dict[str, Any] = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
+        jump = arrays.get(f"{name}_{JUMP}")
         newton_from = None if jump is None else float(jump)
         found[name] = History(**values, period=period, newton_from=newton_from)
     return found
