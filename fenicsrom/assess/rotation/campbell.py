@@ -13,7 +13,7 @@ modes by their shapes at the first speed.
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,10 +32,11 @@ from fenicsrom.assess.rotation.critical_speeds import (
 from fenicsrom.assess.rotation.mode_names import mode_names
 from fenicsrom.assess.rotation.range_body import RangeBody, range_body
 from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
@@ -238,13 +239,8 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     log.info("solid ..")
     solid = solid_of(scene.at_speed(speed_rpm), mesh)
     if scene.campbell.modes > solid.free:
-        raise SceneError(
-            f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
-            f"{solid.free}, the number of free unknowns",
-            kind=ErrorKind.RANGE,
-            key="campbell.modes",
-            source=scene.source,
-        )
+        allowed = f"must be at most {solid.free}, the number of free unknowns"
+        raise Where(scene.source, "campbell.modes").refuse(scene.campbell.modes, allowed)
     return solid
 
 
@@ -330,25 +326,16 @@ def speeds_rpm(scene: Scene) -> Array:
         SceneError: there is no rotation, or no speed.
     """
     if scene.rotation is None:
-        raise SceneError(
-            f"{scene.source}: rotation is missing: a Campbell diagram needs a [rotation] table",
-            kind=ErrorKind.MISSING,
-            key="rotation",
-            source=scene.source,
-        )
+        reason = "a Campbell diagram needs a [rotation] table"
+        raise Where(scene.source, "rotation").refuse(MISSING, reason)
     if scene.campbell.speeds_rpm is not None:
         return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
     if scene.rotation.speeds_rpm is not None:
         first, *_, last = scene.rotation.speeds_rpm
         return np.linspace(first, last, 13, dtype=np.float64)
     if not scene.rotation.speed_rpm > 0.0:
-        raise SceneError(
-            f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "
-            "so the speeds must be given",
-            kind=ErrorKind.MISSING,
-            key="campbell.speeds_rpm",
-            source=scene.source,
-        )
+        reason = "rotation.speed_rpm is not above 0, so the speeds must be given"
+        raise Where(scene.source, "campbell.speeds_rpm").refuse(MISSING, reason)
     return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
 
 

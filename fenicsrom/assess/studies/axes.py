@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from fenicsrom.assess.studies.scales import Scales
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene import Scene, scene_table
 from fenicsrom.scene.checks.checks import LEAST_MODES
 
@@ -86,13 +86,8 @@ def require_motion(scene: Scene, command: str) -> None:
         SceneError: all its loads are static.
     """
     if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static; {command} needs a load that varies, or a "
-            "time.duration",
-            kind=ErrorKind.MISSING,
-            key="loads",
-            source=scene.source,
-        )
+        reason = f"all are static; {command} needs a load that varies, or a time.duration"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
 
 
 # ---------------------------------------------------------------------- overrides
