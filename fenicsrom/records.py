@@ -79,6 +79,11 @@ class Rerun:
         return self.stored.model.points
 
     @property
+    def candidates(self) -> ReducedModel | None:
+        """The larger model that judges the basis."""
+        return self.stored.candidates
+
+    @property
     def frequencies_hz(self) -> Array:
         """Natural frequencies, Hz."""
         return self.stored.frequencies_hz

@@ -7,7 +7,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.speed_range import build_range
@@ -62,13 +63,9 @@ def run(
     from fenicsrom.records import Study
 
     if scene.speeds_rpm is not None and not modes_only:
-        raise SceneError(
-            f"{scene.source}: rotation.speeds_rpm: not allowed in this run; build the model with "
-            "build_model (or `fenicsrom run SCENE`), or leave the key out",
-            kind=ErrorKind.CONFLICT,
-            key="rotation.speeds_rpm",
-            source=scene.source,
-        )
+        reason = "not allowed in this run; build the model with build_model (or `fenicsrom run "
+        reason += "SCENE`), or leave the key out"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "rotation.speeds_rpm")
     if resume is not None:
         _require_resumable(resume, scene)
     comm = comm or all_ranks()
@@ -174,15 +171,10 @@ def build_model(
 
     if scene.static_only:
         reason = "all loads are static, so there is no reduced model to integrate"
-        raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT)
     if _is_projected(scene):
-        raise SceneError(
-            f'{scene.source}: basis.elastic_force = "projection": a model with the projected force '
-            'needs the mesh and cannot be stored; use "polynomial"',
-            kind=ErrorKind.CONFLICT,
-            key="basis.elastic_force",
-            source=scene.source,
-        )
+        reason = "a model with the projected force needs the mesh and cannot be stored"
+        raise _projected(scene.source, reason)
     if scene.speeds_rpm is not None:
         return build_range(scene, mesh, comm or all_ranks())
     return stored_model(offline(scene, comm, Stopwatch(), mesh, fresh=fresh))
@@ -239,6 +231,12 @@ def _is_projected(scene: Scene) -> bool:
     return scene.geometrically_nonlinear and scene.basis.elastic_force == "projection"
 
 
+def _projected(source: object, reason: str) -> SceneError:
+    """The error of a projected elastic force."""
+    where = Where(str(source), "basis.elastic_force")
+    return where.refuse("projection", f'{reason}; use "polynomial"', ErrorKind.CONFLICT)
+
+
 def _require_resumable(resume: Path, scene: Scene) -> None:
     """Check, before the offline stages, that a run of a scene can continue from a checkpoint.
 
@@ -249,12 +247,7 @@ def _require_resumable(resume: Path, scene: Scene) -> None:
     from fenicsrom.online.store.checkpoints import check_checkpoint
 
     if _is_projected(scene):
-        raise SceneError(
-            f'{resume}: basis.elastic_force = "projection" has no checkpoints; use "polynomial"',
-            kind=ErrorKind.CONFLICT,
-            key="basis.elastic_force",
-            source=str(resume),
-        )
+        raise _projected(resume, "has no checkpoints")
     check_checkpoint(resume, scene)
 
 

@@ -8,10 +8,15 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
+from fenicsrom.study.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.records import Study
+    from fenicsrom.online.store.archive import Meshes
+    from fenicsrom.records import Rerun, Study
+    from fenicsrom.scene import Scene
+
+Failure = AccuracyError | ConvergenceError
 
 LONG = 5.0
 """The steps of a reduced motion that takes longer are timed against the full model, s."""
@@ -23,8 +28,6 @@ TIMED_STEPS = 10
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.assess.errors.plausibility import implausible_loads, is_explained
-    from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.run.simulate import simulate
 
     study, scene = run.study, run.study.scene
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
@@ -35,28 +38,45 @@ def integrate(run: Run, name: str) -> None:
         for text in found:  # said now, because a wrong scene may run for long
             log.info(f"  warning: {text}")
     options = _checkpoints(run) if name == "reduced" else {}
-    try:
-        if isinstance(options.get("resume"), Motion):  # only its checks are missing
-            motion = options["resume"]
-        else:
-            motion = simulate(
-                _model(study, name),
-                scene,
-                keep_coordinates=name == "reduced",
-                progress=run.watch.progress(name, scene.time.steady_tolerance),
-                stop=run.stop,
-                **options,
-            )
-    except (AccuracyError, ConvergenceError) as error:
+    options |= {"keep_coordinates": name == "reduced", "stop": run.stop}
+    motion, error = integrated(run.watch, name, _model(study, name), scene, **options)
+    if error is not None:
         study.unfinished = (name, error)
-        if not isinstance(error.partial, Motion):  # it failed before the first step
-            return
-        motion = error.partial
+    if motion is None:
+        return
     if name == "full" and not study.unfinished:
         motion = _settled(study, motion)
     study.motions[name] = motion
     if study.unfinished or name != "reduced" or not scene.basis.adapts:
         _describe(study, name)  # of a motion that the size stage may replace, that stage does it
+
+
+def integrated(
+    watch: Stopwatch, name: str, model: Any, scene: Scene, **options: Any
+) -> tuple[Motion | None, Failure | None]:
+    """Integrate a model.
+
+    Args:
+        watch: says how far the run is.
+        name: the model: "reduced", "full" or "beam".
+        model: the model.
+        scene: the scene.
+        options: of `simulate`. A finished motion as `resume` is returned: it lacks its checks only.
+
+    Returns:
+        The motion, up to the failure if there was one, and the failure. A run that fails before its
+        first step has no motion.
+    """
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.run.simulate import simulate
+
+    if isinstance(options.get("resume"), Motion):
+        return options["resume"], None
+    progress = watch.progress(name, scene.time.steady_tolerance)
+    try:
+        return simulate(model, scene, progress=progress, **options), None
+    except (AccuracyError, ConvergenceError) as error:
+        return error.partial if isinstance(error.partial, Motion) else None, error
 
 
 def _describe(study: Study, name: str) -> None:
@@ -190,28 +210,28 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.errors.verdicts import estimate_errors
-    from fenicsrom.online.motion.energy import check_energy
     from fenicsrom.post.run.summary import stored_model
 
-    model = ""
-    try:
-        for name, motion in study.motions.items():
-            model = name
-            check_energy(motion)
-        model = "reduced"
-        estimate_errors(
-            study.model,
-            study.candidates,
-            study.scene,
-            study.motions["reduced"],
-            study.errors,
-            None if study.sized is None else study.sized.errors,
-            None if study.finer is None else stored_model(study).meshes,
-        )
-    except (AccuracyError, ConvergenceError) as error:
-        study.unfinished = (model, error)
+    meshes = None if study.finer is None else stored_model(study).meshes
+    study.unfinished = checked(study, meshes)
     study.warnings.extend(slower_than_solid(study))
+
+
+def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
+    """Write the estimated errors of the motions; give the model and the error that rejects it."""
+    from fenicsrom.assess.errors.verdicts import estimate_errors
+    from fenicsrom.online.motion.energy import check_energy
+
+    name, scene, motions = "", found.scene, found.motions
+    basis = None if found.sized is None else found.sized.errors
+    try:
+        for name in motions:
+            check_energy(motions[name])
+        name, motion = "reduced", motions["reduced"]
+        estimate_errors(found.model, found.candidates, scene, motion, found.errors, basis, meshes)
+    except (AccuracyError, ConvergenceError) as error:
+        return name, error
+    return None
 
 
 def slower_than_solid(study: Study) -> list[str]:

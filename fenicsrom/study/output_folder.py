@@ -11,7 +11,7 @@ from __future__ import annotations
 import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,12 +49,10 @@ def output_folder(
             with names of results, or its record is damaged.
         OSError: the folder cannot be written.
     """
+    first = comm is None or comm.rank == 0
+    held = _held_folder(folder, scene, comm, origin, overwrite) if first else nullcontext()
     with ExitStack() as stack:
-        if comm is None or comm.rank == 0:
-            held = _held_folder(folder, scene, comm, origin, overwrite)
-            _together(comm, lambda: stack.enter_context(held))
-        else:
-            _together(comm, lambda: None)
+        _together(comm, lambda: stack.enter_context(held))
         yield
 
 

@@ -6,17 +6,15 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.study.motions import checked, integrated
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.step.state import Checkpoint
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.stress.stress_peaks import Stresses
     from fenicsrom.post.base.picture import Drawn
     from fenicsrom.records import Rerun
-    from fenicsrom.scene import Scene
 
 
 def rerun(
@@ -45,15 +43,21 @@ def rerun(
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
     from fenicsrom.assess.errors.mesh_check import of_range
     from fenicsrom.assess.errors.plausibility import implausible_loads
-    from fenicsrom.online.store.checkpoints import load_start
+    from fenicsrom.online.store.checkpoints import keeper, load_start
     from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
+    from fenicsrom.post.run.summary import CHECKPOINT
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
 
     watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None
+    keep = keeper(folder / CHECKPOINT, model, scene)
+    options: dict[str, Any] = {"resume": begin, "checkpoint": keep, "keep_coordinates": True}
     with watch("reduced motion"):
-        motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
+        motion, unfinished = integrated(watch, "reduced", model, scene, stop=stop, **options)
+    if motion is None:
+        assert unfinished is not None
+        raise unfinished
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     warnings += range_warnings(stored)
     warnings += [] if stored.whole is None else of_range(stored.whole).warnings(scene)
@@ -83,7 +87,8 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
             _fit_size(found, stop)
         stop_where_asked(stop)
         with watch("checks"):
-            found.unfinished = _check(found)
+            rejected = checked(found, found.stored.meshes)
+            found.unfinished = None if rejected is None else rejected[1]
         if found.unfinished is None:
             found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
     except KeyboardInterrupt:
@@ -116,29 +121,6 @@ def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
         found.warnings.append(UNJUDGED_MATRICES if superelement else UNJUDGED)
 
 
-def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
-    """Write the estimated errors of a motion; give the error that rejects the motion."""
-    from fenicsrom.assess.errors.verdicts import estimate_errors
-    from fenicsrom.online.motion.energy import check_energy
-
-    stored, motion = found.stored, found.motion
-    basis = None if found.sized is None else found.sized.errors
-    try:
-        check_energy(motion)
-        estimate_errors(
-            stored.model,
-            stored.candidates,
-            stored.scene,
-            motion,
-            found.errors,
-            basis,
-            stored.meshes,
-        )
-    except (AccuracyError, ConvergenceError) as error:
-        return error
-    return None
-
-
 def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
@@ -161,45 +143,6 @@ def _stresses(
         )
     warnings += state_warnings(found, motion_only=stored.deformation is not None)
     return found
-
-
-def _integrate(
-    model: Any,
-    scene: Scene,
-    folder: Path,
-    begin: Checkpoint | Motion | None,
-    watch: Stopwatch,
-    stop: Callable[[], bool],
-) -> tuple[Motion, ConvergenceError | AccuracyError | None]:
-    """Integrate the model from the checkpoint `begin`, or from its start, and write checkpoints.
-
-    If `begin` is a finished motion, this motion is returned.
-
-    Returns:
-        The motion, up to the failure if there was one, and the failure.
-    """
-    from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.run.simulate import simulate
-    from fenicsrom.online.store.checkpoints import keeper
-    from fenicsrom.post.run.summary import CHECKPOINT
-
-    if isinstance(begin, Motion):
-        return begin, None
-    try:
-        motion = simulate(
-            model,
-            scene,
-            keep_coordinates=True,
-            resume=begin,
-            checkpoint=keeper(folder / CHECKPOINT, model, scene),
-            progress=watch.progress("reduced", scene.time.steady_tolerance),
-            stop=stop,
-        )
-    except (AccuracyError, ConvergenceError) as error:
-        if not isinstance(error.partial, Motion):  # it failed before the first step
-            raise
-        return error.partial, error
-    return motion, None
 
 
 def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:

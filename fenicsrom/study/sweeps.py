@@ -134,14 +134,14 @@ def run_sweep(
         build = [job for job in build if not (resume and job[1].exists())]
         if build and comm is not None and comm.size > 1:
             import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
-        failures = {build[k][1]: error for k, error in jobs(_build, build, "model")}
-        for run in pending:
-            if (error := failures.get(run.model)) is not None:
-                results[run.number] = rows[run.number] | failure(error)
-        pending = [run for run in pending if failures.get(run.model) is None]
+        made = jobs(_build, build, "model")
+        failed = {build[k][1]: failure(error) for k, error in made if error is not None}
+        lost = [run for run in pending if run.model in failed]
+        results |= {run.number: rows[run.number] | failed[run.model] for run in lost}
+        pending = [run for run in pending if run.model not in failed]
         for k, result in jobs(compute, pending, "run"):
-            lost, number = isinstance(result, ConvergenceError), pending[k].number
-            results[number] = rows[number] | failure(result) if lost else result
+            number, died = pending[k].number, isinstance(result, ConvergenceError)
+            results[number] = rows[number] | failure(result) if died else result
     except KeyboardInterrupt:
         found.interrupted = True
         results |= {run.number: done for run in pending if (done := kept(run)) is not None}

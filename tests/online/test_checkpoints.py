@@ -363,7 +363,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
             np.testing.assert_array_equal(array, whole[name][-len(array) :], err_msg=name)
     wrong = {
         "time.periods = 3: the run already reached period": [*stored, *resume],
-        "contacts differs from the scene of the run": [
+        "contacts: differs from the scene of the run": [
             *stored,
             *resume,
             *long,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.reduction.beam import beam_structure
 from fenicsrom.scene import Scene
 
@@ -37,15 +37,13 @@ def check_beam(body: Structure, scene: Scene) -> None:
     for name, value in ours.items():
         apart = float(np.linalg.norm(value - theirs[name]))
         if apart > AGREEMENT * float(np.linalg.norm(value)):
-            raise SceneError(
-                f"{scene.source}: reference.beam_section: the beam does not stand for the solid: "
-                f"{name} is {_shown(theirs[name])} of the beam and {_shown(value)} of the solid "
-                f"(at most {100.0 * AGREEMENT:g} % difference is accepted); give the length, "
-                "height, width and load_at of the mesh, or set reference.beam = false",
-                kind=ErrorKind.MISMATCH,
-                key="reference.beam_section",
-                source=scene.source,
+            reason = (
+                f"the beam does not stand for the solid: {name} is {_shown(theirs[name])} of the "
+                f"beam and {_shown(value)} of the solid (at most {100.0 * AGREEMENT:g} % "
+                "difference is accepted); give the length, height, width and load_at of the mesh, "
+                "or set reference.beam = false"
             )
+            raise refuse(scene.source, reason, ErrorKind.MISMATCH, "reference.beam_section")
 
 
 def _shown(values: Array) -> str:

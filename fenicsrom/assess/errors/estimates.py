@@ -29,7 +29,6 @@ from fenicsrom.online.periodic.shooting import Shooting, solve, start_variables
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.keys.times import Periodic
 from fenicsrom.scene.reading.step_size import coarser, refined
 
 PHASES = 200  # instants at which two periods are compared
@@ -206,9 +205,7 @@ def check_motion(
         if not march:
             raise ConvergenceError("there is no periodic motion nearby")
         if not any(contact.approach for contact in scene.contacts):
-            assert isinstance(scene.time.span, Periodic)
-            span = replace(scene.time.span, periods=CHECK_PERIODS)
-            short = replace(scene, time=replace(scene.time, span=span))
+            short = replace(scene, time=scene.time.changed(periods=CHECK_PERIODS))
             try:
                 begin = motion if start is None else start
                 other = simulate(model, short, start=begin, keep_coordinates=True)
@@ -227,10 +224,10 @@ def _as_long(scene: Scene, motion: Motion) -> Scene:
     """
     if not is_unsteady(motion):
         return scene
-    assert isinstance(scene.time.span, Periodic)
-    periods = scene.time.span.periods
-    span = replace(scene.time.span, periods=max(periods // 2, min(periods, ENOUGH_PERIODS)))
-    return replace(scene, time=replace(scene.time, span=span))
+    periods = scene.time.periods
+    assert periods is not None
+    enough = max(periods // 2, min(periods, ENOUGH_PERIODS))
+    return replace(scene, time=scene.time.changed(periods=enough))
 
 
 def _nearby_motion(
@@ -341,8 +338,7 @@ def nested_motion(
 
 def marched(scene: Scene) -> Scene:
     """A scene with a period whose motion is marched, without Newton's method."""
-    assert isinstance(scene.time.span, Periodic)
-    return replace(scene, time=replace(scene.time, span=replace(scene.time.span, steady="march")))
+    return replace(scene, time=scene.time.changed(steady="march"))
 
 
 def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:

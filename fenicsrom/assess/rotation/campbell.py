@@ -13,7 +13,8 @@ modes by their shapes at the first speed.
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,10 +32,11 @@ from fenicsrom.assess.rotation.critical_speeds import (
 from fenicsrom.assess.rotation.mode_names import mode_names
 from fenicsrom.assess.rotation.range_body import RangeBody, range_body
 from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ EXTRA_MODES = 4  # additional modes to track, because they may cross the request
 
 
 @brief()
-@dataclass(eq=False, repr=False)
+@dataclass(eq=False, repr=False, kw_only=True)
 class Campbell:
     """The frequencies of a body at several speeds.
 
@@ -80,15 +82,15 @@ class Campbell:
     mac: Array
     largest: Array
     names: list[str]
-    critical: list[Critical]
-    operating_squares: Array | None
+    critical: list[Critical] = field(default_factory=list)
+    operating_squares: Array | None = None
     change: float | None
     mesh_check: MeshCheck
     unknowns: int
-    seconds: float
-    warnings: list[str] = field(default_factory=list)
-    unfinished: Exception | None = None
-    body: Solid | None = None
+    seconds: float = 0.0
+    warnings: list[str]
+    unfinished: Exception | None
+    body: Solid | None
     files: list[Path] = field(default_factory=list)
 
     @property
@@ -159,50 +161,52 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         count = min(count, given.whole.modes)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished = tracked.follow_speeds(solid, speeds, count)
+    body, names = None, list[str]()
     if isinstance(solid, RangeBody):
         judged = of_range(solid.whole)
     else:
-        judged = of_solid(
-            scene.at_speed(float(speeds[0])),
-            solid,
-            (tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]),
-        )
+        squares = tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]
+        judged = of_solid(scene.at_speed(float(speeds[0])), solid, squares)
+        body, names = solid, tracked.names(solid, scene)[:count]
     reached = speeds[: len(tracked.squares)]
-    kept = np.array(tracked.squares)[:, :count]
     found = Campbell(
-        scene,
-        reached,
-        kept,
-        np.array(tracked.mac)[:, :count],
-        np.array(tracked.largest),
-        [] if isinstance(solid, RangeBody) else tracked.names(solid, scene)[:count],
-        [],
-        None,
-        max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
-        judged,
-        solid.free,
-        0.0,
-        [*solid.warnings, *judged.warnings(scene)],
-        unfinished,
-        None if isinstance(solid, RangeBody) else solid,
+        scene=scene,
+        speeds_rpm=reached,
+        squares=np.array(tracked.squares)[:, :count],
+        mac=np.array(tracked.mac)[:, :count],
+        largest=np.array(tracked.largest),
+        names=names,
+        change=max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
+        mesh_check=judged,
+        unknowns=solid.free,
+        warnings=[*solid.warnings, *judged.warnings(scene)],
+        unfinished=unfinished,
+        body=body,
     )
     found.warnings += _warnings(found)
-    found.warnings += strain_warnings(
-        [
-            (f"at {speed:g} rpm", deformed)
-            for speed, deformed in zip(reached, tracked.deformations, strict=False)
-        ]
-    )
-    _find_critical_speeds(found, _Between(solid, reached, tracked))
+    states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
+    found.warnings += strain_warnings(list(states))
+    _find_critical_speeds(found, solid, tracked)
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _find_critical_speeds(found: Campbell, between: _Between) -> None:
+def _find_critical_speeds(found: Campbell, solid: Solid | RangeBody, tracked: _Tracked) -> None:
     """Find the critical speeds, and the frequencies at the speed of operation."""
     rotation = found.scene.rotation
     assert rotation is not None
     log.info("critical speeds ..")
+
+    @cache
+    def between(speed: float) -> tuple[Array, Array]:
+        """omega^2 and MAC of the modes, in their order at the nearest speed of the diagram."""
+        k = int(np.argmin(np.abs(found.speeds_rpm - speed)))
+        if found.speeds_rpm[k] == speed:
+            return tracked.squares[k], np.ones(tracked.count)
+        solid.spin(np.pi / 30.0 * speed)
+        values, vectors, _ = modes_at_speed(solid, tracked.count)
+        values, _, mac = follow(solid, tracked.squares[k], tracked.shapes[k], values, vectors)
+        return values, mac
 
     def solve(mode: int, speed: float) -> tuple[float, float]:
         squares, mac = between(speed)
@@ -235,13 +239,8 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     log.info("solid ..")
     solid = solid_of(scene.at_speed(speed_rpm), mesh)
     if scene.campbell.modes > solid.free:
-        raise SceneError(
-            f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
-            f"{solid.free}, the number of free unknowns",
-            kind=ErrorKind.RANGE,
-            key="campbell.modes",
-            source=scene.source,
-        )
+        allowed = f"must be at most {solid.free}, the number of free unknowns"
+        raise Where(scene.source, "campbell.modes").refuse(scene.campbell.modes, allowed)
     return solid
 
 
@@ -320,32 +319,6 @@ class _Tracked:
         return mode_names(nodes, shapes, axis, point, solid.comm)
 
 
-class _Between:
-    """The modes at any speed, in the order of those at the nearest speed of the diagram."""
-
-    def __init__(self, solid: Solid | RangeBody, speeds: Array, tracked: _Tracked):
-        self.solid, self.speeds, self.tracked = solid, speeds, tracked
-        self._found: dict[float, tuple[Array, Array]] = {}
-
-    def __call__(self, speed: float) -> tuple[Array, Array]:
-        """omega^2 (m,) at a speed (rev/min), and the MAC with the modes at the nearest speed.
-
-        Raises:
-            ConvergenceError, AccuracyError: as in `modes_at_speed`.
-        """
-        tracked, k = self.tracked, int(np.argmin(np.abs(self.speeds - speed)))
-        if self.speeds[k] == speed:
-            return tracked.squares[k], np.ones(tracked.count)
-        if speed not in self._found:
-            self.solid.spin(np.pi / 30.0 * speed)
-            values, vectors, _ = modes_at_speed(self.solid, tracked.count)
-            values, _, mac = follow(
-                self.solid, tracked.squares[k], tracked.shapes[k], values, vectors
-            )
-            self._found[speed] = values, mac
-        return self._found[speed]
-
-
 def speeds_rpm(scene: Scene) -> Array:
     """The speeds of a scene's Campbell diagram.
 
@@ -353,25 +326,16 @@ def speeds_rpm(scene: Scene) -> Array:
         SceneError: there is no rotation, or no speed.
     """
     if scene.rotation is None:
-        raise SceneError(
-            f"{scene.source}: rotation is missing: a Campbell diagram needs a [rotation] table",
-            kind=ErrorKind.MISSING,
-            key="rotation",
-            source=scene.source,
-        )
+        reason = "a Campbell diagram needs a [rotation] table"
+        raise Where(scene.source, "rotation").refuse(MISSING, reason)
     if scene.campbell.speeds_rpm is not None:
         return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
     if scene.rotation.speeds_rpm is not None:
         first, *_, last = scene.rotation.speeds_rpm
         return np.linspace(first, last, 13, dtype=np.float64)
     if not scene.rotation.speed_rpm > 0.0:
-        raise SceneError(
-            f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "
-            "so the speeds must be given",
-            kind=ErrorKind.MISSING,
-            key="campbell.speeds_rpm",
-            source=scene.source,
-        )
+        reason = "rotation.speed_rpm is not above 0, so the speeds must be given"
+        raise Where(scene.source, "campbell.speeds_rpm").refuse(MISSING, reason)
     return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
 
 

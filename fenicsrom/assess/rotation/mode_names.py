@@ -16,7 +16,6 @@ The number counts the modes of one letter in the order of their frequencies.
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -70,12 +69,7 @@ def mode_names(
     )
     sizes = [tip_motion(at, moved[:, :, k], radial, axis) for k in range(moved.shape[2])]
     letters = [LETTERS[int(np.argmax(size))] for size in sizes]
-    seen: Counter[str] = Counter()
-    names = []
-    for letter in letters:
-        seen[letter] += 1
-        names.append(f"{seen[letter]}{letter}")
-    return names
+    return [f"{letters[: k + 1].count(letter)}{letter}" for k, letter in enumerate(letters)]
 
 
 def tip_motion(positions: Array, shape: NDArray[Any], radial: Array, axis: Array) -> Array:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -100,23 +101,14 @@ def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
     """
     source, whole = stored.file or stored.scene.source, stored.whole
     if whole is None:
-        raise SceneError(
-            f"{source}: rotation.speeds_rpm is missing: the model is for one speed; build it for a "
-            "range of speeds, or run the diagram of the scene without --from",
-            kind=ErrorKind.MISSING,
-            key="rotation.speeds_rpm",
-            source=source,
-        )
+        reason = "the model is for one speed; build it for a range of speeds, or run the diagram "
+        reason += "of the scene without --from"
+        raise Where(source, "rotation.speeds_rpm").refuse(MISSING, reason)
     first, last = 30.0 / np.pi * whole.speeds[[0, -1]]
     out = speeds[(speeds < first) | (speeds > last)]
     if out.size:
-        raise SceneError(
-            f"{source}: campbell.speeds_rpm = {out[0]:g}: must be in the range of the model, "
-            f"{first:g} to {last:g} rpm",
-            kind=ErrorKind.RANGE,
-            key="campbell.speeds_rpm",
-            source=source,
-        )
+        allowed = f"must be in the range of the model, {first:g} to {last:g} rpm"
+        raise Where(source, "campbell.speeds_rpm").refuse(float(out[0]), allowed)
     found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
     if stored.scene.campbell.modes > whole.modes:
         found.warnings.append(

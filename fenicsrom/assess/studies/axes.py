@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from fenicsrom.assess.studies.scales import Scales
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene import Scene, scene_table
 from fenicsrom.scene.checks.checks import LEAST_MODES
 
@@ -87,40 +86,26 @@ def require_motion(scene: Scene, command: str) -> None:
         SceneError: all its loads are static.
     """
     if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static; {command} needs a load that varies, or a "
-            "time.duration",
-            kind=ErrorKind.MISSING,
-            key="loads",
-            source=scene.source,
-        )
+        reason = f"all are static; {command} needs a load that varies, or a time.duration"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
 
 
 # ---------------------------------------------------------------------- overrides
 
 
-def each(items: Sequence[Any], prefix: str, key: str, value: Callable[[int], Any]) -> Overrides:
-    """Set a key in every entry of a list of the scene."""
-    return tuple(f"{prefix}.{k}.{key}={value(k)!r}" for k in range(len(items)))
-
-
-def contacts_with(scene: Scene, **values: Callable[[int], Any]) -> Overrides:
-    """Set some keys of every contact.
+def contacts_with(scene: Scene, **values: Sequence[float]) -> Overrides:
+    """Set some keys of every contact; each key has one value for each contact.
 
     Raises:
         LeftOut: the scene has no contact.
     """
     if not scene.contacts:
         raise LeftOut("the scene has no contact")
-    made: Overrides = ()
-    for key, value in values.items():
-        made += each(scene.contacts, "contacts", key, value)
-    return made
-
-
-def _constant(value: float) -> Callable[[int], float]:
-    """The same value for every contact."""
-    return lambda k: value
+    return tuple(
+        f"contacts.{k}.{key}={value!r}"
+        for key, entries in values.items()
+        for k, value in enumerate(entries)
+    )
 
 
 def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
@@ -139,18 +124,18 @@ def contact_stiffness(scene: Scene, scales: Scales, normal: float, tangential: f
     """Contact stiffnesses as multiples of the stiffness of the body at the contact."""
     return contacts_with(
         scene,
-        normal_stiffness=lambda k: normal * scales.normal_stiffness[k],
-        tangential_stiffness=lambda k: tangential * scales.tangential_stiffness[k],
+        normal_stiffness=[normal * k for k in scales.normal_stiffness],
+        tangential_stiffness=[tangential * k for k in scales.tangential_stiffness],
     )
 
 
 def preload(scene: Scene, scales: Scales, factor: float) -> Overrides:
     """Multiples of the buckling preload; without one, multiples of the preload of the scene."""
     if scales.preload is not None:
-        return contacts_with(scene, preload=lambda k: factor * scales.preload[k])  # type: ignore
+        return contacts_with(scene, preload=[factor * size for size in scales.preload])
     if scene.contacts and not any(contact.preload for contact in scene.contacts):
         raise LeftOut("the contacts have no preload")
-    return contacts_with(scene, preload=lambda k: factor * scene.contacts[k].preload)
+    return contacts_with(scene, preload=[factor * contact.preload for contact in scene.contacts])
 
 
 # ---------------------------------------------------------------------- the axes
@@ -175,8 +160,8 @@ def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
 
 
 def _friction(scene: Scene, scales: Scales) -> Values:
-    values = (0.0, 0.01, 1.0, 3.0, 10.0)
-    return {f"{mu:g}": contacts_with(scene, friction=_constant(mu)) for mu in values}
+    values, count = (0.0, 0.01, 1.0, 3.0, 10.0), len(scene.contacts)
+    return {f"{mu:g}": contacts_with(scene, friction=count * [mu]) for mu in values}
 
 
 def _preload(scene: Scene, scales: Scales) -> Values:
@@ -192,10 +177,11 @@ def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
 
-    def scaled(factor: float) -> Overrides:
-        return contacts_with(scene, gap=lambda k: factor * scene.contacts[k].gap)
-
-    return {f"{x:g} times": scaled(x) for x in (0.5, 0.9, 1.1, 2.0)}
+    gaps = [contact.gap for contact in scene.contacts]
+    return {
+        f"{x:g} times": contacts_with(scene, gap=[x * gap for gap in gaps])
+        for x in (0.5, 0.9, 1.1, 2.0)
+    }
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
@@ -340,7 +326,7 @@ def _pairs(scene: Scene, scales: Scales) -> Values:
         "long steps, stiff contact": lambda: coarse() + stiff(),
         "long steps, 3 times the load": lambda: coarse() + loads_times(scene, 3.0),
         "friction 10, stiff contact": lambda: (
-            contacts_with(scene, friction=lambda k: 10.0) + stiff()
+            contacts_with(scene, friction=len(scene.contacts) * [10.0]) + stiff()
         ),
         "10 times the load, stiff contact": lambda: loads_times(scene, 10.0) + stiff(),
         "undamped, stiff contact": lambda: undamped + stiff(),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -37,7 +37,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.candidates import extended_basis
-from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, solve_modes
+from fenicsrom.reduction.modes import first_modes, solve_modes
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
@@ -227,49 +227,36 @@ class Workshop:
         """
         self.body, self._seconds, self._largest = body, dict(seconds), largest
         self._scene = scene
-        self._solved: dict[str, tuple[SolvedModes, float]] = {}
-        self._modes: dict[tuple[str, int], tuple[ComponentModes, Snapshots]] = {}
-        self._taking: dict[tuple[str, int, str], float] = {}
+        self._done: dict[Any, tuple[Any, float]] = {}
 
     def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
         """The stages of a scene's reduced model, and their seconds as if it were made alone."""
         method, count = scene.basis.method, scene.basis.modes
         assert isinstance(count, int)  # of [compare]
-        modes, snapshots, taken = self._component_modes(method, count)
+        options = replace(self._scene.basis, method=method, modes=self._largest)
+        solved, taken = self._once(method, partial(solve_modes, self.body, options))
+        modes, _ = self._once((method, count), partial(first_modes, self.body, solved, count))
+        # the snapshots always use the scheme of the scene of the body
+        take = partial(Snapshots, self.body, self._scene, modes)
+        snapshots, _ = self._once((method, count, "snapshots"), take)
         chosen = scene.basis.derivatives
         kinds = ("linear",) if chosen == "mmi" else ("linear", "static")
         shared = sum(
-            self._taken(snapshots, (method, count, kind))
+            self._once((method, count, kind), partial(getattr, snapshots, kind))[1]
             for kind in kinds
             if scene.geometrically_nonlinear and chosen in BY_MOTION
         )
         seconds = {**self._seconds, "modes": taken, "selection": shared}
         return Reduction(self.body, scene, partial(timed, seconds), modes, snapshots), seconds
 
-    def _component_modes(self, method: str, count: int) -> tuple[ComponentModes, Snapshots, float]:
-        if method not in self._solved:
+    def _once(self, key: Any, work: Callable[[], Any]) -> tuple[Any, float]:
+        """The result of some work, and the seconds that it took when it was done first."""
+        if key not in self._done:
             spent: dict[str, float] = {}
-            with timed(spent, "solve"):
-                options = replace(self._scene.basis, method=method, modes=self._largest)
-                solved = solve_modes(self.body, options)
-            self._solved[method] = solved, spent["solve"]
-        solved, seconds = self._solved[method]
-        if (method, count) not in self._modes:
-            modes = first_modes(self.body, solved, count)
-            self._modes[method, count] = modes, Snapshots(self.body, self._scene, modes)
-        return *self._modes[method, count], seconds
-
-    def _taken(self, snapshots: Snapshots, key: tuple[str, int, str]) -> float:
-        """Seconds that these snapshots took; the first call computes the snapshots.
-
-        The snapshots always use the scheme of the scene itself.
-        """
-        if key not in self._taking:
-            spent: dict[str, float] = {}
-            with timed(spent, "snapshots"):
-                getattr(snapshots, key[2])
-            self._taking[key] = spent["snapshots"]
-        return self._taking[key]
+            with timed(spent, "work"):
+                found = work()
+            self._done[key] = found, spent["work"]
+        return self._done[key]
 
 
 @contextmanager

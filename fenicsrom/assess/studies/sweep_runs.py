@@ -27,7 +27,7 @@ from fenicsrom.online.motion.measures import (
     has_contact,
     has_settled,
     peak_normal_force,
-    search_verdict,
+    search_summary,
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
@@ -236,13 +236,12 @@ def _numbers(motion: Motion) -> dict[str, Any]:
         found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
     if motion.end is not None and motion.end.worn is not None:
         found["largest_worn_depth_m"] = float(np.max(motion.end.worn))
-    search = motion.search
-    known = search is not None and search.multipliers.size > 0
+    search = {} if motion.search is None else search_summary(motion.search)
     return {
         **found,
         "steady": bool(motion.steady),
         "settled": has_settled(motion),
-        "periodic_motion": search_verdict(search) if search is not None else None,
-        "largest_multiplier": float(abs(search.multipliers[0])) if search and known else None,
+        "periodic_motion": search.get("verdict"),
+        "largest_multiplier": search.get("largest_multiplier"),
         "periods": int(motion.periods),
     }

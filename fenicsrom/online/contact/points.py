@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
 from fenicsrom.online.contact.turning import history_of
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
 
 NO_DIRECTION = 1e-3
@@ -135,13 +136,9 @@ def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
         z = np.average(across, axis=0, weights=points.tributary_area[mine])
         if np.linalg.norm(z) < NO_DIRECTION * np.linalg.norm(across, axis=1).max():
             key = f"contacts[{scene.contacts.index(contact)}].surface.angle_from"
-            raise SceneError(
-                f"{scene.source}: {key} is missing: the contact points surround the axis, so the "
-                "angle around it has no start; give a direction across the axis",
-                kind=ErrorKind.MISSING,
-                key=key,
-                source=scene.source,
-            )
+            reason = "the contact points surround the axis, so the angle around it has no start; "
+            reason += "give a direction across the axis"
+            raise Where(scene.source, key).refuse(MISSING, reason)
     c, s = z / np.linalg.norm(z)
     return np.array([[c, s], [-s, c]]) @ axes
 
@@ -165,12 +162,7 @@ def _surface_radius(scene: Any, k: int, position: Array) -> float:
     side = 1.0 if surface.inside else -1.0
     radius = float(surface.radius or nearest + (contact.gap if surface.inside else -contact.gap))
     if not radius > 0.0 or (nearest - radius) * side > 1e-9 * radius:
-        raise SceneError(
-            f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into "
-            f"the undeformed body, whose nearest contact point is at {nearest:.9g} m from the axis "
-            "or centre of the surface",
-            kind=ErrorKind.RANGE,
-            key=f"contacts[{k}].surface.radius",
-            source=scene.source,
-        )
+        reason = "the surface cuts into the undeformed body, whose nearest contact point is at "
+        reason += f"{nearest:.9g} m from the axis or centre of the surface"
+        raise Where(scene.source, f"contacts[{k}].surface.radius").refuse(radius, reason)
     return radius

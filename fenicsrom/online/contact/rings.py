@@ -5,14 +5,15 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.surfaces import Coating, Contacts
+from fenicsrom.scene.base.rules import Where
 
 SAME_PLACE = 1e-9
 """Contact points whose positions along the axis differ by less, relative to the radius, share a
@@ -133,14 +134,8 @@ def _width(scene: Any, points: Any, along: Array, p: int) -> float:
     if width is None:
         width = scene.geometry.thickness or float(np.ptp(along[points.contact == k]))
     if not width > 0.0:
-        key = f"contacts[{k}].abradable.width"
-        raise SceneError(
-            f"{scene.source}: {key} is missing: the contact has one position along the axis; give "
-            "the width of the trace",
-            kind=ErrorKind.MISSING,
-            key=key,
-            source=scene.source,
-        )
+        reason = "the contact has one position along the axis; give the width of the trace"
+        raise Where(scene.source, f"contacts[{k}].abradable.width").refuse(MISSING, reason)
     return _share(points, p) * width
 
 

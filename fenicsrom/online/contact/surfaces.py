@@ -123,7 +123,8 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
     """
     if contact.surface is None:
         return np.array(contact.normal)
-    z = axes_of(contact.surface, position.size) @ (position - np.array(contact.surface.point))
+    axes = axes_of(contact.surface, position.size)
+    z = axes @ (position - np.array(contact.surface.point))
     size = float(np.linalg.norm(z))
     if size == 0.0:
         raise SceneError(
@@ -131,12 +132,8 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
             kind=ErrorKind.RANGE,
             key=where.rsplit(": ", 1)[-1] + ".surface.point",
         )
-    return np.asarray(
-        (1.0 if contact.surface.inside else -1.0)
-        / size
-        * z
-        @ axes_of(contact.surface, position.size)
-    )
+    side = 1.0 if contact.surface.inside else -1.0
+    return np.asarray(side / size * z @ axes)
 
 
 def axes_of(surface: Any, d: int) -> Array:

@@ -172,14 +172,9 @@ class ReducedModel(NamedTuple):
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
+        work = self.work
         energy = elastic_force_with(
-            self.elastic,
-            self.work.columns,
-            self.work.points,
-            self.work.products,
-            q,
-            self.work.force,
-            self.work.tangent,
+            self.elastic, work.columns, work.points, work.products, q, work.force, work.tangent
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure_at_end(self.pressure, self.work, q)

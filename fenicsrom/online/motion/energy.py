@@ -151,9 +151,6 @@ def friction_gains_energy(motion: Motion) -> bool:
 
     The discrete gradient excludes this gain; the other schemes do not.
     """
-    for part in motion.parts:
-        found = energy_errors(motion, part)
-        scale = found.energy + float(motion.friction_dissipation[-1])
-        if found.largest_friction_gain > ROUNDING * scale:
-            return True
-    return False
+    spent = float(motion.friction_dissipation[-1])
+    every = [energy_errors(motion, part) for part in motion.parts]
+    return any(one.largest_friction_gain > ROUNDING * (one.energy + spent) for one in every)

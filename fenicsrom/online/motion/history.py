@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.words import brief
 
 JUMP = "newton_from"
@@ -110,34 +110,30 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
     """
     path = Path(path)
 
-    def refuse(reason: str, kind: ErrorKind) -> SceneError:
-        return SceneError(f"{path}: {reason}", kind=kind, source=str(path))
-
     if period is not None and not 0.0 < period < np.inf:
-        raise refuse(f"period = {period}: must be a finite number above 0", ErrorKind.RANGE)
+        raise refuse(path, f"period = {period}: must be a finite number above 0", ErrorKind.RANGE)
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise refuse("no such file", ErrorKind.FILE) from None
+        raise refuse(path, "no such file", ErrorKind.FILE) from None
     except OSError as error:
         if error.errno is None:  # numpy read the file and did not know its format
-            raise refuse("is not a history.npz", ErrorKind.FORMAT) from None
-        raise refuse(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+            raise refuse(path, "is not a history.npz", ErrorKind.FORMAT) from None
+        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
         reason = f"is not a history.npz ({type(error).__name__})"
-        raise refuse(reason, ErrorKind.FORMAT) from None
+        raise refuse(path, reason, ErrorKind.FORMAT) from None
     names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
     if not names:
-        raise refuse("is not a history.npz: it holds no motion", ErrorKind.FORMAT)
+        raise refuse(path, "is not a history.npz: it holds no motion", ErrorKind.FORMAT)
     found = {}
     for name in names:
-        mine = {key: arrays.get(f"{name}_{key}") for key in HISTORY_ARRAYS}
+        for key in HISTORY_ARRAYS:
+            if f"{name}_{key}" not in arrays:
+                raise refuse(path, f"the array {name}_{key} is missing", ErrorKind.FORMAT)
+        values: dict[str, Any] = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
         jump = arrays.get(f"{name}_{JUMP}")
-        for key, array in mine.items():
-            if array is None:
-                raise refuse(f"the array {name}_{key} is missing", ErrorKind.FORMAT)
-        values: dict[str, Any] = {HISTORY_ARRAYS[key]: array for key, array in mine.items()}
         newton_from = None if jump is None else float(jump)
         found[name] = History(**values, period=period, newton_from=newton_from)
     return found

@@ -211,12 +211,8 @@ class Shooting:
         residual = self._scale @ end.z - s
         if not derive:
             return residual, end.matrix, end.by_parameter, end
-        return (
-            residual,
-            self.scaled_matrix(end.matrix),
-            self._scale @ end.by_parameter,
-            end,
-        )
+        matrix, by_parameter = self.scaled_matrix(end.matrix), self._scale @ end.by_parameter
+        return residual, matrix, by_parameter, end
 
 
 def start_variables(shooting: Shooting, start: Any) -> Array:

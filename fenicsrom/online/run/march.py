@@ -81,9 +81,9 @@ def integrate(
     resume: Checkpoint | None = None,
     keep_coordinates: bool = False,
     compiled: bool = True,
-    progress: Callable[[float, float], None] | None = None,
-    checkpoint: Callable[[Checkpoint], None] | None = None,
-    stop: Callable[[], bool] | None = None,
+    progress: Callable[[float, float], None] = lambda fraction, change: None,
+    checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
 
@@ -122,50 +122,56 @@ def integrate(
         Interrupted: `stop` returned True; `partial` holds the motion so far.
     """
     problem = problem.with_own_wear(None if resume is None else resume.worn)
-    model, contacts, settings, period = problem[:4]
-    plan = scheme(settings.scheme, model, settings.spectral_radius)
-    advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
+    plan = scheme(problem.time.scheme, problem.model, problem.time.spectral_radius)
+    advance = compiled_march if compiled and isinstance(problem.model, ReducedModel) else march
     run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)
-    run.near = near
+    run.near, run.progress, run.keep, run.stop = near, progress, checkpoint, stop
     if advance is not march:  # load before the clock starts, by a call without a step
-        advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
-    spans = settings.periods if period is not None else 1
-    by_newton = advance is compiled_march and bool(settings.steady_tolerance)
-    by_newton = by_newton and settings.steady == "newton"
+        advance(problem.model, problem.contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     begin = working_time()
-    steady, stopped, status, done = False, False, DONE, run.done
     try:
-        for span in range(run.done + 1, spans + 1):
-            at_start = start is not None and span == 1
-            if by_newton and not run.found and (is_due(span - 1) or at_start):
-                _try_newton(run, span - 1, stop)
-            q0, worn, done = run.state.q.copy(), contacts.coating.worn.copy(), span
-            status, stopped = _run_span(run, span, spans, checkpoint, stop)
-            run.wearing = problem.has_worn_since(worn)
-            if status == FAILED or period is None or worn_through(contacts):
-                break
-            change = _change(run, q0)
-            changes = run.approaching(period) or run.wearing
-            steady = change <= settings.steady_tolerance and not changes
-            if steady and by_newton and not run.found:
-                steady = _confirm(run, span, stop, last=span == spans)
-            if progress is not None:
-                progress(span / spans, change)
-            if checkpoint is not None:
-                checkpoint(run.checkpoint(span))
-            stopped = not steady and span < spans and stop is not None and stop()
-            if steady or stopped:
-                break
+        _march_spans(run, start is not None)
     except Stopped:
-        steady, stopped = False, True
+        run.steady, run.stopped = False, True
     run.seconds = working_time() - begin
-    motion = _motion(run, steady, done)
-    _require_convergence(run, status, motion)
+    motion = _motion(run)
+    _require_convergence(run, motion)
     _require_layer(run, motion)
-    if stopped:
+    if run.stopped:
         raise Interrupted(motion)
-    check_scheme(motion, settings.scheme)
+    check_scheme(motion, problem.time.scheme)
     return motion
+
+
+def _march_spans(run: MarchRun, try_at_start: bool) -> None:
+    """Run span after span until the motion is steady, fails or is stopped.
+
+    Raises:
+        Stopped: `run.stop` returned True in Newton's method.
+    """
+    problem, settings, period = run.problem, run.problem.time, run.problem.period
+    spans = settings.periods if period is not None else 1
+    by_newton = run.advance is compiled_march and bool(settings.steady_tolerance)
+    by_newton = by_newton and settings.steady == "newton"
+    for span in range(run.done + 1, spans + 1):
+        due = is_due(span - 1) or (try_at_start and span == 1)
+        if by_newton and not run.found and due:
+            _try_newton(run, span - 1)
+        q0, worn, run.span = run.state.q.copy(), problem.contacts.coating.worn.copy(), span
+        _run_span(run, spans)
+        run.wearing = problem.has_worn_since(worn)
+        if run.status == FAILED or period is None or worn_through(problem.contacts):
+            return
+        change = _change(run, q0)
+        changes = run.approaching(period) or run.wearing
+        run.steady = change <= settings.steady_tolerance and not changes
+        if run.steady and by_newton and not run.found:
+            run.steady = _confirm(run, last=span == spans)
+        run.progress(span / spans, change)
+        run.keep(run.checkpoint(span))
+        run.stopped = not run.steady and span < spans and run.stop()
+        if run.steady or run.stopped:
+            return
 
 
 def _change(run: MarchRun, q0: Array) -> float:
@@ -187,50 +193,37 @@ def _change(run: MarchRun, q0: Array) -> float:
     return found
 
 
-def _run_span(
-    run: MarchRun,
-    span: int,
-    spans: int,
-    checkpoint: Callable[[Checkpoint], None] | None,
-    stop: Callable[[], bool] | None,
-) -> tuple[int, bool]:
-    """Run one period, or the whole duration, and append its rows to the history.
-
-    Returns:
-        The status of the last call of `advance`, and whether `stop` ended a run that has no period.
-    """
+def _run_span(run: MarchRun, spans: int) -> None:
+    """Run one of so many periods, or the whole duration, and append its rows to the history."""
     model, contacts = run.problem.model, run.problem.contacts
     pieces: list[Record] = []
     counts: list[int] = []
-    status, stopped = DONE, False
-    origin = (span - 1) * run.horizon
-    stops = run.stops(span)
+    origin = (run.span - 1) * run.horizon
+    stops = run.stops(run.span)
     for end in stops:
-        status = FULL
-        while status == FULL and not stopped:
-            status, count = run.advance(
+        run.status = FULL
+        while run.status == FULL and not run.stopped:
+            run.status, count = run.advance(
                 model, contacts, run.plan, run.control, run.state, origin, end, run.record
             )
             pieces.append(copied_rows(run.record, count))
             counts.append(count)
             tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
             if run.problem.period is None and count:
-                if checkpoint is not None:
-                    checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
-                is_over = status == FAILED or (status == DONE and end == stops[-1])
-                stopped = not is_over and stop is not None and stop()
-        if status == FAILED or stopped:
+                run.keep(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
+                is_over = run.status == FAILED or (run.status == DONE and end == stops[-1])
+                run.stopped = not is_over and run.stop()
+        if run.status == FAILED or run.stopped:
             break
     # of the span before the last period, only the coordinates at its end are needed
     k = max(len(run.history) - run.multiple, 0)
     run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
     run.history.append(pieces[0] if len(pieces) == 1 else joined_rows(pieces, counts))
-    return status, stopped
 
 
-def _require_convergence(run: MarchRun, status: int, motion: Motion) -> None:
+def _require_convergence(run: MarchRun, motion: Motion) -> None:
     """Raise ConvergenceError if the smallest step did not converge."""
-    if status != FAILED and np.all(np.isfinite(motion.kinetic)):
+    if run.status != FAILED and np.all(np.isfinite(motion.kinetic)):
         return
     names = {-1: "open", 0: "slip", 1: "stick"}
     states = [
@@ -255,13 +248,13 @@ def _require_layer(run: MarchRun, motion: Motion) -> None:
         )
 
 
-def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> None:
+def _try_newton(run: MarchRun, done: int) -> None:
     """Try Newton's method after so many periods; an accepted motion replaces the marched one.
 
     The last row of the record becomes that of the periodic motion.
 
     Raises:
-        Stopped: `stop` returned True; nothing has changed.
+        Stopped: `run.stop` returned True; nothing has changed.
     """
     if run.approaching() or run.wearing:
         return
@@ -271,7 +264,7 @@ def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> No
     if problem.time.tolerance:
         fractions = fractions_of(run.history[-1], problem.period)
     begin, run.near = run.near or run.checkpoint(done), None
-    found = attempt(problem, begin, done, run.search, fractions, stop)
+    found = attempt(problem, begin, done, run.search, fractions, run.stop)
     run.search = found.search
     if found.state is None:
         return
@@ -284,7 +277,7 @@ def _try_newton(run: MarchRun, done: int, stop: Callable[[], bool] | None) -> No
         run.reference = found.record._replace(time=found.record.time - problem.period)
 
 
-def _confirm(run: MarchRun, span: int, stop: Callable[[], bool] | None, *, last: bool) -> bool:
+def _confirm(run: MarchRun, *, last: bool) -> bool:
     """Whether a march that repeats is steady.
 
     A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
@@ -295,7 +288,7 @@ def _confirm(run: MarchRun, span: int, stop: Callable[[], bool] | None, *, last:
     if run.search is not None and run.search.verdict != "not found" and not last:
         return False
     kept = run.state, run.history[-1]
-    _try_newton(run, span, stop)
+    _try_newton(run, run.span)
     if run.found and last:
         assert run.search is not None
         (run.state, run.history[-1]), run.search = kept, run.search._replace(time=None)
@@ -303,20 +296,20 @@ def _confirm(run: MarchRun, span: int, stop: Callable[[], bool] | None, *, last:
     return run.search is None or run.search.verdict == "not found"
 
 
-def _motion(run: MarchRun, steady: bool, span: int) -> Motion:
-    """The motion of a run that ended after a span."""
+def _motion(run: MarchRun) -> Motion:
+    """The motion of a run that ended."""
     history, s, period = run.history, run.state.scalars, run.problem.period
     kept = last_coordinates(history) if history[-1].coordinates.size else np.zeros((0, 0))
     whole = joined_rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )
-    end = run.checkpoint(span)
+    end = run.checkpoint(run.span)
     return Motion.of_rows(
         whole,
         kept,
         period=None if period is None else period * run.multiple,
         newton_from=None if run.search is None else run.search.time,
-        steady=steady,
+        steady=run.steady,
         periods=end.spans if period is not None else 0,
         steps=int(s[STEPS]),
         rejected=int(s[REJECTED]),

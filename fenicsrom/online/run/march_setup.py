@@ -17,7 +17,7 @@ from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.steady import periods_of
 from fenicsrom.online.run.march_records import joined_rows
 from fenicsrom.online.step.equilibrium import equilibrium
-from fenicsrom.online.step.loop import write
+from fenicsrom.online.step.loop import DONE, write
 from fenicsrom.online.step.scheme import Control, Scheme
 from fenicsrom.online.step.state import (
     SIZE,
@@ -110,6 +110,13 @@ class MarchRun:
         reference: rows of the period before the start, of a run that starts in a periodic motion.
         near: start of the first attempt of Newton's method, as `integrate`.
         wearing: whether a layer was worn in the last span.
+        span: number of the last span that began.
+        status: of the last call of `advance`.
+        steady: whether the motion is steady.
+        stopped: whether `stop` ended the run.
+        progress: as `integrate`.
+        keep: `checkpoint` of `integrate`.
+        stop: as `integrate`.
     """
 
     problem: Problem
@@ -127,6 +134,13 @@ class MarchRun:
     reference: Record | None = None
     near: tuple[Array, ...] | None = None
     wearing: bool = False
+    span: int = 0
+    status: int = DONE
+    steady: bool = False
+    stopped: bool = False
+    progress: Callable[[float, float], None] = field(init=False)
+    keep: Callable[[Checkpoint], None] = field(init=False)
+    stop: Callable[[], bool] = field(init=False)
 
     @property
     def found(self) -> bool:
@@ -234,4 +248,5 @@ def set_up_run(
         [first],
         search=search,
         wearing=resume is not None and resume.wearing,
+        span=done,
     )

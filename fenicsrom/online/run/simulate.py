@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.contact.turning import history_of
@@ -17,6 +18,7 @@ from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 
 TOUCH = 1e-9
 """Smaller distances of a round surface, relative to its radius, are rounding errors."""
@@ -73,12 +75,8 @@ def checked_problem(model: Any, scene: Scene) -> Problem:
     """
     _require_fit(model, scene)
     if scene.static_only:
-        raise SceneError(
-            f"{scene.source}: all loads are static, so nothing moves; give time.duration",
-            kind=ErrorKind.MISSING,
-            key="time.duration",
-            source=scene.source,
-        )
+        where = Where(scene.source, "time.duration")
+        raise where.refuse(MISSING, "all loads are static, so nothing moves")
     problem = Problem.of(model, scene)
     _require_touch(problem.contacts, model.points, scene)
     return problem
@@ -99,13 +97,8 @@ def _require_fit(model: Any, scene: Scene) -> None:
     }
     for key, agrees in agreements.items():
         if not agrees:
-            raise SceneError(
-                f"{scene.source}: {key} of the scene and of the model differ; build the model from "
-                "this scene, or run a StoredModel",
-                kind=ErrorKind.MISMATCH,
-                key=key,
-                source=scene.source,
-            )
+            reason = "not that of the model; build the model from this scene, or run a StoredModel"
+            raise refuse(scene.source, reason, ErrorKind.MISMATCH, key)
 
 
 def _require_touch(contacts: Contacts, points: ContactPoints, scene: Scene) -> None:
@@ -125,12 +118,9 @@ def _require_touch(contacts: Contacts, points: ContactPoints, scene: Scene) -> N
             across = contacts.axes[p, : contacts.kind[p]] @ contacts.centre[p]
             gaps.append(contacts.side[p] * (contacts.radius[p] - float(np.linalg.norm(across))))
         if min(gaps) > TOUCH * contacts.radius[points.contact == k][0]:
-            key = f"contacts[{k}].surface.radius"
-            raise SceneError(
-                f"{scene.source}: {key} = {contact.surface.radius:.9g}: not allowed with a "
-                "preload, which is the force at the undeformed position: the surface is "
-                f"{min(gaps):.3g} m from the nearest contact point",
-                kind=ErrorKind.CONFLICT,
-                key=key,
-                source=scene.source,
+            reason = (
+                "not allowed with a preload, which is the force at the undeformed position: the "
+                f"surface is {min(gaps):.3g} m from the nearest contact point"
             )
+            where = Where(scene.source, f"contacts[{k}].surface.radius")
+            raise where.refuse(contact.surface.radius, reason, ErrorKind.CONFLICT)

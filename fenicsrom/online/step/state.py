@@ -32,8 +32,6 @@ SCALARS = 14
     REJECTED,
     ITERATIONS,
 ) = range(SCALARS)
-LEDGER = slice(WORK, CONTACT + 1)
-"""The six energies of a row of the record, in the order of `State.scalars`."""
 
 
 class Trial(NamedTuple):
@@ -114,7 +112,7 @@ class Record(NamedTuple):
         blending: (rows, P) weight of the implicit blending in the step.
         friction_dissipation: (rows, P) J.
         state: (rows, P) OPEN, SLIP or STICK.
-        energies: (rows, 6) the entries `LEDGER` of the scalars, J.
+        energies: (rows, 6) the entries `WORK` to `CONTACT` of the scalars, J.
         turning: (rows, 3) angular momentum about the axis, kg m^2/s, moment of inertia, kg m^2, and
             moment of the loads, N m, at a varying speed; else (rows, 0).
         coordinates: (rows, 3 n) q, v and a, or (rows, 0).

@@ -69,7 +69,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.turning import history_of, speed_history
@@ -88,6 +88,7 @@ from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_a
 from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.online.stress.stress_peaks import reduced_modes
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.reading.overrides import override_texts
 from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
@@ -104,6 +105,7 @@ RANGE_ARRAYS = (
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
+Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 UNITS = {
     "mass": "kg",
     "stiffness": "N/m",
@@ -157,7 +159,7 @@ class StoredModel:
     whole: RangeModel | None = None
 
     @property
-    def meshes(self) -> tuple[ReducedModel, ReducedModel, list[int]] | None:
+    def meshes(self) -> Meshes | None:
         """The models of the same coordinates on the elements of the mesh and on finer ones.
 
         With the numbers of these coordinates among those of the model; -1 for another coordinate.
@@ -200,12 +202,7 @@ class StoredModel:
             if self.candidates is not None
             else "not allowed: the model holds no coordinates besides its own"
         )
-        raise SceneError(
-            f"{source}: basis.size = {size}: {allowed}",
-            kind=ErrorKind.RANGE,
-            key="basis.size",
-            source=source,
-        )
+        raise Where(source, "basis.size").refuse(size, allowed)
 
     def resized(self, chosen: int | Sequence[str]) -> StoredModel:
         """The model of other coordinates of those that the file holds, without a mesh.
@@ -387,14 +384,12 @@ class StoredModel:
             SceneError: there is none.
         """
         if self.recovery is None:
-            source = self.file or self.scene.source
-            raise SceneError(
-                f"{source}: the model knows the displacements of its contact points and of its "
-                'probe only; for those of all nodes, build it with output.stresses="cauchy"',
-                kind=ErrorKind.MISSING,
-                key="output.stresses",
-                source=source,
+            reason = (
+                "the model knows the displacements of its contact points and of its probe only; "
+                'for those of all nodes, build it with output.stresses="cauchy"'
             )
+            source = self.file or self.scene.source
+            raise refuse(source, reason, ErrorKind.MISSING, "output.stresses")
         return self.recovery.stress
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:

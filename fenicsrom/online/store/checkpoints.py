@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.state import ContactState
 from fenicsrom.online.model.model import ReducedModel
@@ -36,6 +36,7 @@ from fenicsrom.online.store.archive import PLAIN
 from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene.base.rules import Where
 
 FORMAT = "fenicsrom checkpoint 4"
 EARLIER = "fenicsrom checkpoint"  # start of the names of earlier formats
@@ -147,13 +148,8 @@ def check_checkpoint(path: Path, scene: Scene) -> None:
     """
     if (key := changed_run_key(load_scene(path), scene)) is not None:
         ends = ", ".join(f"time.{name}" for name in END_KEYS)
-        raise SceneError(
-            f"{path}: {key} differs from the scene of the run; "
-            f"a run that continues may only change its end, by the keys: {ends}",
-            kind=ErrorKind.MISMATCH,
-            key=key,
-            source=str(path),
-        )
+        reason = "differs from the scene of the run; a run that continues may only change its end"
+        raise refuse(path, f"{reason}, by the keys: {ends}", ErrorKind.MISMATCH, key)
 
 
 def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Motion:
@@ -170,12 +166,8 @@ def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Mo
     check_checkpoint(path, scene)
     found = _read(path)
     if found.model != fingerprint(model):
-        raise SceneError(
-            f"{path}: another reduced model wrote this checkpoint; "
-            "resume with the model that wrote it: --from MODEL",
-            kind=ErrorKind.MISMATCH,
-            source=str(path),
-        )
+        reason = "another reduced model wrote this checkpoint; resume with the model that wrote it"
+        raise refuse(path, f"{reason}: --from MODEL", ErrorKind.MISMATCH)
     if found.motion is not None and found.scene.time == scene.time:
         return found.motion
     begin = found.checkpoint
@@ -185,13 +177,8 @@ def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Mo
     if not reached < end:
         key = "periods" if scene.period is not None else "duration"
         place = f"period {reached:g}" if scene.period is not None else f"t = {reached:g} s"
-        raise SceneError(
-            f"{path}: time.{key} = {end:g}: the run already reached {place}; set a larger value to "
-            "continue",
-            kind=ErrorKind.RANGE,
-            key=f"time.{key}",
-            source=str(path),
-        )
+        reason = f"the run already reached {place}; set a larger value to continue"
+        raise Where(str(path), f"time.{key}").refuse(end, reason)
     return begin
 
 

@@ -53,16 +53,13 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
-    if len(made.loads) != len(wanted.loads):
-        return "loads"
-    for k, (load, other_load) in enumerate(zip(made.loads, wanted.loads, strict=True)):
-        if (name := _changed_load_key(load, other_load)) is not None:
-            return f"loads[{k}]{name}"
-    if len(made.contacts) != len(wanted.contacts):
-        return "contacts"
-    for k, (contact, other) in enumerate(zip(made.contacts, wanted.contacts, strict=True)):
-        if (name := _changed_contact_key(contact, other)) is not None:
-            return f"contacts[{k}].{name}"
+    for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
+        ours, theirs = getattr(made, table), getattr(wanted, table)
+        if len(ours) != len(theirs):
+            return table
+        for k, pair in enumerate(zip(ours, theirs, strict=True)):
+            if (name := changed(*pair)) is not None:
+                return f"{table}[{k}]{name}"
     return None
 
 
@@ -96,11 +93,11 @@ def _changed_load_key(made: Load, wanted: Load) -> str | None:
 
 def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
     if (name := first_difference(made, wanted, CONTACT_KEYS[:2])) is not None:
-        return name
+        return f".{name}"
     if made.surface is None or wanted.surface is None:
-        return None if made.surface == wanted.surface else "surface"
+        return None if made.surface == wanted.surface else ".surface"
     name = first_difference(made.surface, wanted.surface, SURFACE_KEYS)
-    return None if name is None else f"surface.{name}"
+    return None if name is None else f".surface.{name}"
 
 
 def changed_run_key(made: Scene, wanted: Scene) -> str | None:

@@ -40,10 +40,6 @@ from fenicsrom.online.stress.reactions import ReactionTable
 from fenicsrom.online.stress.stress import StressLaw, StressTable
 from fenicsrom.scene import Scene
 
-OTHER = ("law", "material")
-STRESS_ARRAYS = tuple(field.name for field in fields(StressTable) if field.name not in OTHER)
-REACTION_ARRAYS = tuple(field.name for field in fields(ReactionTable) if field.name not in OTHER)
-
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
@@ -78,23 +74,21 @@ def recovery_arrays(recovery: Recovery | None) -> dict[str, Any]:
     """The arrays of an archive by name; none if the model has no stresses."""
     if recovery is None:
         return {}
-    stress = {f"stress_{name}": getattr(recovery.stress, name) for name in STRESS_ARRAYS}
-    numbers = {
-        "stress_material": recovery.stress.material,
-        "reaction_material": recovery.reactions.material,
+    tables: dict[str, Any] = {"stress_": recovery.stress, "reaction_": recovery.reactions}
+    return {
+        kind + entry.name: value
+        for kind, table in tables.items()
+        for entry in fields(table)
+        if entry.name != "law" and (value := getattr(table, entry.name)) is not None
     }
-    return (
-        stress
-        | {f"reaction_{name}": getattr(recovery.reactions, name) for name in REACTION_ARRAYS}
-        | {name: values for name, values in numbers.items() if values is not None}
-    )
 
 
 def read_recovery(data: Mapping[str, Any], scene: Scene) -> Recovery | None:
     """The tables from the arrays of an archive of a scene; None if it has no stresses."""
     if "stress_gradients" not in data:
         return None
-    more = ("material",) if scene.materials else ()
-    stress = {name: data[f"stress_{name}"] for name in (*STRESS_ARRAYS, *more)}
-    reactions = {name: data[f"reaction_{name}"] for name in (*REACTION_ARRAYS, *more)}
+    stress, reactions = (
+        {name.removeprefix(kind): array for name, array in data.items() if name.startswith(kind)}
+        for kind in ("stress_", "reaction_")
+    )
     return Recovery(StressTable(StressLaw.of(scene), **stress), ReactionTable(**reactions))
