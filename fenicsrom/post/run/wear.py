@@ -87,7 +87,7 @@ def write_wear(
             "depth_m": depth,
         }
         for k, one in enumerate(rings)
-        for angle, depth in zip(one.angle, one.depth, strict=True)
+        for angle, depth in zip(one.ring.angle, one.depth, strict=True)
     ]
     return [write_rows(folder / WEAR, rows)] if rows else []
 
@@ -102,17 +102,17 @@ def plot_wear(found: Sequence[Wear]) -> Figure:
     if len(worn) <= FEW_RINGS:
         for one in worn:
             label = f"at {1e3 * one.ring.position:.4g} mm along the axis"
-            degrees = np.append(np.degrees(one.angle), 360.0)
+            degrees = np.append(np.degrees(one.ring.angle), 360.0)
             axis.plot(degrees, 1e6 * np.append(one.depth, one.depth[0]), label=label)
         axis.set(ylabel="worn depth, µm")
         axis.set_ylim(bottom=0.0)
         if len(worn) > 1:
             figure.legend(loc="outside upper right", ncols=len(worn))
     else:
-        alike = [one for one in worn if one.angle.size == worn[0].angle.size]
+        alike = [one for one in worn if one.ring.angle.size == worn[0].ring.angle.size]
         along = [1e3 * one.ring.position for one in alike]
         depth = 1e6 * np.array([one.depth for one in alike])
-        degrees = np.degrees(alike[0].angle)
+        degrees = np.degrees(alike[0].ring.angle)
         mesh = axis.pcolormesh(degrees, along, depth, cmap="viridis", shading="nearest")
         axis.set(ylabel="position along the axis, mm")
         axis.grid(visible=False)
