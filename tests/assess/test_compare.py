@@ -327,6 +327,7 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache" / "fenicsrom"
 
 
+@pytest.mark.slow
 def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
     pytest.importorskip("dolfinx")
     scene = beam_scene(overrides=QUICK)

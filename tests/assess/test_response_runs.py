@@ -70,6 +70,7 @@ def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [0, 2, 40, 80])
 def test_resumed_curve_ends_as_the_uninterrupted_one(tmp_path: Path, points: int) -> None:
     stored = oscillator()
@@ -81,6 +82,7 @@ def test_resumed_curve_ends_as_the_uninterrupted_one(tmp_path: Path, points: int
         assert_continued(again, part, response(stored))
 
 
+@pytest.mark.slow
 def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
     stored = oscillator(FAMILY)
     whole = response(stored, state=tmp_path / "whole")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +12,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
 from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, WEARING, Line
 from fenicsrom.files import atomic_write
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 from fenicsrom.post.studies.map_wear import (
     profile_rows,
     profiles,
@@ -25,10 +24,6 @@ from fenicsrom.post.studies.map_wear import (
     wear_sentence,
 )
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
 THICKNESS = 0.003  # half of the smallest thickness of a line, relative to the height of the map
@@ -153,21 +148,15 @@ def sentences(found: InteractionMap) -> list[str]:
 
 
 def summary(found: InteractionMap) -> dict[str, Any]:
-    """The contents of `map.json`."""
+    """What `map.json` has of a map."""
     names = ("mode", "engine_order", "free_rpm", "closed_rpm")
     return {
-        "scene": found.scene.source,
         "coordinates": found.size,
         "steps_per_revolution": found.steps,
         "excited_orders": list(found.excited),
         "onsets": [dict(zip(names, onset, strict=True)) for onset in found.onsets()],
         "speeds": rows(found),
         "reused": found.reused,
-        "interrupted": found.interrupted,
-        "seconds": found.seconds,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "warnings": found.warnings,
-        "provenance": provenance(),
     }
 
 
@@ -319,17 +308,15 @@ def report(found: InteractionMap) -> Report:
     return Report(
         "map",
         "interaction map",
-        found.scene,
+        found,
         sentences(found),
-        found.warnings,
         [
             Section("Speeds of resonance", [onset_table(found)], keys=2, most=20),
             Section("Speeds", [speed_table(found)], most=20),
         ],
         rows(found),
-        lambda: summary(found),
+        summary(found),
         pictures,
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
         more_rows={"map_wear.csv": profile_rows(found)} if around else {},
-        failure=found.unfinished,
     )

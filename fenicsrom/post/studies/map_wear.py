@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +10,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
 from fenicsrom.assess.studies.map_line import Line
 from fenicsrom.online.motion.wear import Wear, lobes_of, worn_profile
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 
 
 def wear_row(found: InteractionMap, line: Line) -> dict[str, Any]:
