@@ -177,6 +177,8 @@ class Place:
     def _compared(self, line: Line, checked: bool, before: Line | None) -> Line:
         """A line with its estimated errors, and with the amplitude from another start."""
         steps, wears = steps_of(self.scene), self.scene.wears
+        if self.table.steady == "newton" and not wears:
+            before = line  # to compare motions of one branch
 
         def spectrum(motion: Motion, count: int) -> Array:
             values = self.radial(motion, count)
@@ -308,8 +310,8 @@ class Place:
         return q, v
 
     def _end(self, motion: Motion) -> Array:
-        """The end of a motion in the coordinates of the range model; empty for starts at rest."""
-        if self.table.start == "rest":
+        """The end of a motion in the coordinates of the range model; empty if nothing needs it."""
+        if self.table.start == "rest" and self.table.steady == "march":
             return np.zeros((2, 0))
         q0, z = self._vectors(self.stored)
         q, v, *_ = end_of(motion)
