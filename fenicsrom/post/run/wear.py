@@ -11,7 +11,7 @@ import numpy as np
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import Wear, wear_of
-from fenicsrom.post.base.style import Figure, new_figure, styled
+from fenicsrom.post.base.style import Figure, new_panels, styled
 from fenicsrom.post.base.writers import write_rows
 from fenicsrom.scene import Scene
 
@@ -92,8 +92,7 @@ def write_wear(
 @styled
 def plot_wear(found: Sequence[Wear]) -> Figure:
     """Draw the worn depth over the angle: a line for each of a few worn rings, or a map of many."""
-    figure = new_figure(8.6, 3.6)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.6, 3.6)
     worn = [one for one in found if np.any(one.depth)] or list(found[:1])
     worn = sorted(worn, key=lambda one: one.ring.position)
     if len(worn) <= FEW_RINGS:
