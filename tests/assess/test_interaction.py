@@ -16,13 +16,16 @@ from support import beam_scene
 
 from fenicsrom import study
 from fenicsrom.assess.studies.interaction import InteractionMap
-from fenicsrom.assess.studies.map_line import verdict_of
+from fenicsrom.assess.studies.map_line import WEARING, Line, verdict_of_last
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.motion.wear import lobes_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.post.studies.map_wear import wear_row
 from fenicsrom.study.maps import LINES
 
 Array = NDArray[np.float64]
@@ -32,7 +35,7 @@ RADIUS = 300.0  # m
 GAP, LOBE, SPRING, FRICTION, DAMPING = 2e-4, 2.5e-4, 1e6, 0.15, 6.0
 
 
-def two_modes(*changes: str, **contact: float) -> StoredModel:
+def two_modes(*changes: str, **contact: Any) -> StoredModel:
     """The model for a range of speeds; `contact` gives other keys than a gap."""
     scene = beam_scene(
         2,
@@ -188,6 +191,22 @@ def test_up_and_down_follow_different_motions() -> None:
         assert line.amplitude == pytest.approx(amplitude, rel=0.015)  # 1 %, and that of the step
 
 
+@pytest.mark.parametrize(
+    ("start", "at", "amplitude"), [("up", 7275.0, 1.287e-3), ("down", 7125.0, 5.816e-4)]
+)
+def test_branches_by_newtons_method_are_those_of_the_marches(
+    start: str, at: float, amplitude: float
+) -> None:
+    """The same peaks, of motions of one period that end after a few revolutions."""
+    speeds = "{first=7100, last=7325, number=10}"
+    found = mapped(two_modes(), speeds, f"map.start='{start}'", "map.steady='newton'")
+    line = max(found.lines, key=lambda line: line.amplitude)
+    assert line.speed_rpm == at and line.amplitude == pytest.approx(amplitude, rel=0.015)
+    assert {(line.verdict, line.period) for line in found.lines} == {("period", 1)}
+    last, marched = found.lines[-1], mapped(two_modes(), "[7325, 8999]").lines[0]
+    np.testing.assert_allclose(last.amplitudes, marched.amplitudes, atol=2e-3 * last.amplitude)
+
+
 @pytest.mark.slow
 def test_coexisting_motions_are_flagged() -> None:
     """At 3000 rpm there is a motion of period 1, 2.764831e-5 m; from rest another one is found."""
@@ -204,7 +223,7 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     noise = np.random.default_rng(1).standard_normal(turns.size)
 
     def verdict(x: Array) -> tuple[str, int]:
-        return verdict_of(x[:, None], steps)
+        return verdict_of_last(x[:, None], steps)
 
     two = np.cos(4.0 * np.pi * turns)
     assert verdict(two) == ("period", 1)
@@ -234,3 +253,87 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert other.reused == 0
     names = {path.name for path in tmp_path.iterdir()}
     assert {"map.csv", "map.json", "map.h5", "report.html"} <= names
+
+
+LAYER = {
+    "thickness": 5e-3,
+    "modulus": 0.5e9,
+    "yield_stress": 1e6,
+    "hardening": 0.05e9,
+    "area": 30e-6,
+    "width": 1.0,
+    "cells": 360,
+}
+
+
+def worn_map(speeds: str, steps: int, *changes: str, **options: Any) -> InteractionMap:
+    """The map of a casing that wears; it closes in the first ten revolutions at 5500 rpm."""
+    surface = {"kind": "cylinder", "point": [0.0, 0.0], "waves": [[2, 1.5e-4, np.pi]]}
+    stored = two_modes(
+        f"time.steps_per_period={steps}",
+        gap=GAP,
+        surface=surface,
+        normal_stiffness=1e20,
+        **({"approach": [[0.0, 0.0], [600.0 / 5500.0, 1e-4]], "abradable": LAYER} | options),
+    )
+    return mapped(stored, speeds, "map.revolutions=40", "map.last=40", *changes)
+
+
+def worn_line(rpm: float, steps: int) -> tuple[dict[str, Any], Line]:
+    """The wear and the line of one speed, at which the casing closes in ten revolutions."""
+    found = worn_map(f"[{rpm}, 8999]", steps, approach=[[0.0, 0.0], [600.0 / rpm, 1e-4]])
+    return wear_row(found, found.lines[0]), found.lines[0]
+
+
+@pytest.mark.parametrize(
+    ("rpm", "depth", "area", "peak", "within"),
+    [
+        (5500.0, 30.50e-6, 29.55e-6, 39.15, 5e-3),
+        (7500.0, 99.2e-6, 158.6e-6, 59.76, 3e-2),
+    ],
+)
+def test_wear_of_a_map_matches_an_explicit_integration(
+    rpm: float, depth: float, area: float, peak: float, within: float
+) -> None:
+    row, line = worn_line(rpm, 720)
+    assert row["worn_depth_m"] == pytest.approx(depth, rel=within)
+    assert row["worn_area_m_rad"] == pytest.approx(area, rel=within)
+    assert line.peak_force == pytest.approx(peak, rel=within)
+    assert row["worn_lobes"] == 2 and row["worn_depth_error"] < within
+    assert line.verdict != WEARING and np.isnan(line.other)
+
+
+def test_wear_that_half_the_step_changes_is_marked() -> None:
+    """At 3000 rpm, 360 steps per revolution give twice the depth of short steps, 4.1 um."""
+    coarse, line = worn_line(3000.0, 360)
+    assert coarse["worn_depth_error"] > 0.3
+    assert line.worn_errors.shape == line.worn.shape == (360,)
+    fine, _ = worn_line(3000.0, 1440)
+    assert fine["worn_depth_m"] == pytest.approx(4.1e-6, rel=0.02)
+    assert fine["worn_depth_error"] < 0.06
+
+
+def test_map_that_goes_up_continues_with_the_worn_layer() -> None:
+    """Two runs of 12 revolutions at nearly one speed wear what one of 24 does; a map from rest has
+    new layers at each speed."""
+    whole = worn_map("[5500, 8999]", 360, "map.revolutions=24", "map.last=12").lines[0]
+    some = ("map.revolutions=12", "map.last=12")
+    half, rest = worn_map("[5500, 5500.0001]", 360, *some, "map.start='up'").lines
+    assert half.worn.max() < 0.95 * whole.worn.max()
+    np.testing.assert_allclose(rest.worn, whole.worn, rtol=0.0, atol=1e-4 * whole.worn.max())
+    new = worn_map("[5500, 5500.0001]", 360, *some).lines[1]
+    np.testing.assert_allclose(new.worn, half.worn, rtol=0.0, atol=1e-4 * whole.worn.max())
+
+
+def test_map_that_goes_up_ends_where_a_layer_is_worn_through() -> None:
+    thin = {**LAYER, "thickness": 2e-4, "modulus": 0.2e8, "hardening": 0.02e8}
+    found = worn_map("[4250, 4300, 5500]", 360, "map.start='up'", abradable=thin)
+    assert not found.lines and isinstance(found.unfinished, ConvergenceError)
+    assert found.warnings[-1] == "The map ends there: no other speed has a start."
+
+
+def test_lobes_are_the_largest_harmonic_of_the_worn_depth() -> None:
+    angle = 2.0 * np.pi / 90.0 * np.arange(90)
+    depth = 1.0 + 0.2 * np.cos(3.0 * angle) + 0.5 * np.cos(7.0 * angle - 1.0)
+    assert lobes_of(depth) == 7
+    assert lobes_of(np.ones(90)) == lobes_of(np.zeros(90)) == 0

@@ -80,7 +80,7 @@ def test_points_before_a_plane_have_their_own_depth() -> None:
     rings = rings_of(scene, points, contacts)
     assert [(ring.cells, ring.area) for ring in rings] == [(1, 1.5e-4), (1, 1.5e-4)]
     assert contacts.coating.worn.shape == (2,)
-    wear = Wear(rings[1], np.zeros(1), np.array([1e-4]), 0.0)
+    wear = Wear(rings[1], np.array([1e-4]), 0.0)
     assert wear.volume == pytest.approx(1.5e-8)
     assert wear.plastic_work == pytest.approx(1.5e-4 * 1e6 * 1e-4)
     assert wear.mean_torque == 0.0
@@ -90,7 +90,7 @@ def test_wear_of_a_ring_gives_volume_work_and_torque() -> None:
     scene = scene_of({"surface": CASING}, width=0.01, hardening=1e8)
     points = points_of(scene, [0], np.zeros(1), np.zeros(1))
     ring = rings_of(scene, points, contacts_of(scene, points))[0]
-    wear = Wear(ring, np.zeros(720), np.full(720, 1e-4), 4.0 * np.pi)
+    wear = Wear(ring, np.full(720, 1e-4), 4.0 * np.pi)
     assert wear.area == pytest.approx(2.0 * np.pi * 1e-4)
     assert wear.volume == pytest.approx(2.0 * np.pi * 1e-4 * RADIUS * 0.01)
     work = 2.0 * np.pi * RADIUS * 0.01 * (1e6 * 1e-4 + 0.5 * 1e8 * 1e-8 / 2e-3)

@@ -9,7 +9,8 @@ the normals and t_p those of the direction in which the surface slides. The reso
 both speeds.
 
 Every tenth speed is computed three times more: with twice the coordinates, with half the step, and
-from another start, which may lead to another motion.
+from another start, which may lead to another motion. With layers that wear, half the step is used
+at each speed, and another start is not: it has another history of wear.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +31,12 @@ from fenicsrom.assess.studies.map_line import Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.files import atomic_write
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.words import brief, counted
-
-if TYPE_CHECKING:
-    pass
 
 CHECKED = 10  # every so many speeds the errors are estimated
 LARGE = 0.05  # estimated error of a cell, relative to the largest of its line, that is marked
@@ -53,6 +53,7 @@ class InteractionMap:
         size: number of coordinates of the models at one speed.
         steps: time steps per revolution.
         excited: engine orders that loads excite, and multiples of the orders of waves.
+        rings: the rings of abradable layers.
         reused: number of speeds of an earlier map.
         seconds: run time.
         interrupted: whether the map was interrupted.
@@ -66,6 +67,7 @@ class InteractionMap:
     size: int
     steps: int
     excited: tuple[int, ...]
+    rings: list[Ring] = field(default_factory=list)
     reused: int = 0
     seconds: float = 0.0
     interrupted: bool = False
@@ -125,7 +127,7 @@ class _Job:
         speed_rpm: the speed.
         checked: whether errors are estimated.
         file: keeps the result.
-        start: (2, n) displacement and velocity in the coordinates of the range model; None is rest.
+        before: the speed from which this one continues; None starts at rest on new layers.
     """
 
     model: Path
@@ -133,7 +135,7 @@ class _Job:
     speed_rpm: float
     checked: bool
     file: Path
-    start: Array | None = None
+    before: Line | None = None
 
 
 def map_speeds(scene: Scene) -> Array:
@@ -151,8 +153,6 @@ def map_speeds(scene: Scene) -> Array:
         raise refuse("rotation.speeds_rpm", " is missing: a map needs it", ErrorKind.MISSING)
     if not scene.contacts:
         raise refuse("contacts", ": a map needs a contact", ErrorKind.MISSING)
-    if scene.wears:
-        raise refuse("contacts.abradable", ": a map takes no layer that wears", ErrorKind.CONFLICT)
     low, high = scene.speeds_rpm[0], scene.speeds_rpm[-1]
     speeds = np.array(table.speeds_rpm or np.linspace(max(low, high / 40.0), high, 40))
     for speed in speeds[(speeds <= 0.0) | (speeds < low) | (speeds > high)]:
@@ -204,9 +204,10 @@ def interaction_map(
         jobs.append(_Job(model, scene, speed, checked, file))
     if table.start == "down":
         jobs.reverse()
-    found = InteractionMap(
-        scene, [], model_of(model, origin).size, steps_of(scene), _excited(scene)
-    )
+    stored = model_of(model, origin)
+    points, turning = stored.model.points, scene.at_speed(float(speeds[-1]))
+    rings = rings_of(turning, points, contacts_of(turning, points))
+    found = InteractionMap(scene, [], stored.size, steps_of(scene), _excited(scene), rings)
     kept = {k: _kept(job.file) for k, job in enumerate(jobs) if resume}
     done = {k: line for k, line in kept.items() if line is not None}
     found.reused = len(done)
@@ -222,6 +223,8 @@ def interaction_map(
             log.info(f"  {line.speed_rpm:g} rpm; {len(done)} of {len(jobs)} speeds, {left}")
     except KeyboardInterrupt:
         found.interrupted = True
+    if found.unfinished and table.start != "rest" and len(done) + 1 < len(jobs):
+        found.warnings.append("The map ends there: no other speed has a start.")
     found.lines = sorted(done.values(), key=lambda line: line.speed_rpm)
     found.warnings += _warnings(found)
     found.seconds = clock.perf_counter() - begin
@@ -247,10 +250,11 @@ def _computed(
             yield waiting[number], line
         return
     for k in waiting:
-        before = done.get(k - 1)
-        job = jobs[k] if before is None else replace(jobs[k], start=before.end)
+        job = replace(jobs[k], before=done.get(k - 1))
         for _, line in run_jobs(_compute, [job], tell, 1, stop):
             yield k, line
+        if k not in done:
+            return  # there is nothing from which the next speed could continue
 
 
 def _compute(job: _Job, report: Callable[[float, str], None]) -> Line | Exception:
@@ -264,7 +268,7 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> Line | Exceptio
 
     try:
         place = Place(stored, job.scene.at_speed(job.speed_rpm), stop)
-        line = replace(place.line(job.checked, job.start), seconds=clock.process_time() - begin)
+        line = replace(place.line(job.checked, job.before), seconds=clock.process_time() - begin)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         return error
     with atomic_write(job.file) as temporary, temporary.open("wb") as file:
@@ -305,9 +309,11 @@ def _warnings(found: InteractionMap) -> list[str]:
     checked = [line for line in found.lines if line.errors.size]
     wrong = [line for line in checked if line.errors.max() > LARGE]
     several = [line for line in checked if line.coexists]
-    said = []
+    unsure = [line for line in checked if line.worn_errors.max(initial=0.0) > LARGE]
+    above, said = f"have an estimated error above {100 * LARGE:g} % of the largest", []
     for lines, sentence in (
-        (wrong, f"cells have an estimated error above {100 * LARGE:g} % of the largest amplitude"),
+        (wrong, f"cells {above} amplitude"),
+        (unsure, f"worn depths {above} one"),
         (several, "another start leads to another motion"),
     ):
         if lines:

@@ -6,6 +6,14 @@ over the engine orders j / m, with m revolutions, where a motion that repeats ha
 other one is weighted by Hann's window,
 
     A_k = (2 / sum_i w_i) |sum_i w_i x_i exp(-2 pi i k s_i)|,    s_i in revolutions.          (1)
+
+With `map.steady = "newton"` the march ends where Newton's method finds the stable periodic motion
+to which it tends (`fenicsrom.online.periodic.steady`). A map that goes up or down then continues
+the branches of stable motions: Newton's method starts at the motion of the speed before.
+
+A speed that continues from another one takes the worn layers with it, and its surfaces have
+approached. Each speed with layers that wear is computed with half the step, too: wear adds up what
+small differences of the motion do.
 """
 
 from __future__ import annotations
@@ -35,8 +43,10 @@ DECAYS = 0.9  # change from revolution to revolution, of the halves, below which
 LINES, BINS = 12, 2  # a torus has its energy in so many lines, each of so many bins to each side
 REST = 0.01  # largest part of the energy of a torus that is not in its lines
 AWAY = 3.0  # the other start is so many times the amplitude away from the surface
+STEADY = 1e-4  # relative change of a period in which a motion repeats, with Newton's method
 STEPS = 300  # steps per revolution where the scene gives none
 PERIOD, TORUS, OTHER, UNSETTLED = "period", "torus", "not periodic", "not settled"
+WEARING = "still wearing"
 
 
 @brief()
@@ -50,14 +60,17 @@ class Line:
         amplitude: half of the largest radial range of a point, m.
         peak_force: largest normal force of a point, N.
         contact: part of the time in which a point touches.
-        clearance: part of the gap that body and surface consume, above 1 with contact; nan without
-            a gap.
-        verdict: "period", "torus", "not periodic" or "not settled".
+        clearance: part of the gap that body and surface consume, above 1 with contact, counted
+            to the worn surface; nan without a gap.
+        verdict: "period", "torus", "not periodic", "not settled", or "still wearing" if a layer was
+            worn in the last revolution.
         period: revolutions in which the motion repeats; 0 if it does not.
         free_hz: (v,) natural frequencies without contact, Hz.
         closed_hz: (v,) with all points closed and sliding, Hz.
         by_basis: (k,) differences of the amplitudes with twice the coordinates; (0,) unchecked.
         by_step: (k,) differences with half the step; (0,) unchecked.
+        worn: (nodes,) worn depth of abradable layers at the end, m; (0,) without layers.
+        worn_by_step: (nodes,) difference of the worn depth with half the step, m.
         other: amplitude of the motion from the other start, m; nan unchecked or not settled.
         seconds: CPU time.
         end: (2, n) displacement and velocity at the end in the coordinates of the range model.
@@ -75,6 +88,8 @@ class Line:
     closed_hz: Array
     by_basis: Array
     by_step: Array
+    worn: Array
+    worn_by_step: Array
     other: float
     seconds: float
     end: Array
@@ -83,7 +98,13 @@ class Line:
     def errors(self) -> Array:
         """(k,) estimated errors relative to the largest amplitude of the line; (0,) unchecked."""
         largest = max(float(self.amplitudes.max(initial=0.0)), 1e-300)
-        return np.asarray((self.by_basis + self.by_step) / largest)
+        known = [found for found in (self.by_basis, self.by_step) if found.size]
+        return np.asarray(sum(known, np.zeros(known[0].size if known else 0)) / largest)
+
+    @property
+    def worn_errors(self) -> Array:
+        """(nodes,) estimated errors of the worn depth by the step, relative to the largest one."""
+        return np.asarray(self.worn_by_step / max(float(self.worn.max(initial=0.0)), 1e-300))
 
     @property
     def coexists(self) -> bool:
@@ -120,23 +141,21 @@ class Place:
             shift[mine] = depths[0] - depths[1]
         return np.asarray(plain.radius + plain.side * shift)
 
-    def line(self, checked: bool, start: Array | None) -> Line:
+    def line(self, checked: bool, before: Line | None) -> Line:
         """The line of this speed; see `Line`.
 
         Args:
-            checked: whether errors are estimated, and another motion is sought.
-            start: (2, n) displacement and velocity in the coordinates of the range model; None is
-                rest.
+            checked: whether the error by the basis is estimated and another motion is sought.
+            before: the line from which this one continues; None starts at rest on new layers.
         """
         model, steps, nothing = self.stored.model, steps_of(self.scene), np.zeros(0)
-        motion = self.march(self.stored, steps, self._given(self.stored, start))
-        radial = self.last(motion.displacement[:, :, 0], steps)
-        verdict, period = verdict_of(radial, steps)
-        amplitudes = self.spectrum(radial, steps, period)
-        late = slice(-1 - radial.shape[0], None)
+        motion = self.march(self.stored, steps, before)
+        radial = self.radial(motion, steps)
+        verdict, period = verdict_of(motion, radial, steps)
+        late = motion.time > motion.time[-1] - (radial.shape[0] / steps) * self.revolution
         line = Line(
             self.speed_rpm,
-            amplitudes,
+            self.spectrum(radial, steps, period),
             half_range(radial),
             float(motion.force[late, :, 0].max()),
             float(np.mean(np.any(motion.state[late] >= 0, axis=1))),
@@ -147,42 +166,77 @@ class Place:
             self.frequencies(model.mass, model.elastic.stiffness + self._contact_stiffness()),
             nothing,
             nothing,
+            worn_by(motion),
+            nothing,
             np.nan,
             0.0,
             self._end(motion),
         )
-        if not checked:
-            return line
-        size = min(2 * self.stored.size, self.stored.size + len(self.stored.further))
-        others = []
-        for stored, count in ((self.stored.resized(size), steps), (self.stored, 2 * steps)):
-            finer = self.march(stored, count, self._given(stored, start))
-            there = self.last(finer.displacement[:, :, 0], count)
-            others.append(np.abs(self.spectrum(there, count, period) - amplitudes))
-        second = self.march(self.stored, steps, self._away(line.amplitude))
-        other = self.last(second.displacement[:, :, 0], steps)
-        settled = verdict_of(other, steps)[0] != UNSETTLED
-        return replace(
-            line,
-            by_basis=others[0],
-            by_step=others[1],
-            other=half_range(other) if settled else np.nan,
-        )
+        return self._compared(line, checked, before)
 
-    def march(self, stored: StoredModel, steps: int, start: tuple[Array, ...] | None) -> Motion:
-        """The motion of a model at this speed over the revolutions of the map."""
+    def _compared(self, line: Line, checked: bool, before: Line | None) -> Line:
+        """A line with its estimated errors, and with the amplitude from another start."""
+        steps, wears = steps_of(self.scene), self.scene.wears
+        if self.table.steady == "newton" and not wears:
+            before = line  # to compare motions of one branch
+
+        def spectrum(motion: Motion, count: int) -> Array:
+            values = self.radial(motion, count)
+            period = min(line.period, values.shape[0] // count)
+            return np.abs(self.spectrum(values, count, period) - line.amplitudes)
+
+        if checked or wears:
+            finer = self.march(self.stored, 2 * steps, before)
+            worn_by_step = np.abs(worn_by(finer) - line.worn)
+            line = replace(line, by_step=spectrum(finer, 2 * steps), worn_by_step=worn_by_step)
+        if checked:
+            size = min(2 * self.stored.size, self.stored.size + len(self.stored.further))
+            larger = self.march(self.stored.resized(size), steps, before)
+            line = replace(line, by_basis=spectrum(larger, steps))
+        if checked and not wears:  # what another start wears is another history
+            second = self.march(self.stored, steps, before, self._away(line.amplitude))
+            other = self.radial(second, steps)
+            if verdict_of(second, other, steps)[0] != UNSETTLED:
+                line = replace(line, other=half_range(other))
+        return line
+
+    def march(
+        self,
+        stored: StoredModel,
+        steps: int,
+        before: Line | None,
+        start: tuple[Array, Array] | None = None,
+    ) -> Motion:
+        """The motion of a model at this speed until it is steady, or over all revolutions.
+
+        Args:
+            stored: the model.
+            steps: steps per revolution.
+            before: the line from which it continues, with its layers.
+            start: displacement and velocity (n,); by default those of `before`, or rest.
+        """
         time = self.scene.time.changed(
             periods=self.table.revolutions,
-            steady="march",
-            steady_tolerance=0.0,
+            steady=self.table.steady,
+            steady_tolerance=STEADY if self.table.steady == "newton" else 0.0,
             steps_per_period=steps,
         )
         problem = Problem(stored.model, self.contacts, time, self.revolution)
+        if before is not None:
+            problem = problem.settled().with_own_wear(before.worn)
+            start = start or self._given(stored, before.end)
         return integrate(problem, start=start, stop=self.stop)
 
-    def last(self, values: Array, steps: int) -> Array:
-        """Values (m N, P) at the instants of the last revolutions, without the first instant."""
-        return values[-self.table.last * steps :]
+    def radial(self, motion: Motion, steps: int) -> Array:
+        """The motion (m N, P) of the points along their normals at equal instants, m.
+
+        It is that of the last revolutions, or of one period if the motion is steady.
+        """
+        assert motion.period is not None
+        count = round(motion.period / self.revolution) if motion.steady else self.table.last
+        instants = motion.time[-1] - self.revolution / steps * np.arange(count * steps)[::-1]
+        places = np.searchsorted(motion.time, instants - 0.1 * self.revolution / steps)
+        return np.asarray(motion.displacement[places, :, 0])
 
     def spectrum(self, radial: Array, steps: int, period: int) -> Array:
         """Amplitudes (k,) at the engine orders j / m, the largest of all points; equation (1).
@@ -248,18 +302,16 @@ class Place:
         far = moved[np.argmax(np.abs(moved))]
         return -AWAY * amplitude / far * shape[:, 0], np.zeros(shape.shape[0])
 
-    def _given(self, stored: StoredModel, start: Array | None) -> tuple[Array, Array] | None:
+    def _given(self, stored: StoredModel, start: Array) -> tuple[Array, Array]:
         """A start in the coordinates of the range model, in those of a model at this speed."""
-        if start is None:
-            return None
         q0, z = self._vectors(stored)
         mass = self.stored.whole.model.mass  # type: ignore[union-attr]
         q, v = np.linalg.solve(z.T @ mass @ z, z.T @ mass @ np.array([start[0] - q0, start[1]]).T).T
         return q, v
 
     def _end(self, motion: Motion) -> Array:
-        """The end of a motion in the coordinates of the range model; empty for starts at rest."""
-        if self.table.start == "rest":
+        """The end of a motion in the coordinates of the range model; empty if nothing needs it."""
+        if self.table.start == "rest" and self.table.steady == "march":
             return np.zeros((2, 0))
         q0, z = self._vectors(self.stored)
         q, v, *_ = end_of(motion)
@@ -274,13 +326,29 @@ class Place:
         return q0, np.column_stack([named[label] for label in stored.labels])
 
 
+def worn_by(motion: Motion) -> Array:
+    """(nodes,) worn depth of abradable layers at the end of a motion, m; (0,) without layers."""
+    assert motion.end is not None
+    return np.zeros(0) if motion.end.worn is None else motion.end.worn.copy()
+
+
 def half_range(radial: Array) -> float:
     """Half of the largest range of a column (m, P)."""
     return float(np.ptp(radial, axis=0).max() / 2.0)
 
 
-def verdict_of(radial: Array, steps: int) -> tuple[str, int]:
-    """The verdict on a motion (m N, P) of m revolutions of N steps, and its period; see `Line`."""
+def verdict_of(motion: Motion, radial: Array, steps: int) -> tuple[str, int]:
+    """The verdict on a motion, and its period; see `Line`."""
+    assert motion.end is not None
+    if motion.end.wearing:
+        return WEARING, 0
+    if motion.steady:
+        return PERIOD, radial.shape[0] // steps
+    return verdict_of_last(radial, steps)
+
+
+def verdict_of_last(radial: Array, steps: int) -> tuple[str, int]:
+    """The verdict on the last revolutions (m N, P), of N steps each, and their period."""
     count = radial.shape[0] // steps
     size = max(float(np.ptp(radial, axis=0).max()), 1e-300)
     for period in range(1, count // 2 + 1):

@@ -47,6 +47,11 @@ class Ring(NamedTuple):
     area: float
     layer: Any
 
+    @property
+    def angle(self) -> Array:
+        """(cells,) of its nodes, rad: the angle of `surface.waves`, positive about the axis."""
+        return 2.0 * np.pi / self.cells * np.arange(self.cells, dtype=np.float64)
+
     def depth(self, worn: Array) -> Array:
         """The worn depth (cells,) in m at its nodes, of the depths (nodes,) of all rings."""
         return worn[self.first : self.first + self.cells]

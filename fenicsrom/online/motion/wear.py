@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,19 +13,19 @@ from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.online.contact.surfaces import surface_turn
 from fenicsrom.online.motion.motion import Motion
 
+EVEN = 0.01  # smallest amplitude of the lobes, relative to the largest depth
+
 
 class Wear(NamedTuple):
     """What a motion wore of one ring.
 
     Attributes:
         ring: the ring.
-        angle: (cells,) of its nodes, rad: the angle of `surface.waves`, positive about the axis.
         depth: (cells,) worn depth at the nodes at the end of the motion, m.
         turned: angle by which the surface turned during the motion, as the body sees it, rad.
     """
 
     ring: Ring
-    angle: Array
     depth: Array
     turned: float
 
@@ -61,7 +62,31 @@ def wear_of(motion: Motion, scene: Any, points: ContactPoints) -> list[Wear]:
         return []
     contacts, time, found = contacts_of(scene, points), float(motion.time[-1]), []
     for ring in rings_of(scene, points, contacts):
-        angle: Array = 2.0 * np.pi / ring.cells * np.arange(ring.cells, dtype=np.float64)
         turned = abs(surface_turn(contacts, ring.points[0], 0.0, time)) if ring.radius else 0.0
-        found.append(Wear(ring, angle, ring.depth(motion.end.worn), turned))
+        found.append(Wear(ring, ring.depth(motion.end.worn), turned))
     return found
+
+
+def worn_profile(rings: Sequence[Ring], worn: Array) -> tuple[Array, Array]:
+    """Angles (c,) in rad around the axis, and the largest depth (c,) of all rings there, in m.
+
+    Args:
+        rings: the rings; those before a surface at rest have no angle and are left out.
+        worn: (nodes,) worn depths.
+    """
+    turning = [ring for ring in rings if ring.radius]
+    if not turning:
+        return np.zeros(0), np.zeros(0)
+    angle = max(turning, key=lambda ring: ring.cells).angle
+    depths = [np.interp(angle, r.angle, r.depth(worn), period=2.0 * np.pi) for r in turning]
+    return angle, np.max(depths, axis=0)
+
+
+def lobes_of(depth: Array) -> int:
+    """The number of lobes of a worn depth (c,) at equal angles: its largest harmonic; 0 if even."""
+    if not depth.any():
+        return 0
+    amplitudes = 2.0 / depth.size * np.abs(np.fft.rfft(depth)[1:])
+    if amplitudes.max() <= EVEN * depth.max():
+        return 0
+    return int(np.argmax(amplitudes)) + 1

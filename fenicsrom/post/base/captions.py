@@ -38,6 +38,8 @@ CAPTIONS = {
     "map": "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed curves: "
     "natural frequencies, free and with the contact closed.",
     "map_curves": "One number for each speed.",
+    "map_wear": "The depth that the body wore of the abradable layer, over the angle of the "
+    "casing, and the number of its lobes.",
     "sweep": "One point for each run of the sweep.",
     "motion.gif": "The last period. Displacements are magnified as stated.",
 }
@@ -50,6 +52,7 @@ NUMBERS = {
         name: f"{name}.csv"
         for name in ("run_up", "backbone", "campbell", "map", "sweep", "comparison", "wear")
     },
+    "map_wear": "map_wear.csv",
     "equilibria": "equilibria.csv",
     "peaks": "response_peaks.csv",
     "stress": "stresses.csv",

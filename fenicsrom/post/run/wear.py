@@ -9,7 +9,7 @@ import numpy as np
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import Wear, wear_of
-from fenicsrom.post.base.style import Figure, new_figure, styled
+from fenicsrom.post.base.style import Figure, new_panels, styled
 from fenicsrom.post.base.writers import write_rows
 from fenicsrom.scene import Scene
 
@@ -82,7 +82,7 @@ def write_wear(
             "depth_m": depth,
         }
         for k, one in enumerate(rings)
-        for angle, depth in zip(one.angle, one.depth, strict=True)
+        for angle, depth in zip(one.ring.angle, one.depth, strict=True)
     ]
     return [write_rows(folder / WEAR, rows)] if rows else []
 
@@ -90,24 +90,23 @@ def write_wear(
 @styled
 def plot_wear(found: Sequence[Wear]) -> Figure:
     """Draw the worn depth over the angle: a line for each of a few worn rings, or a map of many."""
-    figure = new_figure(8.6, 3.6)
-    axis = figure.subplots()
+    figure, (axis,) = new_panels(8.6, 3.6)
     worn = [one for one in found if np.any(one.depth)] or list(found[:1])
     worn = sorted(worn, key=lambda one: one.ring.position)
     if len(worn) <= FEW_RINGS:
         for one in worn:
             label = f"at {1e3 * one.ring.position:.4g} mm along the axis"
-            degrees = np.append(np.degrees(one.angle), 360.0)
+            degrees = np.append(np.degrees(one.ring.angle), 360.0)
             axis.plot(degrees, 1e6 * np.append(one.depth, one.depth[0]), label=label)
         axis.set(ylabel="worn depth, µm")
         axis.set_ylim(bottom=0.0)
         if len(worn) > 1:
             figure.legend(loc="outside upper right", ncols=len(worn))
     else:
-        alike = [one for one in worn if one.angle.size == worn[0].angle.size]
+        alike = [one for one in worn if one.ring.angle.size == worn[0].ring.angle.size]
         along = [1e3 * one.ring.position for one in alike]
         depth = 1e6 * np.array([one.depth for one in alike])
-        degrees = np.degrees(alike[0].angle)
+        degrees = np.degrees(alike[0].ring.angle)
         mesh = axis.pcolormesh(degrees, along, depth, cmap="viridis", shading="nearest")
         axis.set(ylabel="position along the axis, mm")
         axis.grid(visible=False)

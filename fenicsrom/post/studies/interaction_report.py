@@ -6,17 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
-from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, Line
+from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, WEARING, Line
 from fenicsrom.files import atomic_write
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
+from fenicsrom.post.studies.map_wear import (
+    profile_rows,
+    profiles,
+    wear_figure,
+    wear_row,
+    wear_sentence,
+)
 from fenicsrom.words import counted
 
 DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
-VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_"}
+THICKNESS = 0.003  # half of the smallest thickness of a line, relative to the height of the map
+VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
 CURVES = (
     ("amplitude", 1e3, "amplitude, mm"),
@@ -29,10 +38,10 @@ CURVES = (
 
 def _errors(line: Line) -> tuple[float | None, float | None]:
     """The largest errors of a line by the basis and by the step, relative; None unchecked."""
-    if not line.errors.size:
-        return None, None
     largest = max(float(line.amplitudes.max()), 1e-300)
-    return float(line.by_basis.max()) / largest, float(line.by_step.max()) / largest
+    found = line.by_basis, line.by_step
+    basis, step = (float(error.max()) / largest if error.size else None for error in found)
+    return basis, step
 
 
 def _named(verdict: str, period: int) -> str:
@@ -60,6 +69,7 @@ def rows(found: InteractionMap) -> list[dict[str, Any]]:
                 "basis_error": basis,
                 "step_error": step,
                 "other_amplitude_m": other,
+                **wear_row(found, line),
                 **{f"mode_{k + 1}_free_hz": float(f) for k, f in enumerate(line.free_hz)},
                 **{f"mode_{k + 1}_closed_hz": float(f) for k, f in enumerate(line.closed_hz)},
             }
@@ -81,6 +91,7 @@ def speed_table(found: InteractionMap) -> list[list[Any]]:
     """The largest amplitude at each speed; the first row is the header."""
     head = ["rpm", "amplitude mm", "engine order", "peak N", "contact %", "motion"]
     head += ["basis error %", "step error %", "from another start mm"]
+    head += ["worn µm", "worn error %", "lobes"] if found.rings else []
     lines = []
     for line, row in zip(found.lines, rows(found), strict=True):
         errors = [None if error is None else f"{100 * error:.2g}" for error in _errors(line)]
@@ -89,6 +100,9 @@ def speed_table(found: InteractionMap) -> list[list[Any]]:
         numbers += [f"{row['engine_order']:g}", f"{line.peak_force:.4g}"]
         motion = _named(line.verdict, line.period)
         lines.append([*numbers, f"{100 * line.contact:.0f}", motion, *errors, other])
+        if found.rings:
+            depth, error = row["worn_depth_m"], row["worn_depth_error"]
+            lines[-1] += [f"{1e6 * depth:.4g}", f"{100 * error:.2g}", row["worn_lobes"]]
     return [head, *lines]
 
 
@@ -112,14 +126,17 @@ def sentences(found: InteractionMap) -> list[str]:
         f"Motions: {verdicts}.",
         f"The speeds took {found.column('seconds').sum():.0f} CPU s, all {found.seconds:.0f} s.",
     ]
+    if found.rings:
+        lines.append(wear_sentence(found))
     checked = [line for line in found.lines if line.errors.size]
     if checked:
         worst = max(checked, key=lambda line: float(line.errors.max()))
         basis, step = _errors(worst)
+        by_basis = "" if basis is None else f"{100 * basis:.2g} % by the basis and "
         lines.append(
             f"Errors were estimated at {counted(len(checked), 'speed')}. The largest is that at "
-            f"{worst.speed_rpm:g} rpm: {100 * (basis or 0.0):.2g} % by the basis and "
-            f"{100 * (step or 0.0):.2g} % by the step, of the largest amplitude there."
+            f"{worst.speed_rpm:g} rpm: {by_basis}{100 * (step or 0.0):.2g} % by the step, of the "
+            "largest amplitude there."
         )
     if found.reused:
         lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
@@ -144,17 +161,19 @@ def summary(found: InteractionMap) -> dict[str, Any]:
 @styled
 def figure(found: InteractionMap) -> Figure:
     """Amplitudes over speed and frequency, with excitation, modes, errors and other motions."""
-    drawn = new_figure(9.0, 5.6)
-    axis = drawn.subplots()
+    drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, orders, values = found.speeds_rpm, found.orders, 1e3 * found.amplitudes
     top = float(values.max(initial=0.0)) or 1.0
-    edges = _edges(speeds)
+    seen = values > DARKEST * top
+    highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
+    modes = found.column("free_hz")
+    highest = 1.1 * max(highest, modes[modes <= orders[-1] * speeds[-1] / 60.0].max(initial=0.0))
     half = 0.5 / found.scene.map.last
-    sides = np.append(orders - half, orders[-1] + half)
+    edges, sides = _edges(speeds), np.append(orders - half, orders[-1] + half)
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.log10(np.maximum(values, DARKEST * top)).T,
+        np.log10(np.maximum(_thickened(values, orders, speeds, highest), DARKEST * top)).T,
         cmap="Greys",
         rasterized=True,
     )
@@ -163,9 +182,6 @@ def figure(found: InteractionMap) -> Figure:
     bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
     _draw_modes(axis, found)
     _draw_marks(axis, found)
-    seen = values > DARKEST * top
-    highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
-    highest = 1.1 * max(highest, float(found.column("free_hz").max(initial=0.0)))
     axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
     axis.ticklabel_format(axis="x", style="plain")
     axis.grid(False)
@@ -173,12 +189,22 @@ def figure(found: InteractionMap) -> Figure:
     return drawn
 
 
-def _edges(speeds: Any) -> Any:
-    """The edges (s + 1,) of the columns of some speeds (s,)."""
+def _thickened(values: Array, orders: Array, speeds: Array, highest: float) -> Array:
+    """Amplitudes (s, k) of which each one covers its neighbours, so that single lines are seen."""
+    thick = np.array(values)
+    for k, speed in enumerate(speeds):
+        reach = int(THICKNESS * highest * 60.0 / (speed * orders[1]))
+        for shift in range(1, reach + 1):
+            thick[k, shift:] = np.maximum(thick[k, shift:], values[k, :-shift])
+            thick[k, :-shift] = np.maximum(thick[k, :-shift], values[k, shift:])
+    return thick
+
+
+def _edges(speeds: Array) -> Array:
+    """The edges (s + 1,) of the columns of some speeds (s,), which begin and end at a speed."""
     if speeds.size == 1:
-        return speeds[0] * np.array([0.99, 1.01])
-    between = 0.5 * (speeds[1:] + speeds[:-1])
-    return np.concatenate([[2 * speeds[0] - between[0]], between, [2 * speeds[-1] - between[-1]]])
+        return np.asarray(speeds[0] * np.array([0.99, 1.01]))
+    return np.concatenate([speeds[:1], 0.5 * (speeds[1:] + speeds[:-1]), speeds[-1:]])
 
 
 def _draw_modes(axis: Axes, found: InteractionMap) -> None:
@@ -214,8 +240,7 @@ def _draw_marks(axis: Axes, found: InteractionMap) -> None:
 def curves_figure(found: InteractionMap) -> Figure:
     """Amplitude, peak force, contact and clearance over the speed."""
     chosen = [curve for curve in CURVES if np.any(np.isfinite(found.column(curve[0])))]
-    drawn = new_figure(9.0, 1.9 * len(chosen))
-    panels = drawn.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
+    drawn, panels = new_panels(9.0, 1.9 * len(chosen), len(chosen), sharex=True)
     verdicts = found.column("verdict")
     for panel, (name, factor, label) in zip(panels, chosen, strict=True):
         values = factor * found.column(name)
@@ -263,11 +288,21 @@ def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
         for name in (*names, "free_hz", "closed_hz"):
             file[name] = found.column(name)
         file["verdict"] = [line.verdict for line in found.lines]
+        if found.rings:
+            file["angle"], file["worn_depth"] = profiles(found, "worn")
+            file["worn_depth_error"] = profiles(found, "worn_errors")[1]
     return [path]
 
 
 def report(found: InteractionMap) -> Report:
-    """The report of a map: `map.csv`, `map.json`, `map.png` and `map_curves.png`."""
+    """The report of a map: `map.csv`, `map.json`, `map.png`, `map_curves.png`, and its wear."""
+    pictures = [
+        Picture("Interaction map", "map.png", lambda: figure(found)),
+        Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
+    ]
+    if around := any(ring.radius for ring in found.rings) and found.column("worn").any():
+        edges = _edges(found.speeds_rpm)
+        pictures.append(Picture("Wear", "map_wear.png", lambda: wear_figure(found, edges)))
     return Report(
         "map",
         "interaction map",
@@ -279,9 +314,7 @@ def report(found: InteractionMap) -> Report:
         ],
         rows(found),
         summary(found),
-        [
-            Picture("Interaction map", "map.png", lambda: figure(found)),
-            Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
-        ],
+        pictures,
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
+        more_rows={"map_wear.csv": profile_rows(found)} if around else {},
     )

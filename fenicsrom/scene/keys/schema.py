@@ -441,6 +441,8 @@ class Map:
         orders: highest engine order of the map.
         start: the state in which a speed begins: at rest in the equilibrium, or where the next
             lower ("up") or higher ("down") speed ended.
+        steady: way to the motion of a speed: by time steps over all revolutions, or by Newton's
+            method, which tries for a stable periodic motion as in `time.steady` and ends there.
         clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
             same at all speeds, or in the equilibrium at each speed.
     """
@@ -450,6 +452,7 @@ class Map:
     last: Annotated[int, integer(2, 1000)] = 20
     orders: Annotated[int, integer(1, 1000)] = 20
     start: Annotated[str, choice("rest", "up", "down")] = "rest"
+    steady: Annotated[str, choice("march", "newton")] = "march"
     clearance: Annotated[str, choice("at rest", "at speed")] = "at rest"
 
 
