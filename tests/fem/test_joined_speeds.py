@@ -372,7 +372,15 @@ def test_model_of_a_curve_over_the_speed_moves_as_the_model_at_a_speed(
         found = start_motion(wide, family_of(wide), 2000.0)
         single = stored.simulate()
         exact = periodic_motion(Problem.of(stored.model, stored.scene), single.end)
-        print(gap, wide.size, stored.size, found.amplitude.max(0), exact.amplitude.max(0), exact.record.force.max(), found.record.force.max())
+        print(
+            gap,
+            wide.size,
+            stored.size,
+            found.amplitude.max(0),
+            exact.amplitude.max(0),
+            exact.record.force.max(),
+            found.record.force.max(),
+        )
         np.testing.assert_allclose(found.amplitude.max(0), exact.amplitude.max(0), rtol=allowed)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.base.rules import Problem, Problems
+from fenicsrom.scene.keys.curves import Response, parameter_of
 from fenicsrom.scene.keys.loads import OrderFrequency
-from fenicsrom.scene.keys.response import Response, parameter_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.keys.unit_system import REGIONAL
 from fenicsrom.words import counted
