@@ -16,13 +16,17 @@ pytest.importorskip("dolfinx")
 from support import beam_scene, make_solid, refusal
 
 import fenicsrom
+from fenicsrom.assess.curves.response_problem import family_of, start_motion
 from fenicsrom.assess.rotation.range_body import RangeBody
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.turning import speed_history
+from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
+from fenicsrom.online.motion.wear import wear_of
+from fenicsrom.online.periodic.shooting import periodic_motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene import Scene, read_scene
@@ -354,6 +358,39 @@ def test_run_at_a_constant_history_matches_the_model_at_this_speed(
     assert measured is not None and measured.time.size == 3
     np.testing.assert_allclose(RPM * measured.speed, 2000.0, rtol=1e-9)
     assert abs(measured.balance) < 1e-11 * measured.contact_work
+
+
+@pytest.mark.slow
+def test_model_of_a_curve_over_the_speed_moves_as_the_model_at_a_speed(
+    tiny: tuple[StoredModel, Path],
+) -> None:
+    """Periodic motions that bend far, without and with rub."""
+    table = "response={parameter='rotation.speed_rpm', first=1500.0, last=2500.0}"
+    for gap, allowed in ((3e-3, 1e-3), (1.3e-3, 5e-3)):
+        stored = at_speed(tiny[0], 2000.0, table, f"contacts.0.gap={gap}", "time.periods=200")
+        wide = stored.over_speeds(1500.0, 2500.0)
+        found = start_motion(wide, family_of(wide), 2000.0)
+        single = stored.simulate()
+        exact = periodic_motion(Problem.of(stored.model, stored.scene), single.end)
+        np.testing.assert_allclose(found.amplitude.max(0), exact.amplitude.max(0), rtol=allowed)
+
+
+@pytest.mark.slow
+def test_run_up_with_rub_and_wear_balances(tiny: tuple[StoredModel, Path]) -> None:
+    """The ledger of the blade, and the works of the shaft; the plastic work of the layer is not
+    one of the forces on the blade, and is what its depths say."""
+    layer = "{thickness=5e-3, modulus=1e9, yield_stress=5e6, hardening=1e8, area=1e-5, cells=360}"
+    changes = (*RUN_UP, "contacts.0.gap=0.7e-3", "basis.accuracy=1.0")
+    stored = tiny[0].with_overrides([*changes, f"contacts.0.abradable={layer}"])
+    motion = stored.simulate()
+    found = run_up(stored, motion)
+    assert found is not None and found.peak_force.max() > 10.0
+    rings = wear_of(motion, stored.scene, stored.model.points)
+    assert max(float(ring.depth.max()) for ring in rings) > 5e-4
+    assert sum(ring.plastic_work for ring in rings) > found.contact_work
+    works = found.shaft_work, found.contact_work, found.load_work, found.own_work
+    assert motion.relative_imbalance < 1e-9
+    assert abs(found.balance) < 1e-9 * np.max(np.abs(works))
 
 
 @pytest.mark.slow

@@ -112,27 +112,32 @@ def test_particle_on_spring_moves_straight_in_the_fixed_frame(scheme: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "duration", "peak", "at"),
+    ("first", "last", "duration", "stiffening", "peak", "at"),
     [
-        (40.0, 60.0, 20.0, 6.05809677e-3, 51.2357),
-        (60.0, 40.0, 20.0, 6.09846308e-3, 48.7734),
+        (40.0, 60.0, 20.0, 0.0, 6.05809677e-3, 51.2357),
+        (60.0, 40.0, 20.0, 0.0, 6.09846308e-3, 48.7734),
+        pytest.param(40.0, 60.0, 200.0, 0.0, 9.19907e-3, 50.2705, marks=pytest.mark.slow),
+        (40.0, 70.0, 30.0, 1.8, 7.25987320e-3, 55.5594),
+        (70.0, 40.0, 30.0, 1.8, 7.41760213e-3, 52.3100),
     ],
 )
 def test_run_through_resonance_has_the_peak_of_the_angle(
-    first: float, last: float, duration: float, peak: float, at: float
+    first: float, last: float, duration: float, stiffening: float, peak: float, at: float
 ) -> None:
-    """Test B: an engine order sin 2θ; sin 2Ωt would have its peak at 45.93 rad/s."""
+    """Test B: an engine order sin 2θ; sin 2Ωt would have its peak at 45.93 rad/s. The stiffness is
+    10⁴, or 80² + 1.8 Ω²."""
     history = speed_history([[0.0, first], [duration, last]])
     still = particle(history, 0.0)._replace(
         centrifugal=np.zeros(1),
-        softening=np.zeros((1, 1)),
+        softening=np.array([[-stiffening]]),
         coriolis=np.zeros((1, 1)),
         euler=np.zeros(1),
     )
-    model = turning_model(linear(1e4), still, damping=1.0, order=2)
-    errors, counts = [], (20_000, 40_000)
-    for steps in counts:
-        found = run(model, steps, duration, np.zeros(1), np.zeros(1))
+    spring, damping = (80.0**2, 0.8) if stiffening else (1e4, 1.0)
+    model = turning_model(linear(spring), still, damping=damping, order=2)
+    errors = []
+    for steps in (1000.0, 2000.0):
+        found = run(model, int(steps * duration), duration, np.zeros(1), np.zeros(1))
         moved = np.abs(found.displacement[:, 0, 0])
         top = int(np.argmax(moved))
         errors.append(abs(moved[top] / peak - 1.0))

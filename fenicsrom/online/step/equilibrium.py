@@ -46,20 +46,21 @@ INVERSE_ITERATIONS = 8
 
 
 def equilibrium(problem: Problem) -> tuple[Array, int]:
-    """The equilibrium of a model nearest to q = 0 or, if it is unstable, another one.
+    """The equilibrium of a model nearest to its rest or, if it is unstable, another one.
 
     Args:
-        problem: of a model whose q = 0 is its equilibrium under the static loads.
+        problem: of a model whose rest, q = 0 or `Problem.rest`, is its equilibrium under the static
+            loads.
 
     Returns:
-        q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
-        0 unless another equilibrium is returned.
+        q (n,), and the number of directions in which the equilibrium nearest to the rest is
+        unstable: 0 unless another equilibrium is returned.
 
     Raises:
         ConvergenceError: no equilibrium was found.
     """
     statics = _Statics(problem)
-    q = np.zeros_like(statics.static_force)
+    q = statics.rest
     if not statics.touches(q):
         is_free = problem.model.linear or not problem.contacts.preload.size
         unstable = 0 if is_free else statics.unstable(q)
@@ -87,12 +88,13 @@ class _Statics:
         self.contacts = contacts._replace(friction=np.zeros(count))
         self.scratch = contact_scratch(count, dimension)
         self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
-        # (P,) normal forces at q = 0, N: the pressure of the contacts that is added in parts
+        # (P,) normal forces at rest, N: the pressure of the contacts that is added in parts
         self.pressed: Array = np.zeros(count)
         zero = np.zeros_like(model.load(0.0))
+        self.rest = zero if problem.rest is None else problem.rest
         model.set_at_rest()
-        self.static_force = model.elastic_at(zero)[0].copy()
-        self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
+        self.static_force = model.elastic_at(self.rest)[0].copy()
+        self.undeformed = model.contact_displacement(self.rest).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
         """Whether a contact presses at q (n,), the start of the load steps of its pressure."""

@@ -57,7 +57,7 @@ ITERATIONS = 30
 SNAPSHOTS = 25
 """Speeds of which a model for a varying speed is made."""
 
-RUN_UP = {"equilibrium": 1e-4, "modes": 1e-3, "attached": 2e-2, "derivatives": 3e-3}
+RUN_UP = {"equilibrium": 1e-4, "modes": 1e-3, "attached": 2e-2, "derivatives": 3e-2}
 """Smallest singular value of its proper orthogonal modes, relative to the largest."""
 
 FURTHER = 3.0
@@ -94,7 +94,7 @@ class _Snapshot(NamedTuple):
         equilibrium: (n, 1)
         modes: (n, v) normal modes.
         attached: (n, m) attachment modes of the masters.
-        derivatives: (n, v (v + 1) / 2) modal derivatives.
+        derivatives: (n, v (v + 1) / 2) modal derivatives, of modes with the elastic energy 1/2 J.
     """
 
     tangent: Array
@@ -250,9 +250,12 @@ class RangeModel:
         """What the model shows at a speed in rad/s."""
         q, n = self.equilibrium(omega), self.model.size
         tangent = self.tangent(omega, q)
-        modes = scipy.linalg.eigh(tangent, self.model.mass, subset_by_index=(0, self.modes - 1))[1]
-        changes = [0.5 * (self.tangent(omega, q + x) - self.tangent(omega, q - x)) for x in modes.T]
-        bent = [changes[i] @ modes[:, j] for i in range(self.modes) for j in range(i + 1)]
+        squares, modes = scipy.linalg.eigh(
+            tangent, self.model.mass, subset_by_index=(0, self.modes - 1)
+        )
+        along = (modes / np.sqrt(np.abs(squares))).T
+        changes = [0.5 * (self.tangent(omega, q + x) - self.tangent(omega, q - x)) for x in along]
+        bent = [changes[i] @ along[j] for i in range(self.modes) for j in range(i + 1)]
         solved = np.linalg.solve(tangent, np.column_stack([np.eye(n, self.masters), *bent]))
         return _Snapshot(
             tangent, q[:, None], modes, solved[:, : self.masters], solved[:, self.masters :]
@@ -262,8 +265,9 @@ class RangeModel:
         """The models for a speed that varies, about the equilibrium at its start.
 
         The vectors are proper orthogonal modes of what the range model shows at `SNAPSHOTS` speeds:
-        equilibria, normal modes, attachment modes of the masters, and modal derivatives. The
-        attachment modes are not scaled, in the energy norm: those that matter hold more energy.
+        equilibria, normal modes, attachment modes of the masters, and modal derivatives. The last
+        two are not scaled, in the energy norm: those that matter hold more energy. In the mass norm
+        the stretching that lets a bent body bend on would not count.
 
         Args:
             history: (r, 3) the speeds (`fenicsrom.online.contact.turning`).
@@ -278,8 +282,9 @@ class RangeModel:
         shown = [self._snapshot(float(speed)) for speed in np.sqrt(squares)]
         first: dict[str, Array] = {}
         further: dict[str, Array] = {}
+        middle = shown[len(shown) // 2].tangent
         for kind, accuracy in RUN_UP.items():
-            inner = shown[len(shown) // 2].tangent if kind == "attached" else model.mass
+            inner = model.mass if kind in ("equilibrium", "modes") else middle
             block = np.concatenate([getattr(one, kind) for one in shown], axis=1)
             vectors, sizes = _proper(block, inner, accuracy / FURTHER)
             count = int(np.sum(sizes > accuracy * np.max(sizes, initial=0.0)))

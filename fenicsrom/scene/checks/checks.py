@@ -398,13 +398,13 @@ def _duration_problems(scene: Scene) -> Problems:
         if not scene.static_only or not isinstance(time.stepping, times.NoStep):
             yield Problem("time.duration", MISSING, f"must be a number above 0, because {why}")
         return
-    duration = time.duration or 0.0
+    duration, either = time.duration or 0.0, "steps_per_revolution, " if varies else ""
     match time.stepping:
         case times.NoStep():
-            allowed = f"a step (number above 0) or a tolerance must be given, because {why}"
+            allowed = f"{either}a step (number above 0) or a tolerance must be given, because {why}"
             yield Problem("time.step", MISSING, allowed)
         case times.StepsPerPeriod(steps_per_period=steps):
-            allowed = f"use step or tolerance, because {why}"
+            allowed = f"use {either}step or tolerance, because {why}"
             yield Problem("time.steps_per_period", steps, allowed)
         case times.StepsPerRevolution(steps_per_revolution=steps) if not varies:
             allowed = "only allowed with rotation.history"
