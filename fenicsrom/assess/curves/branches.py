@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.curves.branching import branch, lies_on, motions_through_load, passes_through
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BACK, END, Curve, CurvePoint
@@ -38,6 +39,24 @@ class Piece(Curve):
     origin: str = "march"
     periods: int = 1
     direction: float = 1.0
+
+    def in_order(self) -> list[CurvePoint]:
+        """The points, with the special points where the curve passes them."""
+        points = list(self.points)
+        if not points:
+            return points
+        size = max(float(np.linalg.norm(point.s)) for point in points) or 1.0
+        width = max(abs(points[-1].parameter - points[0].parameter), abs(points[0].parameter))
+
+        def place(point: CurvePoint) -> Array:
+            return np.append(point.s / size, point.parameter / width)
+
+        for special in self.special:
+            places = np.array([place(point) for point in points])
+            ways = np.linalg.norm(places - place(special), axis=1)
+            detours = ways[:-1] + ways[1:] - np.linalg.norm(np.diff(places, axis=0), axis=1)
+            points.insert(int(np.argmin(detours)) + 1 if detours.size else 0, special)
+        return points
 
 
 class Follow(Protocol):

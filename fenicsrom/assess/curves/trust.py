@@ -1,16 +1,22 @@
 """How far a response curve can be trusted: a finer time step and a richer basis at selected points.
 
-The points are that of the largest amplitude, the folds, and both ends of each part of the curve. At
-an ordinary point the other motion has the same parameter, and its amplitude is compared. A fold
-moves instead: the other motion is sought normal to the tangent of the curve, and the parameters are
-compared.
+The points are that of the largest amplitude, both ends of each part of the curve, and bifurcations.
+At an ordinary point the other motion has the same parameter, and its amplitude is compared. A
+bifurcation moves instead, and its parameters are compared. At a fold the other motion is sought
+normal to the tangent of the curve. Another change of stability moves by about
+
+    (|mu'| - 1) / (1 - |mu_s|) times its distance from the stable neighbour,                     (1)
+
+where |mu'| is the largest multiplier of the other motion at the bifurcation, and |mu_s| that of the
+neighbour.
 
 A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability,
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
 (`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
-unit circle are left out. The verdict is not compared next to a change of stability, which may move.
+unit circle are left out. The verdict is not judged next to a change of stability, nor within
+`SHIFTS` times the shift (1) of one that moves by at most `MOVES`.
 """
 
 from __future__ import annotations
@@ -18,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,14 +34,14 @@ from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, l
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
     largest_multiplier,
-    periodic_motion,
+    solve,
 )
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
@@ -42,11 +49,17 @@ from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"
+FOLD = "fold"
 BETWEEN = "between"
 NEAR_CHANGE = "near instability"
 SPREAD = 24  # most points of a curve, evenly over its stable parts, besides those that are named
 UNSTABLE = 12  # likewise over its unstable parts
 SHARE = 6  # points of a curve for each of these: a richer motion costs as much as several points
+MARCHES = 4  # with derivatives, for a motion near a known one
+FIXED = 3e4  # a march of n coordinates and N variables takes a time of about FIXED + N n^3
+SHIFTS, MOVES = 2.0, 0.01  # see above; the shift relative to the parameter
+FARTHEST = 0.1  # largest shift that (1) estimates, likewise
+STEP = 1e-5  # of Newton's method, relative to the variables, after which such a motion is found
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
@@ -57,17 +70,18 @@ class Check:
 
     Attributes:
         point: the point.
-        where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
-            instability" of a point that `fenicsrom.assess.curves.stability_search` adds.
+        where: "largest amplitude", "first", "last", the kind of a bifurcation, "between" of a
+            spread point, or "near instability" of a point that
+            `fenicsrom.assess.curves.stability_search` adds.
         quantity: the quantity to which the errors are relative: "amplitude", or "parameter" of a
-            fold.
+            bifurcation.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
         compared: whether a motion of a richer basis was sought, as at all points but folds.
         richer_verdict: the stability of that motion, as `CurvePoint.verdict`; None if it was not
             found.
-        judged: whether the two verdicts must agree: no change of stability is next to the point.
+        judged: whether the two verdicts must agree: no change of stability is near.
         richer_multiplier: size of the largest multiplier of the richer basis, NaN if not known.
         finer_verdict: the stability with half the time step, as `richer_verdict`.
         finer_multiplier: size of its largest multiplier, likewise.
@@ -143,7 +157,6 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
         return []
     found = [(LARGEST, max(points, key=lambda point: float(point.amplitude.max())))]
     for piece in pieces:
-        found += [("fold", point) for point in piece.special if point.kind == "fold"]
         found += [("first", piece.points[0]), ("last", piece.points[-1])]
     unique: dict[int, tuple[str, CurvePoint]] = {}
     for name, point in found:
@@ -173,15 +186,172 @@ def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, C
     return [(BETWEEN, chosen[k]) for k in np.unique(at)]
 
 
-def _next_to_change(pieces: Sequence[Piece]) -> set[int]:
-    """The identities of the points with a neighbour of the other stability."""
-    return {
-        id(point)
-        for piece in pieces
-        for pair in pairwise(piece.points)
-        if pair[0].stable != pair[1].stable
-        for point in pair
-    }
+class Bifurcation(NamedTuple):
+    """A bifurcation of a curve: a fold, or another change of stability.
+
+    Attributes:
+        event: the bifurcation.
+        ends: the points of the curve before and after it.
+    """
+
+    event: CurvePoint
+    ends: tuple[CurvePoint, CurvePoint]
+
+    def shift(self, other: CurvePoint | PeriodicMotion | None) -> float | None:
+        """How far the bifurcation moves, relative to its parameter; None if it is not known.
+
+        The estimate (1) is not known above `FARTHEST`.
+
+        Args:
+            other: the motion of a finer step or of a richer basis.
+        """
+        parameter = self.event.parameter
+        if other is None:
+            return None
+        if self.event.kind == FOLD:
+            assert isinstance(other, CurvePoint)
+            return abs(other.parameter - parameter) / (abs(parameter) or 1.0)
+        stable = min(self.ends, key=_size)
+        moved = abs((_size(other) - 1.0) * (stable.parameter - parameter))
+        left = (1.0 - _size(stable)) * (abs(parameter) or 1.0)
+        return moved / left if moved < FARTHEST * left else None
+
+
+def bifurcations(pieces: Sequence[Piece]) -> list[Bifurcation]:
+    """The folds and the changes of stability of a curve that were located, in order."""
+    found = []
+    for piece in pieces:
+        rows = piece.in_order()
+        at = [k for k, point in enumerate(rows) if not point.kind]
+        for before, after in pairwise(at):
+            ends = rows[before], rows[after]
+            for event in rows[before + 1 : after]:
+                turns = ends[0].stable != ends[1].stable and event.kind in BIFURCATIONS
+                if turns or event.kind == FOLD:
+                    found.append(Bifurcation(event, ends))
+    return found
+
+
+class _Checks:
+    """The checks of a curve; arguments as `checks`."""
+
+    def __init__(
+        self,
+        pieces: Sequence[Piece],
+        family: Family,
+        richer: Richer | None,
+        ask: Callable[[], None],
+    ):
+        self._pieces, self._family, self._richer, self._ask = pieces, family, richer, ask
+        self._bifurcations = bifurcations(pieces)
+        self._shifts: dict[int, float] = {}
+        self._home: dict[int, CurvePoint] = {}
+        self.found: list[Check] = []
+
+    def bifurcations(self, most: int) -> None:
+        """Check up to so many bifurcations, evenly chosen."""
+        count = len(self._bifurcations)
+        for k in np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)):
+            self._shift(self._bifurcations[k])
+
+    def _shift(self, bifurcation: Bifurcation) -> float:
+        """How far a bifurcation moves, relative to its parameter: the larger of both shifts."""
+        event = bifurcation.event
+        if id(event) not in self._shifts:
+            self._ask()
+            other = _finer(event, self._family)
+            check = Check(event, event.kind, "parameter", bifurcation.shift(other), judged=False)
+            if self._richer is not None and event.kind != FOLD:
+                motion = richer_motion(event, self._richer)
+                verdict = None if motion is None else motion.verdict
+                error = bifurcation.shift(motion)
+                check = replace(check, basis_error=error, compared=True, richer_verdict=verdict)
+            self.found.append(check)
+            self._shifts[id(event)] = max(check.step_error or 0.0, check.basis_error or 0.0)
+        return self._shifts[id(event)]
+
+    def compare(self, where: str, point: CurvePoint, *, richer: bool = True) -> float:
+        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
+        self._ask()
+        other = _finer(point, self._family)
+        check = Check(point, where, "amplitude", None)
+        if other is not None:
+            check = replace(
+                check,
+                step_error=change(point.amplitude, other.amplitude),
+                finer_verdict=other.verdict,
+                finer_multiplier=_size(other),
+            )
+        if self._richer is not None and richer:
+            check = replace(check, compared=True)
+            motion = richer_motion(point, self._richer)
+            if motion is not None:
+                check = replace(
+                    check,
+                    basis_error=change(point.amplitude, motion.amplitude),
+                    richer_verdict=motion.verdict,
+                    richer_multiplier=_size(motion),
+                )
+        self.found.append(check)
+        return check.richer_multiplier
+
+    def between(self, a: CurvePoint, b: CurvePoint) -> CurvePoint | None:
+        """The stable motion at the mean parameter of two neighbours; None if it was not found."""
+        found = _between(a, b, self._family)
+        if found is not None:
+            self._home[id(found)] = a
+        return found
+
+    def judge(self) -> None:
+        """Excuse the points whose stability changes by the shift of a bifurcation."""
+        for check in self.found:  # it may grow
+            if check.contradicted or check.contradicted_by_step:
+                if self._is_shift(check):
+                    self.found[self.found.index(check)] = replace(check, judged=False)
+
+    def _is_shift(self, check: Check) -> bool:
+        """Whether a contradiction comes from the shift of a bifurcation next to a point.
+
+        The point lies in a stretch of one stability. A stretch that the other motions do not have
+        at all is more than a shift.
+        """
+        point, home = check.point, self._home.get(id(check.point), check.point)
+        for piece in self._pieces:
+            at = next((k for k, other in enumerate(piece.points) if other is home), None)
+            if at is None:
+                continue
+            turns = [k for k, (a, b) in enumerate(pairwise(piece.points)) if a.stable != b.stable]
+            if point is home and (at in turns or at - 1 in turns):
+                return True
+            first = max((k + 1 for k in turns if k < at), default=0)
+            last = min((k for k in turns if k >= at), default=len(piece.points) - 1)
+            stretch = piece.points[first : last + 1]
+            for known in self._bifurcations:
+                if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
+                    place, shift = known.event.parameter, self._shift(known)
+                    away = abs(point.parameter - place) / (abs(place) or 1.0)
+                    if away <= SHIFTS * shift and shift <= MOVES:
+                        return self._has_agreement(stretch, check)
+        return False
+
+    def _has_agreement(self, stretch: Sequence[CurvePoint], check: Check) -> bool:
+        """Whether the other motions have the stability of a stretch somewhere."""
+        inside = {id(point) for point in stretch}
+
+        def agrees(other: Check) -> bool:
+            asked = [other.finer_verdict] * check.contradicted_by_step
+            asked += [other.richer_verdict] * check.contradicted
+            return all(
+                verdict is not None and other.point.stable == (verdict == "stable")
+                for verdict in asked
+            )
+
+        known = [c for c in self.found if id(self._home.get(id(c.point), c.point)) in inside]
+        clearest = max(stretch, key=lambda point: abs(_size(point) - 1.0))
+        if not any(map(agrees, known)) and all(c.point is not clearest for c in known):
+            self.compare(BETWEEN, clearest, richer=check.contradicted)
+            known.append(self.found[-1])
+        return any(map(agrees, known))
 
 
 def checks(
@@ -201,62 +371,39 @@ def checks(
         limit: change by a richer basis at the named points above which no other point is compared,
             because the curve will be followed again with more coordinates.
     """
-    found: list[Check] = []
-    changing = _next_to_change(pieces)
-
-    def compare(where: str, point: CurvePoint) -> float:
-        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
-        ask()
-        judged = id(point) not in changing
-        found.append(_check(where, point, family, richer, judged))
-        return found[-1].richer_multiplier
-
-    sizes = {id(point): compare(where, point) for where, point in selected(pieces)}
-    if any((check.basis_error or 0.0) > limit for check in found):
-        return found
-    for name, point in [*spread(pieces), *spread(pieces, stable=False)]:
-        near = not point.stable or _size(point) > 1.0 - NEAR
-        if id(point) not in sizes and (near or richer is not None):
-            sizes[id(point)] = compare(name, point)
+    made = _Checks(pieces, family, richer, ask)
+    sizes = {id(point): made.compare(where, point) for where, point in selected(pieces)}
+    if any((check.basis_error or 0.0) > limit for check in made.found):
+        return made.found
+    count = sum(len(piece.points) for piece in pieces)
+    made.bifurcations(min(SPREAD, -(-count // SHARE)))
+    others = [each for each in spread(pieces) if id(each[1]) not in sizes]
+    others += [each for each in spread(pieces, stable=False) if id(each[1]) not in sizes]
+    left = _affordable(pieces, richer) - len(made.found)
+    every = -(-len(others) // left) if left > 0 else np.inf
+    for k, (name, point) in enumerate(others):
+        both = richer is not None and k % every == 0
+        if both or not point.stable or _size(point) > 1.0 - NEAR:
+            size = made.compare(name, point, richer=both)
+            if both:
+                sizes[id(point)] = size
     if richer is not None:
+        most = min(EXTRA, len(sizes) // 2, max(left - len(others), 0))
         divide_gaps(
-            pieces,
-            sizes,
-            lambda a, b: _between(a, b, family),
-            lambda point: compare(NEAR_CHANGE, point),
-            min(EXTRA, len(sizes) // 2),
+            pieces, sizes, made.between, lambda point: made.compare(NEAR_CHANGE, point), most
         )
-    return found
+    made.judge()
+    return made.found
 
 
-def _check(
-    where: str,
-    point: CurvePoint,
-    family: Family,
-    richer: Richer | None,
-    judged: bool,
-) -> Check:
-    """The check of one point; arguments as `checks` and `Check`."""
-    quantity = "parameter" if where == "fold" else "amplitude"
-    other = _finer(point, family, fold=where == "fold")
-    error = None if other is None else _distance(point, other, quantity)
-    check = Check(point, where, quantity, error, judged=judged)
-    if where == "fold":
-        return check
-    if other is not None:
-        check = replace(check, finer_verdict=other.verdict, finer_multiplier=_size(other))
-    if richer is None:
-        return check
-    motion = richer_motion(point, richer)
-    if motion is None:
-        return replace(check, compared=True)
-    return replace(
-        check,
-        compared=True,
-        basis_error=change(point.amplitude, motion.amplitude),
-        richer_verdict=motion.verdict,
-        richer_multiplier=_size(motion),
-    )
+def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
+    """Number of points whose comparison with a richer basis takes about as long as the curve."""
+    points = [point for piece in pieces for point in [*piece.points, *piece.special]]
+    if not points or richer is None:
+        return 0
+    sizes, variables = richer.transfer.shape, points[0].z.size
+    other, own = (FIXED + (variables + 2 * (n - sizes[1])) * n**3 for n in sizes)
+    return int(own * sum(point.marches[1] for point in points) / (MARCHES * (2 * own + other)))
 
 
 def _size(motion: CurvePoint | PeriodicMotion) -> float:
@@ -282,25 +429,18 @@ def _between(a: CurvePoint, b: CurvePoint, family: Family) -> CurvePoint | None:
     return found if apart <= near else None
 
 
-def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
-    """Relative change of a quantity from a point to another."""
-    if quantity == "parameter":
-        return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
-    return change(point.amplitude, other.amplitude)
-
-
 def change(amplitude: Array, other: Array) -> float:
     """Relative change of amplitudes."""
     size = float(np.max(amplitude))
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | None:
+def _finer(point: CurvePoint, family: Family) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
-    if not fold:
-        return path.at_parameter(s, point.parameter)
+    if point.kind != FOLD:
+        return path.at_parameter(s, point.parameter, exact=False)
     here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
@@ -322,10 +462,10 @@ def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, 
 
 def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
-    problem = richer.family(point.parameter)
-    start = richer.start(point, Shooting(problem, point.periods))
+    shooting = Shooting(richer.family(point.parameter), point.periods)
+    s = shooting.scaled(richer.start(point, shooting))
     try:
-        return periodic_motion(problem, start, point.periods, tolerance=TOLERANCE)
+        return solve(shooting, s, TOLERANCE, step_tolerance=STEP)
     except ConvergenceError:
         return None
 
@@ -395,11 +535,12 @@ def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) ->
             "lower basis.threshold or raise basis.modes",
         ),
     ):
-        sizes = [getattr(check, name) or 0.0 for check in curve_checks]
+        judged = [c for c in curve_checks if c.quantity == "amplitude" or c.where == FOLD]
+        sizes = [getattr(check, name) or 0.0 for check in judged]
         worst = max(sizes, default=0.0)
         if worst > limit:
-            check = curve_checks[sizes.index(worst)]
-            changed = "amplitude" if check.quantity == "amplitude" else f"{parameter} of a fold"
+            check = judged[sizes.index(worst)]
+            changed = "amplitude" if check.where != FOLD else f"{parameter} of a fold"
             said.append(
                 f"{what} changes the {changed} by {in_percent(worst)} at "
                 f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
