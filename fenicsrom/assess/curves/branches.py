@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -185,12 +184,9 @@ def follow_isolated(
 def _motion_at(parts: list[Piece], path_of: PathOf, value: float) -> CurvePoint | None:
     """A motion of the parts at a value of the parameter, or None."""
     for part in parts:
-        for a, b in pairwise(part.points):
-            if part.periods == 1 and min(a.parameter, b.parameter) <= value <= max(
-                a.parameter, b.parameter
-            ):
-                share = (value - a.parameter) / ((b.parameter - a.parameter) or 1.0)
-                point = path_of(a, 1).at_parameter(a.s + share * (b.s - a.s), value)
+        if part.periods == 1:
+            for a, _, near in part.crossings(value):
+                point = path_of(a, 1).at_parameter(near, value)
                 if point is not None:
                     return point
     return None
