@@ -21,6 +21,7 @@ from fenicsrom.online.contact.law import (
 from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,
+    ContactStep,
     contact_scratch,
     zero_contact_state,
 )
@@ -228,8 +229,9 @@ def differentiate_law(
             start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
         scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
         state_of(law.contacts, p, interval.begin, start, scratch)
-        contact_force(law.contacts, interval, p, start, finish, scratch, False)
-        commit_contact_state(law.contacts, interval, p, start, finish, scratch)
+        whole = ContactStep(law.contacts, interval, start, finish, scratch)
+        contact_force(whole, p, False)
+        commit_contact_state(whole, p)
         for k in range(d):
             law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
             law.slider[p, k, c] = finish.slider[p, k].imag / STEP
