@@ -380,9 +380,9 @@ def checks(
     others = [each for each in spread(pieces) if id(each[1]) not in sizes]
     others += [each for each in spread(pieces, stable=False) if id(each[1]) not in sizes]
     left = _affordable(pieces, richer) - len(made.found)
-    every = -(-len(others) // left) if left > 0 else np.inf
-    for k, (name, point) in enumerate(others):
-        both = richer is not None and k % every == 0
+    every = -(-len(others) // left) if left > 0 else len(others) + 1
+    for k, (name, point) in enumerate(others, 1):
+        both = k % every == 0
         if both or not point.stable or _size(point) > 1.0 - NEAR:
             size = made.compare(name, point, richer=both)
             if both:
