@@ -31,7 +31,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
-from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
@@ -44,9 +43,6 @@ from fenicsrom.online.periodic.shooting import (
     solve,
 )
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.units import in_words
-from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"
 FOLD = "fold"
@@ -107,14 +103,15 @@ class Check:
     @property
     def contradicted(self) -> bool:
         """Whether the richer basis finds the motion stable where the model does not, or inverse."""
-        return self._other_than(self.richer_verdict)
+        return self.contradicts(self.richer_verdict)
 
     @property
     def contradicted_by_step(self) -> bool:
         """As `contradicted`, of half the time step."""
-        return self._other_than(self.finer_verdict)
+        return self.contradicts(self.finer_verdict)
 
-    def _other_than(self, verdict: str | None) -> bool:
+    def contradicts(self, verdict: str | None) -> bool:
+        """Whether the verdict on another motion differs from that on the point."""
         return self.judged and verdict is not None and self.point.stable != (verdict == "stable")
 
 
@@ -211,9 +208,9 @@ class Bifurcation(NamedTuple):
         if self.event.kind == FOLD:
             assert isinstance(other, CurvePoint)
             return abs(other.parameter - parameter) / (abs(parameter) or 1.0)
-        stable = min(self.ends, key=_size)
-        moved = abs((_size(other) - 1.0) * (stable.parameter - parameter))
-        left = (1.0 - _size(stable)) * (abs(parameter) or 1.0)
+        stable = min(self.ends, key=size_of)
+        moved = abs((size_of(other) - 1.0) * (stable.parameter - parameter))
+        left = (1.0 - size_of(stable)) * (abs(parameter) or 1.0)
         return moved / left if moved < FARTHEST * left else None
 
 
@@ -280,7 +277,7 @@ class _Checks:
                 check,
                 step_error=change(point.amplitude, other.amplitude),
                 finer_verdict=other.verdict,
-                finer_multiplier=_size(other),
+                finer_multiplier=size_of(other),
             )
         if self._richer is not None and richer:
             check = replace(check, compared=True)
@@ -290,7 +287,7 @@ class _Checks:
                     check,
                     basis_error=change(point.amplitude, motion.amplitude),
                     richer_verdict=motion.verdict,
-                    richer_multiplier=_size(motion),
+                    richer_multiplier=size_of(motion),
                 )
         self.found.append(check)
         return check.richer_multiplier
@@ -347,7 +344,7 @@ class _Checks:
             )
 
         known = [c for c in self.found if id(self._home.get(id(c.point), c.point)) in inside]
-        clearest = max(stretch, key=lambda point: abs(_size(point) - 1.0))
+        clearest = max(stretch, key=lambda point: abs(size_of(point) - 1.0))
         if not any(map(agrees, known)) and all(c.point is not clearest for c in known):
             self.compare(BETWEEN, clearest, richer=check.contradicted)
             known.append(self.found[-1])
@@ -383,7 +380,7 @@ def checks(
     every = -(-len(others) // left) if left > 0 else len(others) + 1
     for k, (name, point) in enumerate(others, 1):
         both = k % every == 0
-        if both or not point.stable or _size(point) > 1.0 - NEAR:
+        if both or not point.stable or size_of(point) > 1.0 - NEAR:
             size = made.compare(name, point, richer=both)
             if both:
                 sizes[id(point)] = size
@@ -406,7 +403,7 @@ def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
     return int(own * sum(point.marches[1] for point in points) / (MARCHES * other))
 
 
-def _size(motion: CurvePoint | PeriodicMotion) -> float:
+def size_of(motion: CurvePoint | PeriodicMotion) -> float:
     """Size of the largest multiplier that decides on the stability."""
     return abs(largest_multiplier(motion.multipliers, motion.free_sliders))
 
@@ -468,104 +465,6 @@ def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
         return solve(shooting, s, TOLERANCE, step_tolerance=STEP)
     except ConvergenceError:
         return None
-
-
-def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
-    """Sentences on the points whose stability half the step or a richer basis judges otherwise.
-
-    Args:
-        curve_checks: checks of a curve.
-        scene: the scene, for units.
-        parameter: name of the parameter of the curve.
-    """
-    by_step = [
-        (check, check.finer_verdict, check.finer_multiplier, check.contradicted_by_step)
-        for check in curve_checks
-    ]
-    by_basis = [
-        (check, check.richer_verdict, check.richer_multiplier, check.contradicted)
-        for check in curve_checks
-    ]
-    said = []
-    for who, compared, advice in (
-        ("half the time step", by_step, "increase time.steps_per_period."),
-        (
-            "a richer basis",
-            by_basis,
-            'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.',
-        ),
-    ):
-        groups: dict[tuple[str, str], list[tuple[Check, float]]] = {}
-        for check, verdict, size, contradicted in compared:
-            if contradicted:
-                groups.setdefault((verdict or "", check.point.verdict), []).append((check, size))
-        if not groups:
-            continue
-        listed = "; ".join(
-            f"{_in_words(other)} instead of {_in_words(own)} at {_place(group, scene, parameter)} "
-            f"(multipliers up to {_outside(other, group):.2g} outside of the unit circle)"
-            for (other, own), group in groups.items()
-        )
-        found = sum(len(group) for group in groups.values())
-        known = sum(verdict is not None for _, verdict, _, _ in compared)
-        said.append(
-            f"{who} finds another stability of {found} of {counted(known, 'compared motion')}: "
-            f"{listed}; {advice}"
-        )
-    return said
-
-
-def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
-    """Sentences on the largest changes by half the time step and by a richer basis.
-
-    The sentences name changes that are larger than the error that a run accepts.
-
-    Args:
-        curve_checks: checks of a curve.
-        scene: the scene, for units.
-        parameter: name of the parameter of the curve.
-    """
-    said = []
-    for name, what, limit, advice in (
-        ("step_error", "half the time step", TIME_ERROR, "increase time.steps_per_period"),
-        (
-            "basis_error",
-            "a richer basis",
-            BASIS_ERROR,
-            "lower basis.threshold or raise basis.modes",
-        ),
-    ):
-        judged = [c for c in curve_checks if c.quantity == "amplitude" or c.where == FOLD]
-        sizes = [getattr(check, name) or 0.0 for check in judged]
-        worst = max(sizes, default=0.0)
-        if worst > limit:
-            check = judged[sizes.index(worst)]
-            changed = "amplitude" if check.where != FOLD else f"{parameter} of a fold"
-            said.append(
-                f"{what} changes the {changed} by {in_percent(worst)} at "
-                f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
-                f"{in_percent(limit)}): {advice}."
-            )
-    return said
-
-
-def _place(group: Sequence[tuple[Check, float]], scene: Scene, parameter: str) -> str:
-    """Where some checks of a curve are: a value of the parameter, or a range."""
-    values = [check.point.parameter for check, _ in group]
-    if len(values) == 1:
-        return in_words(scene, parameter, values[0])
-    last = in_words(scene, parameter, max(values))
-    return f"{len(values)} points from {parameter} = {min(values):.6g} to {last}"
-
-
-def _outside(other: str, group: Sequence[tuple[Check, float]]) -> float:
-    """How far outside of the unit circle a multiplier is, where the instability is found."""
-    return max(_size(check.point) if other == "stable" else size for check, size in group) - 1.0
-
-
-def _in_words(verdict: str) -> str:
-    """The stability of a motion in words."""
-    return verdict if verdict == "stable" else f"unstable ({verdict})"
 
 
 def richer_model(stored: StoredModel) -> RicherModel | None:

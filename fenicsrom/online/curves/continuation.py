@@ -149,7 +149,7 @@ class Continuation(ArcLength):
 
 def follow(
     family: Family,
-    start: PeriodicMotion,
+    start: PeriodicMotion | CurvePoint,
     value: float,
     bounds: tuple[float, float],
     *,
