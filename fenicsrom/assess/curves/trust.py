@@ -53,6 +53,7 @@ UNSTABLE = 12  # likewise over its unstable parts
 SHARE = 6  # points of a curve for each of these: a richer motion costs as much as several points
 MARCHES = 3  # with derivatives, for a motion near a known one
 FIXED = 3e4  # a march of n coordinates and N variables takes a time of about FIXED + N n^3
+SHORT = 5e7  # some seconds, likewise
 SHIFTS, MOVES = 2.0, 0.01  # see above; the shift relative to the parameter
 FARTHEST = 0.1  # largest shift that (1) estimates, likewise
 STEP = 1e-5  # of Newton's method, relative to the variables, after which such a motion is found
@@ -394,13 +395,14 @@ def checks(
 
 
 def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
-    """Number of points whose motions of the richer basis take about as long as the curve."""
+    """Number of motions of the richer basis that take as long as the curve and some seconds."""
     points = [point for piece in pieces for point in [*piece.points, *piece.special]]
     if not points or richer is None:
         return 0
     sizes, variables = richer.transfer.shape, points[0].z.size
     other, own = (FIXED + (variables + 2 * (n - sizes[1])) * n**3 for n in sizes)
-    return int(own * sum(point.marches[1] for point in points) / (MARCHES * other))
+    spent = SHORT + own * sum(point.marches[1] for point in points)
+    return int(spent / (MARCHES * other))
 
 
 def size_of(motion: CurvePoint | PeriodicMotion) -> float:
