@@ -83,6 +83,22 @@ def test_point_beside_a_bifurcation_that_moves_is_no_contradiction(
     assert moved.step_error == pytest.approx(abs(shift) / PLACE, rel=1e-9)
 
 
+def test_single_point_of_another_stability_widens_the_place_of_its_bifurcation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The multiplier errs by 0.3 at one point only, and by nothing at the bifurcation."""
+
+    def finer(p: float) -> float:
+        return growing(p) + 0.3 * (abs(p - 100.1) < 0.01)
+
+    found = checked(monkeypatch, finer, growing, (PLACE,))
+    points = [c for c in found if c.quantity == "amplitude"]
+    (other,) = (c for c in points if c.point.stable != (c.finer_verdict == "stable"))
+    assert other.point.parameter == pytest.approx(100.1) and not other.contradicted_by_step
+    (moved,) = (c for c in found if c.quantity == "parameter")
+    assert moved.step_error == pytest.approx(0.3 / PLACE, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     "finer",
     [

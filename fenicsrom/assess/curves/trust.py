@@ -5,18 +5,19 @@ At an ordinary point the other motion has the same parameter, and its amplitude 
 bifurcation moves instead, and its parameters are compared. At a fold the other motion is sought
 normal to the tangent of the curve. Another change of stability moves by about
 
-    (|mu'| - 1) / (1 - |mu_s|) times its distance from the stable neighbour,                     (1)
+    (|mu'| - |mu|) / (1 - |mu|) times its distance from a point,                                (1)
 
-where |mu'| is the largest multiplier of the other motion at the bifurcation, and |mu_s| that of the
-neighbour.
+where |mu| and |mu'| are the largest multipliers at this point and of the other motion there. The
+point is the stable neighbour, with |mu'| of the bifurcation itself.
 
 A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability,
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
 (`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
-unit circle are left out. The verdict is not judged next to a change of stability, nor within
-`SHIFTS` times the shift (1) of one that moves by at most `MOVES`.
+unit circle are left out. The verdict is not judged next to a change of stability, nor where such a
+change moves past the point by (1), by at most `MOVES`, and the verdict is the same elsewhere on the
+same stretch.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,7 +55,7 @@ SHARE = 6  # points of a curve for each of these: a richer motion costs as much 
 MARCHES = 3  # with derivatives, for a motion near a known one
 FIXED = 3e4  # a march of n coordinates and N variables takes a time of about FIXED + N n^3
 SHORT = 5e7  # some seconds, likewise
-SHIFTS, MOVES = 2.0, 0.01  # see above; the shift relative to the parameter
+MOVES = 0.01  # of its parameter: the shift of a bifurcation that is no contradiction
 FARTHEST = 0.1  # largest shift that (1) estimates, likewise
 STEP = 1e-5  # of Newton's method, relative to the variables, after which such a motion is found
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
@@ -242,7 +243,6 @@ class _Checks:
     ):
         self._pieces, self._family, self._richer, self._ask = pieces, family, richer, ask
         self._bifurcations = bifurcations(pieces)
-        self._shifts: dict[int, float] = {}
         self._home: dict[int, CurvePoint] = {}
         self.found: list[Check] = []
 
@@ -252,21 +252,22 @@ class _Checks:
         for k in np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)):
             self._shift(self._bifurcations[k])
 
-    def _shift(self, bifurcation: Bifurcation) -> float:
-        """How far a bifurcation moves, relative to its parameter: the larger of both shifts."""
+    def _shift(self, bifurcation: Bifurcation) -> int:
+        """The number of the check of how far a bifurcation moves, which is made if need be."""
         event = bifurcation.event
-        if id(event) not in self._shifts:
-            self._ask()
-            other = _finer(event, self._family)
-            check = Check(event, event.kind, "parameter", bifurcation.shift(other), judged=False)
-            if self._richer is not None and event.kind != FOLD:
-                motion = richer_motion(event, self._richer)
-                verdict = None if motion is None else motion.verdict
-                error = bifurcation.shift(motion)
-                check = replace(check, basis_error=error, compared=True, richer_verdict=verdict)
-            self.found.append(check)
-            self._shifts[id(event)] = max(check.step_error or 0.0, check.basis_error or 0.0)
-        return self._shifts[id(event)]
+        for k, check in enumerate(self.found):
+            if check.point is event:
+                return k
+        self._ask()
+        other = _finer(event, self._family)
+        check = Check(event, event.kind, "parameter", bifurcation.shift(other), judged=False)
+        if self._richer is not None and event.kind != FOLD:
+            motion = richer_motion(event, self._richer)
+            verdict = None if motion is None else motion.verdict
+            error = bifurcation.shift(motion)
+            check = replace(check, basis_error=error, compared=True, richer_verdict=verdict)
+        self.found.append(check)
+        return len(self.found) - 1
 
     def compare(self, where: str, point: CurvePoint, *, richer: bool = True) -> float:
         """Add the check of a point; give the size of the largest multiplier of the richer basis."""
@@ -326,11 +327,30 @@ class _Checks:
             stretch = piece.points[first : last + 1]
             for known in self._bifurcations:
                 if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
-                    place, shift = known.event.parameter, self._shift(known)
-                    away = abs(point.parameter - place) / (abs(place) or 1.0)
-                    if away <= SHIFTS * shift and shift <= MOVES:
-                        return self._has_agreement(stretch, check)
+                    if self._moves(known, check) and self._has_agreement(stretch, check):
+                        return True
         return False
+
+    def _moves(self, known: Bifurcation, check: Check) -> bool:
+        """Whether a bifurcation moves past a point, by at most `MOVES`; then its check says so."""
+        place, own = known.event.parameter, size_of(check.point)
+        left = abs(1.0 - own) * (abs(place) or 1.0)
+        shifts = {
+            name: abs((other - own) * (check.point.parameter - place)) / left
+            for name, other, differs in (
+                ("step_error", check.finer_multiplier, check.contradicted_by_step),
+                ("basis_error", check.richer_multiplier, check.contradicted),
+            )
+            if differs
+        }
+        if max(shifts.values()) > MOVES:
+            return False
+        k = self._shift(known)
+        known_shifts: dict[str, Any] = {
+            name: max(getattr(self.found[k], name) or 0.0, shift) for name, shift in shifts.items()
+        }
+        self.found[k] = replace(self.found[k], **known_shifts)
+        return True
 
     def _has_agreement(self, stretch: Sequence[CurvePoint], check: Check) -> bool:
         """Whether the other motions have the stability of a stretch somewhere."""
