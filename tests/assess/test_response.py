@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, heard, linear_model, loaded_duffing
+from support import beam_scene, first, heard, linear_model, loaded_duffing, refusal
 
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import check_response, family_of
@@ -21,7 +21,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
-from fenicsrom.post.curves.response_figures import in_order, stretches
+from fenicsrom.post.curves.response_figures import stretches
 from fenicsrom.scene import Scene
 
 DAMPING, CUBIC, FORCE = 0.02, 0.1, 0.02
@@ -81,7 +81,7 @@ def test_duffing_folds_are_where_the_first_harmonic_has_them(found: Response) ->
 def test_curve_is_unstable_between_its_folds_only(found: Response) -> None:
     (curve,) = found.curves
     (piece,) = curve.pieces
-    assert [stable for stable, _ in stretches(in_order(piece))] == [True, False, True]
+    assert [stable for stable, _ in stretches(piece.in_order())] == [True, False, True]
     low, high = sorted(point.parameter for point in curve.special)
     for point in curve.points:
         assert point.stable == (abs(judged_multiplier(point)) <= 1.0 + 1e-8)
@@ -123,6 +123,15 @@ def test_curve_over_the_frequency_of_an_engine_order_says_that_the_speed_stays()
     )
     (warning,) = response(oscillator(*turning)).warnings
     assert "engine order" in warning and f"{60.0 * LOW:g} rpm" in warning
+
+
+def test_curve_on_which_nothing_excites_the_body_is_refused() -> None:
+    with refusal(ErrorKind.RANGE, "loads[0].force"):
+        check_response(scene_with("loads.0.force=0.0"))
+    with refusal(ErrorKind.RANGE, "loads[0].force"):
+        check_response(scene_with('response.families={key="loads.0.force", values=[0.02, 0.0]}'))
+    along = ('response.parameter="loads.0.force"', "response.first=0.001", "response.last=0.02")
+    check_response(scene_with("loads.0.force=0.0", *along))
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:

@@ -316,7 +316,7 @@ def test_motions_that_a_richer_basis_does_not_find_are_counted(
     def lost(*arguments: Any, **options: Any) -> None:
         raise ConvergenceError("lost")
 
-    monkeypatch.setattr(trust, "periodic_motion", lost)
+    monkeypatch.setattr(trust, "solve", lost)
     found = compared(oscillator("time.steps_per_period=50"), 30.0)
     asked = sum(check.compared for check in found.curves[0].checks)
     assert asked > SPREAD // 2 and found.curves[0].basis_error is None

@@ -10,9 +10,10 @@ from support import beam_scene, excited_stiffness
 from test_response_runs import assert_continued, interrupted
 
 from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.check_sentences import contradictions
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import family_of
-from fenicsrom.assess.curves.trust import checks, contradictions
+from fenicsrom.assess.curves.trust import checks
 from fenicsrom.online.curves.bifurcations import outside
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.periodic.shooting import Shooting

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values
+from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values, oriented
+from fenicsrom.online.curves.bifurcations import turned_points
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, Curve
 
 Array = NDArray[np.float64]
@@ -115,6 +116,20 @@ def test_smooth_folds_are_passed() -> None:
     assert len({point.sense for point in found.points}) == 1  # no fold changes the sense
     steps = np.hypot(np.diff(x), np.diff([point.parameter for point in found.points]) / 5.0)
     assert steps.max() <= 1.1 * LARGEST_STEP * FIRST_SIZE * np.abs(x).max()
+
+
+def test_two_folds_within_a_step_are_found_by_the_way_that_the_parameter_goes() -> None:
+    """The folds of p = x^3 - 3 x are at -1 and 1; at -1.1 and 1.1 the tangents look upwards."""
+
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[1] - z[0] ** 3 + 3.0 * z[0], [3.0 - 3.0 * z[0] ** 2, 1.0]
+
+    toy = Toy(equation, -4.0, 4.0, 1)
+    places = [toy.at_parameter(np.array([x]), x**3 - 3.0 * x) for x in (-1.1, 1.1)]
+    a, b = (oriented(place, -1.0) for place in places)
+    (middle,) = turned_points(toy, a, b)
+    assert a.tangent[-1] * b.tangent[-1] > 0.0 > a.tangent[-1] * middle.tangent[-1]
+    assert not turned_points(toy, a, middle) and not turned_points(toy, middle, b)
 
 
 def test_branch_point_is_passed_straight_and_changes_the_sense() -> None:

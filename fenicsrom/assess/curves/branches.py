@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.curves.branching import branch, lies_on, motions_through_load, passes_through
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BACK, END, Curve, CurvePoint
@@ -38,6 +38,24 @@ class Piece(Curve):
     origin: str = "march"
     periods: int = 1
     direction: float = 1.0
+
+    def in_order(self) -> list[CurvePoint]:
+        """The points, with the special points where the curve passes them."""
+        points = list(self.points)
+        if not points:
+            return points
+        size = max(float(np.linalg.norm(point.s)) for point in points) or 1.0
+        width = max(abs(points[-1].parameter - points[0].parameter), abs(points[0].parameter))
+
+        def place(point: CurvePoint) -> Array:
+            return np.append(point.s / size, point.parameter / width)
+
+        for special in self.special:
+            places = np.array([place(point) for point in points])
+            ways = np.linalg.norm(places - place(special), axis=1)
+            detours = ways[:-1] + ways[1:] - np.linalg.norm(np.diff(places, axis=0), axis=1)
+            points.insert(int(np.argmin(detours)) + 1 if detours.size else 0, special)
+        return points
 
 
 class Follow(Protocol):
@@ -166,12 +184,9 @@ def follow_isolated(
 def _motion_at(parts: list[Piece], path_of: PathOf, value: float) -> CurvePoint | None:
     """A motion of the parts at a value of the parameter, or None."""
     for part in parts:
-        for a, b in pairwise(part.points):
-            if part.periods == 1 and min(a.parameter, b.parameter) <= value <= max(
-                a.parameter, b.parameter
-            ):
-                share = (value - a.parameter) / ((b.parameter - a.parameter) or 1.0)
-                point = path_of(a, 1).at_parameter(a.s + share * (b.s - a.s), value)
+        if part.periods == 1:
+            for a, _, near in part.crossings(value):
+                point = path_of(a, 1).at_parameter(near, value)
                 if point is not None:
                     return point
     return None

@@ -74,7 +74,7 @@ class CurveWalk:
             here = in_words(self.scene, response_table(self.scene).parameter, point.parameter)
             line = (
                 f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
-                f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
+                f"{1e3 * float(point.amplitude.max()):.4g} mm, {'un' * (not point.stable)}stable"
             )
         most = response_table(self.scene).points
         if len(piece.points) == int(NEARLY_ALL * most):

@@ -39,8 +39,8 @@ def worst_checks(found: Response, stored: StoredModel) -> list[tuple[StoredModel
 
 
 def _error(check: Check) -> float:
-    """The estimated error of a point due to the basis; zero where it is not known."""
-    return BASIS_SAFETY * (check.basis_error or 0.0)
+    """The estimated error of an amplitude due to the basis; zero where it is not known."""
+    return BASIS_SAFETY * (check.basis_error or 0.0) if check.quantity == "amplitude" else 0.0
 
 
 def larger_model(found: Response, stored: StoredModel, spare: int) -> StoredModel | None:

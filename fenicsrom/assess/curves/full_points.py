@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
-import numpy as np
-
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import (
@@ -18,7 +14,6 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.full.full_periodic import full_periodic_motion
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.solid.solid import Solid
-from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve
 from fenicsrom.online.store.archive import StoredModel
@@ -83,31 +78,19 @@ def _reduced_motion(
     Raises:
         ConvergenceError: the curve has no motion there.
     """
-    crossings = [
-        (before, after)
-        for piece in curve.pieces
-        for before, after in pairwise(piece.points)
-        if min(before.parameter, after.parameter) <= value <= max(before.parameter, after.parameter)
-    ]
+    crossings = [found for piece in curve.pieces for found in piece.crossings(value)]
     crossings.sort(
-        key=lambda pair: (
-            pair[0].stable and pair[1].stable,
-            max(float(point.amplitude.max()) for point in pair),
+        key=lambda found: (
+            found[0].stable and found[1].stable,
+            max(float(point.amplitude.max()) for point in found[:2]),
         ),
         reverse=True,
     )
     shooting = Shooting(family(value))
-    for pair in crossings:
+    for _, _, near in crossings:
         try:
-            return shooting, solve(shooting, _between(*pair, value), REDUCED_TOLERANCE)
+            return shooting, solve(shooting, near, REDUCED_TOLERANCE)
         except ConvergenceError:
             continue
     key = response_table(stored.scene).parameter
     raise ConvergenceError(f"the response curve has no motion at {key} = {value:.6g}")
-
-
-def _between(before: CurvePoint, after: CurvePoint, value: float) -> Array:
-    """The scaled variables (N,) between two points of a curve, by linear interpolation."""
-    width = after.parameter - before.parameter
-    part = (value - before.parameter) / width if width else 0.0
-    return np.asarray((1.0 - part) * before.s + part * after.s)

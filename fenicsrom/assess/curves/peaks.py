@@ -19,7 +19,7 @@ import numpy as np
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Optimum, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel
-from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.continuation import Continuation, follow
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, climb
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
@@ -237,26 +237,20 @@ def _crossing(peaks: list[ForcedPeak], best: ForcedPeak, level: float) -> Iterat
 def _larger(stored: StoredModel, best: ForcedPeak) -> CurvePoint | None:
     """The motion of the largest amplitude on the whole curve of a peak; None: it is the peak."""
     table, family = response_table(stored.scene), family_of(_at(stored, best.value))
-    problem = family(best.frequency)
-    shooting = Shooting(problem)
-    s = shooting.scaled(best.point.z)
-    path = Continuation(shooting, family, table.low, table.high, s)
-    start = path.at_parameter(s, best.frequency)
-    points = (
-        []
-        if start is None
-        else [
-            point
-            for direction in (1.0, -1.0)
-            for point in path.run(
-                start,
-                direction,
-                points=table.points,
-                locate=False,
-                progress=lambda point: tell(0.0),
-            ).points
-        ]
-    )
+    points = [
+        point
+        for direction in (1.0, -1.0)
+        for point in follow(
+            family,
+            best.point,
+            best.frequency,
+            (table.low, table.high),
+            direction=direction,
+            points=table.points,
+            locate=False,
+            progress=lambda point: tell(0.0),
+        ).points
+    ]
     top = max(points, key=height, default=best.point)
     if height(top) <= (1.0 + LARGER) * best.amplitude:
         return None

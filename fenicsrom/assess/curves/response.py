@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.check_sentences import contradictions, inaccuracies
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
@@ -27,7 +28,7 @@ from fenicsrom.assess.curves.response_results import (
     curve_title,
     response_table,
 )
-from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
+from fenicsrom.assess.curves.trust import Check, RicherModel
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.contact_events import Extremes

@@ -47,10 +47,11 @@ def check_response(scene: Scene) -> None:
     """Check before the offline stage that the curves of a scene can be computed.
 
     Raises:
-        SceneError: there is no table [response], the model would not be an exact polynomial, or
-            the second number of the curves cannot be used.
+        SceneError: there is no table [response], nothing excites the body, the model would not be
+            an exact polynomial, or the second number of the curves cannot be used.
     """
     table = response_table(scene)
+    _check_excitation(scene, scene)
     if scene.basis.elastic_force == "projection":
         raise SceneError(
             f'{scene.source}: basis.elastic_force = "projection": must be "polynomial" for '
@@ -61,6 +62,32 @@ def check_response(scene: Scene) -> None:
         )
     if table.families is not None:
         _check_families(scene, table.parameter, table.families)
+
+
+def _check_excitation(scene: Scene, given: Scene) -> None:
+    """Check that something excites the body.
+
+    Args:
+        scene: the scene, or the one of a curve.
+        given: the scene of all curves.
+
+    Raises:
+        SceneError: all loads that vary are zero, and no surface has waves.
+    """
+    parameter = response_table(given).parameter
+    varies = [k for k, load in enumerate(scene.loads) if load.frequency is not None]
+    excited = any(scene.loads[k].size for k in varies) or any(
+        contact.surface is not None and contact.surface.waves for contact in scene.contacts
+    )
+    if not excited and not any(parameter == f"loads.{k}.{scene.loads[k].kind}" for k in varies):
+        sizes = " and ".join(f"loads[{k}].{scene.loads[k].kind} = 0" for k in varies)
+        raise SceneError(
+            f"{given.source}: {sizes}: nothing excites the body, so a response curve has no "
+            "motion; give a load that varies a size other than zero",
+            kind=ErrorKind.RANGE,
+            key=f"loads[{varies[0]}].{scene.loads[varies[0]].kind}" if varies else "loads",
+            source=given.source,
+        )
 
 
 def _check_families(scene: Scene, parameter: str, families: Families) -> None:
@@ -102,6 +129,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
                 key="response.families.values",
                 source=scene.source,
             ) from error
+        _check_excitation(changed, scene)
         if (other := changed_path(scene, changed)) is not None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 

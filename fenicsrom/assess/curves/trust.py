@@ -1,16 +1,23 @@
 """How far a response curve can be trusted: a finer time step and a richer basis at selected points.
 
-The points are that of the largest amplitude, the folds, and both ends of each part of the curve. At
-an ordinary point the other motion has the same parameter, and its amplitude is compared. A fold
-moves instead: the other motion is sought normal to the tangent of the curve, and the parameters are
-compared.
+The points are that of the largest amplitude, both ends of each part of the curve, and bifurcations.
+At an ordinary point the other motion has the same parameter, and its amplitude is compared. A
+bifurcation moves instead, and its parameters are compared. At a fold the other motion is sought
+normal to the tangent of the curve. Another change of stability moves by about
+
+    (|mu'| - |mu|) / (1 - |mu|) times its distance from a point,                                (1)
+
+where |mu| and |mu'| are the largest multipliers at this point and of the other motion there. The
+point is the stable neighbour, with |mu'| of the bifurcation itself.
 
 A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability,
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
 (`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
-unit circle are left out. The verdict is not compared next to a change of stability, which may move.
+unit circle are left out. The verdict is not judged next to a change of stability, nor where such a
+change moves past the point by (1), by at most `MOVES`, and the verdict is the same elsewhere on the
+same stretch.
 """
 
 from __future__ import annotations
@@ -18,35 +25,39 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
-from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
     largest_multiplier,
-    periodic_motion,
+    solve,
 )
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.units import in_words
-from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"
+FOLD = "fold"
 BETWEEN = "between"
 NEAR_CHANGE = "near instability"
 SPREAD = 24  # most points of a curve, evenly over its stable parts, besides those that are named
 UNSTABLE = 12  # likewise over its unstable parts
 SHARE = 6  # points of a curve for each of these: a richer motion costs as much as several points
+MARCHES = 3  # with derivatives, for a motion near a known one
+FIXED = 3e4  # a march of n coordinates and N variables takes a time of about FIXED + N n^3
+SHORT = 5e7  # some seconds, likewise
+MOVES = 0.01  # of its parameter: the shift of a bifurcation that is no contradiction
+FARTHEST = 0.1  # largest shift that (1) estimates, likewise
+STEP = 1e-5  # of Newton's method, relative to the variables, after which such a motion is found
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
@@ -57,17 +68,18 @@ class Check:
 
     Attributes:
         point: the point.
-        where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
-            instability" of a point that `fenicsrom.assess.curves.stability_search` adds.
+        where: "largest amplitude", "first", "last", the kind of a bifurcation, "between" of a
+            spread point, or "near instability" of a point that
+            `fenicsrom.assess.curves.stability_search` adds.
         quantity: the quantity to which the errors are relative: "amplitude", or "parameter" of a
-            fold.
+            bifurcation.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
         compared: whether a motion of a richer basis was sought, as at all points but folds.
         richer_verdict: the stability of that motion, as `CurvePoint.verdict`; None if it was not
             found.
-        judged: whether the two verdicts must agree: no change of stability is next to the point.
+        judged: whether the two verdicts must agree: no change of stability is near.
         richer_multiplier: size of the largest multiplier of the richer basis, NaN if not known.
         finer_verdict: the stability with half the time step, as `richer_verdict`.
         finer_multiplier: size of its largest multiplier, likewise.
@@ -93,14 +105,15 @@ class Check:
     @property
     def contradicted(self) -> bool:
         """Whether the richer basis finds the motion stable where the model does not, or inverse."""
-        return self._other_than(self.richer_verdict)
+        return self.contradicts(self.richer_verdict)
 
     @property
     def contradicted_by_step(self) -> bool:
         """As `contradicted`, of half the time step."""
-        return self._other_than(self.finer_verdict)
+        return self.contradicts(self.finer_verdict)
 
-    def _other_than(self, verdict: str | None) -> bool:
+    def contradicts(self, verdict: str | None) -> bool:
+        """Whether the verdict on another motion differs from that on the point."""
         return self.judged and verdict is not None and self.point.stable != (verdict == "stable")
 
 
@@ -143,7 +156,6 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
         return []
     found = [(LARGEST, max(points, key=lambda point: float(point.amplitude.max())))]
     for piece in pieces:
-        found += [("fold", point) for point in piece.special if point.kind == "fold"]
         found += [("first", piece.points[0]), ("last", piece.points[-1])]
     unique: dict[int, tuple[str, CurvePoint]] = {}
     for name, point in found:
@@ -173,15 +185,191 @@ def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, C
     return [(BETWEEN, chosen[k]) for k in np.unique(at)]
 
 
-def _next_to_change(pieces: Sequence[Piece]) -> set[int]:
-    """The identities of the points with a neighbour of the other stability."""
-    return {
-        id(point)
-        for piece in pieces
-        for pair in pairwise(piece.points)
-        if pair[0].stable != pair[1].stable
-        for point in pair
-    }
+class Bifurcation(NamedTuple):
+    """A bifurcation of a curve: a fold, or another change of stability.
+
+    Attributes:
+        event: the bifurcation.
+        ends: the points of the curve before and after it.
+    """
+
+    event: CurvePoint
+    ends: tuple[CurvePoint, CurvePoint]
+
+    def shift(self, other: CurvePoint | PeriodicMotion | None) -> float | None:
+        """How far the bifurcation moves, relative to its parameter; None if it is not known.
+
+        The estimate (1) is not known above `FARTHEST`.
+
+        Args:
+            other: the motion of a finer step or of a richer basis.
+        """
+        parameter = self.event.parameter
+        if other is None:
+            return None
+        if self.event.kind == FOLD:
+            assert isinstance(other, CurvePoint)
+            return abs(other.parameter - parameter) / (abs(parameter) or 1.0)
+        stable = min(self.ends, key=size_of)
+        moved = abs((size_of(other) - 1.0) * (stable.parameter - parameter))
+        left = (1.0 - size_of(stable)) * (abs(parameter) or 1.0)
+        return moved / left if moved < FARTHEST * left else None
+
+
+def bifurcations(pieces: Sequence[Piece]) -> list[Bifurcation]:
+    """The folds and the changes of stability of a curve that were located, in order."""
+    found = []
+    for piece in pieces:
+        rows = piece.in_order()
+        at = [k for k, point in enumerate(rows) if not point.kind]
+        for before, after in pairwise(at):
+            ends = rows[before], rows[after]
+            for event in rows[before + 1 : after]:
+                turns = ends[0].stable != ends[1].stable and event.kind in BIFURCATIONS
+                if turns or event.kind == FOLD:
+                    found.append(Bifurcation(event, ends))
+    return found
+
+
+class _Checks:
+    """The checks of a curve; arguments as `checks`."""
+
+    def __init__(
+        self,
+        pieces: Sequence[Piece],
+        family: Family,
+        richer: Richer | None,
+        ask: Callable[[], None],
+    ):
+        self._pieces, self._family, self._richer, self._ask = pieces, family, richer, ask
+        self._bifurcations = bifurcations(pieces)
+        self._home: dict[int, CurvePoint] = {}
+        self.found: list[Check] = []
+
+    def bifurcations(self, most: int) -> None:
+        """Check up to so many bifurcations, evenly chosen."""
+        count = len(self._bifurcations)
+        for k in np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)):
+            self._shift(self._bifurcations[k])
+
+    def _shift(self, bifurcation: Bifurcation) -> int:
+        """The number of the check of how far a bifurcation moves, which is made if need be."""
+        event = bifurcation.event
+        for k, check in enumerate(self.found):
+            if check.point is event:
+                return k
+        self._ask()
+        other = _finer(event, self._family)
+        check = Check(event, event.kind, "parameter", bifurcation.shift(other), judged=False)
+        if self._richer is not None and event.kind != FOLD:
+            motion = richer_motion(event, self._richer)
+            verdict = None if motion is None else motion.verdict
+            error = bifurcation.shift(motion)
+            check = replace(check, basis_error=error, compared=True, richer_verdict=verdict)
+        self.found.append(check)
+        return len(self.found) - 1
+
+    def compare(self, where: str, point: CurvePoint, *, richer: bool = True) -> float:
+        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
+        self._ask()
+        other = _finer(point, self._family)
+        check = Check(point, where, "amplitude", None)
+        if other is not None:
+            check = replace(
+                check,
+                step_error=change(point.amplitude, other.amplitude),
+                finer_verdict=other.verdict,
+                finer_multiplier=size_of(other),
+            )
+        if self._richer is not None and richer:
+            check = replace(check, compared=True)
+            motion = richer_motion(point, self._richer)
+            if motion is not None:
+                check = replace(
+                    check,
+                    basis_error=change(point.amplitude, motion.amplitude),
+                    richer_verdict=motion.verdict,
+                    richer_multiplier=size_of(motion),
+                )
+        self.found.append(check)
+        return check.richer_multiplier
+
+    def between(self, a: CurvePoint, b: CurvePoint) -> CurvePoint | None:
+        """The stable motion at the mean parameter of two neighbours; None if it was not found."""
+        found = _between(a, b, self._family)
+        if found is not None:
+            self._home[id(found)] = a
+        return found
+
+    def judge(self) -> None:
+        """Excuse the points whose stability changes by the shift of a bifurcation."""
+        for check in self.found:  # it may grow
+            if check.contradicted or check.contradicted_by_step:
+                if self._is_shift(check):
+                    self.found[self.found.index(check)] = replace(check, judged=False)
+
+    def _is_shift(self, check: Check) -> bool:
+        """Whether a contradiction comes from the shift of a bifurcation next to a point.
+
+        The point lies in a stretch of one stability. A stretch that the other motions do not have
+        at all is more than a shift.
+        """
+        point, home = check.point, self._home.get(id(check.point), check.point)
+        for piece in self._pieces:
+            at = next((k for k, other in enumerate(piece.points) if other is home), None)
+            if at is None:
+                continue
+            turns = [k for k, (a, b) in enumerate(pairwise(piece.points)) if a.stable != b.stable]
+            if point is home and (at in turns or at - 1 in turns):
+                return True
+            first = max((k + 1 for k in turns if k < at), default=0)
+            last = min((k for k in turns if k >= at), default=len(piece.points) - 1)
+            stretch = piece.points[first : last + 1]
+            for known in self._bifurcations:
+                if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
+                    if self._moves(known, check) and self._has_agreement(stretch, check):
+                        return True
+        return False
+
+    def _moves(self, known: Bifurcation, check: Check) -> bool:
+        """Whether a bifurcation moves past a point, by at most `MOVES`; then its check says so."""
+        place, own = known.event.parameter, size_of(check.point)
+        left = abs(1.0 - own) * (abs(place) or 1.0)
+        shifts = {
+            name: abs((other - own) * (check.point.parameter - place)) / left
+            for name, other, differs in (
+                ("step_error", check.finer_multiplier, check.contradicted_by_step),
+                ("basis_error", check.richer_multiplier, check.contradicted),
+            )
+            if differs
+        }
+        if max(shifts.values()) > MOVES:
+            return False
+        k = self._shift(known)
+        known_shifts: dict[str, Any] = {
+            name: max(getattr(self.found[k], name) or 0.0, shift) for name, shift in shifts.items()
+        }
+        self.found[k] = replace(self.found[k], **known_shifts)
+        return True
+
+    def _has_agreement(self, stretch: Sequence[CurvePoint], check: Check) -> bool:
+        """Whether the other motions have the stability of a stretch somewhere."""
+        inside = {id(point) for point in stretch}
+
+        def agrees(other: Check) -> bool:
+            asked = [other.finer_verdict] * check.contradicted_by_step
+            asked += [other.richer_verdict] * check.contradicted
+            return all(
+                verdict is not None and other.point.stable == (verdict == "stable")
+                for verdict in asked
+            )
+
+        known = [c for c in self.found if id(self._home.get(id(c.point), c.point)) in inside]
+        clearest = max(stretch, key=lambda point: abs(size_of(point) - 1.0))
+        if not any(map(agrees, known)) and all(c.point is not clearest for c in known):
+            self.compare(BETWEEN, clearest, richer=check.contradicted)
+            known.append(self.found[-1])
+        return any(map(agrees, known))
 
 
 def checks(
@@ -201,65 +389,43 @@ def checks(
         limit: change by a richer basis at the named points above which no other point is compared,
             because the curve will be followed again with more coordinates.
     """
-    found: list[Check] = []
-    changing = _next_to_change(pieces)
-
-    def compare(where: str, point: CurvePoint) -> float:
-        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
-        ask()
-        judged = id(point) not in changing
-        found.append(_check(where, point, family, richer, judged))
-        return found[-1].richer_multiplier
-
-    sizes = {id(point): compare(where, point) for where, point in selected(pieces)}
-    if any((check.basis_error or 0.0) > limit for check in found):
-        return found
-    for name, point in [*spread(pieces), *spread(pieces, stable=False)]:
-        near = not point.stable or _size(point) > 1.0 - NEAR
-        if id(point) not in sizes and (near or richer is not None):
-            sizes[id(point)] = compare(name, point)
+    made = _Checks(pieces, family, richer, ask)
+    sizes = {id(point): made.compare(where, point) for where, point in selected(pieces)}
+    if any((check.basis_error or 0.0) > limit for check in made.found):
+        return made.found
+    count = sum(len(piece.points) for piece in pieces)
+    made.bifurcations(min(SPREAD, -(-count // SHARE)))
+    others = [each for each in spread(pieces) if id(each[1]) not in sizes]
+    others += [each for each in spread(pieces, stable=False) if id(each[1]) not in sizes]
+    left = _affordable(pieces, richer) - len(made.found)
+    every = -(-len(others) // left) if left > 0 else len(others) + 1
+    for k, (name, point) in enumerate(others, 1):
+        both = k % every == 0
+        if both or not point.stable or size_of(point) > 1.0 - NEAR:
+            size = made.compare(name, point, richer=both)
+            if both:
+                sizes[id(point)] = size
     if richer is not None:
+        most = min(EXTRA, len(sizes) // 2, max(left - len(others), 0))
         divide_gaps(
-            pieces,
-            sizes,
-            lambda a, b: _between(a, b, family),
-            lambda point: compare(NEAR_CHANGE, point),
-            min(EXTRA, len(sizes) // 2),
+            pieces, sizes, made.between, lambda point: made.compare(NEAR_CHANGE, point), most
         )
-    return found
+    made.judge()
+    return made.found
 
 
-def _check(
-    where: str,
-    point: CurvePoint,
-    family: Family,
-    richer: Richer | None,
-    judged: bool,
-) -> Check:
-    """The check of one point; arguments as `checks` and `Check`."""
-    quantity = "parameter" if where == "fold" else "amplitude"
-    other = _finer(point, family, fold=where == "fold")
-    error = None if other is None else _distance(point, other, quantity)
-    check = Check(point, where, quantity, error, judged=judged)
-    if where == "fold":
-        return check
-    if other is not None:
-        check = replace(check, finer_verdict=other.verdict, finer_multiplier=_size(other))
-    if richer is None:
-        return check
-    motion = richer_motion(point, richer)
-    if motion is None:
-        return replace(check, compared=True)
-    return replace(
-        check,
-        compared=True,
-        basis_error=change(point.amplitude, motion.amplitude),
-        richer_verdict=motion.verdict,
-        richer_multiplier=_size(motion),
-    )
+def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
+    """Number of motions of the richer basis that take as long as the curve and some seconds."""
+    points = [point for piece in pieces for point in [*piece.points, *piece.special]]
+    if not points or richer is None:
+        return 0
+    sizes, variables = richer.transfer.shape, points[0].z.size
+    other, own = (FIXED + (variables + 2 * (n - sizes[1])) * n**3 for n in sizes)
+    spent = SHORT + own * sum(point.marches[1] for point in points)
+    return int(spent / (MARCHES * other))
 
 
-def _size(motion: CurvePoint | PeriodicMotion) -> float:
+def size_of(motion: CurvePoint | PeriodicMotion) -> float:
     """Size of the largest multiplier that decides on the stability."""
     return abs(largest_multiplier(motion.multipliers, motion.free_sliders))
 
@@ -282,25 +448,18 @@ def _between(a: CurvePoint, b: CurvePoint, family: Family) -> CurvePoint | None:
     return found if apart <= near else None
 
 
-def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
-    """Relative change of a quantity from a point to another."""
-    if quantity == "parameter":
-        return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
-    return change(point.amplitude, other.amplitude)
-
-
 def change(amplitude: Array, other: Array) -> float:
     """Relative change of amplitudes."""
     size = float(np.max(amplitude))
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def _finer(point: CurvePoint, family: Family, *, fold: bool) -> CurvePoint | None:
+def _finer(point: CurvePoint, family: Family) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
-    if not fold:
-        return path.at_parameter(s, point.parameter)
+    if point.kind != FOLD:
+        return path.at_parameter(s, point.parameter, exact=False)
     here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
@@ -322,109 +481,12 @@ def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, 
 
 def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
-    problem = richer.family(point.parameter)
-    start = richer.start(point, Shooting(problem, point.periods))
+    shooting = Shooting(richer.family(point.parameter), point.periods)
+    s = shooting.scaled(richer.start(point, shooting))
     try:
-        return periodic_motion(problem, start, point.periods, tolerance=TOLERANCE)
+        return solve(shooting, s, TOLERANCE, step_tolerance=STEP)
     except ConvergenceError:
         return None
-
-
-def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
-    """Sentences on the points whose stability half the step or a richer basis judges otherwise.
-
-    Args:
-        curve_checks: checks of a curve.
-        scene: the scene, for units.
-        parameter: name of the parameter of the curve.
-    """
-    by_step = [
-        (check, check.finer_verdict, check.finer_multiplier, check.contradicted_by_step)
-        for check in curve_checks
-    ]
-    by_basis = [
-        (check, check.richer_verdict, check.richer_multiplier, check.contradicted)
-        for check in curve_checks
-    ]
-    said = []
-    for who, compared, advice in (
-        ("half the time step", by_step, "increase time.steps_per_period."),
-        (
-            "a richer basis",
-            by_basis,
-            'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.',
-        ),
-    ):
-        groups: dict[tuple[str, str], list[tuple[Check, float]]] = {}
-        for check, verdict, size, contradicted in compared:
-            if contradicted:
-                groups.setdefault((verdict or "", check.point.verdict), []).append((check, size))
-        if not groups:
-            continue
-        listed = "; ".join(
-            f"{_in_words(other)} instead of {_in_words(own)} at {_place(group, scene, parameter)} "
-            f"(multipliers up to {_outside(other, group):.2g} outside of the unit circle)"
-            for (other, own), group in groups.items()
-        )
-        found = sum(len(group) for group in groups.values())
-        known = sum(verdict is not None for _, verdict, _, _ in compared)
-        said.append(
-            f"{who} finds another stability of {found} of {counted(known, 'compared motion')}: "
-            f"{listed}; {advice}"
-        )
-    return said
-
-
-def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
-    """Sentences on the largest changes by half the time step and by a richer basis.
-
-    The sentences name changes that are larger than the error that a run accepts.
-
-    Args:
-        curve_checks: checks of a curve.
-        scene: the scene, for units.
-        parameter: name of the parameter of the curve.
-    """
-    said = []
-    for name, what, limit, advice in (
-        ("step_error", "half the time step", TIME_ERROR, "increase time.steps_per_period"),
-        (
-            "basis_error",
-            "a richer basis",
-            BASIS_ERROR,
-            "lower basis.threshold or raise basis.modes",
-        ),
-    ):
-        sizes = [getattr(check, name) or 0.0 for check in curve_checks]
-        worst = max(sizes, default=0.0)
-        if worst > limit:
-            check = curve_checks[sizes.index(worst)]
-            changed = "amplitude" if check.quantity == "amplitude" else f"{parameter} of a fold"
-            said.append(
-                f"{what} changes the {changed} by {in_percent(worst)} at "
-                f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
-                f"{in_percent(limit)}): {advice}."
-            )
-    return said
-
-
-def _place(group: Sequence[tuple[Check, float]], scene: Scene, parameter: str) -> str:
-    """Where some checks of a curve are: a value of the parameter, or a range."""
-    values = [check.point.parameter for check, _ in group]
-    if len(values) == 1:
-        return in_words(scene, parameter, values[0])
-    last = in_words(scene, parameter, max(values))
-    return f"{len(values)} points from {parameter} = {min(values):.6g} to {last}"
-
-
-def _outside(other: str, group: Sequence[tuple[Check, float]]) -> float:
-    """How far outside of the unit circle a multiplier is, where the instability is found."""
-    return max(_size(check.point) if other == "stable" else size for check, size in group) - 1.0
-
-
-def _in_words(verdict: str) -> str:
-    """The stability of a motion in words."""
-    return verdict if verdict == "stable" else f"unstable ({verdict})"
 
 
 def richer_model(stored: StoredModel) -> RicherModel | None:

@@ -170,11 +170,11 @@ class ArcLength:
         found = self._unknowns(point.tangent[:-1], point.tangent[-1])
         return np.asarray(found / norm(found))
 
-    def at_parameter(self, s: Array, value: float) -> Point:
-        """The point at a value of the parameter near s (n,); None if it is not found."""
+    def at_parameter(self, s: Array, value: float, *, exact: bool = True) -> Point:
+        """The point at a value of the parameter near s (n,), as `correct` finds it."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
-        return self.correct(self._unknowns(s, value), along, exact=True)
+        return self.correct(self._unknowns(s, value), along, exact=exact)
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> Point:
         """The point of the curve on the plane through y normal to `along`; None if not found.

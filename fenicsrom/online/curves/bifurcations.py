@@ -85,6 +85,22 @@ def special_points(
     return sorted(found, key=lambda point: float(chord @ path.place(point)))
 
 
+def turned_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
+    """Points between two points of a curve that hide two folds, in order; none if they do not.
+
+    The tangents at a and b then ask for the other sense of the parameter than the way from a to b.
+    Of the points that are given, and a and b, no two neighbours hide two folds in this way.
+    """
+    way = path.place(b) - path.place(a)
+    hidden = a.tangent[-1] * b.tangent[-1] > 0.0 and way[-1] * a.tangent[-1] < 0.0
+    if not hidden or abs(way[-1]) <= BRACKET:
+        return []
+    middle = point_between(path, a, b, 0.5)
+    if middle is None:
+        return []
+    return [*turned_points(path, a, middle), middle, *turned_points(path, middle, b)]
+
+
 def _contact_changes(
     a: CurvePoint, b: CurvePoint, contacts: NDArray[np.int64]
 ) -> Iterator[tuple[str, Margins]]:

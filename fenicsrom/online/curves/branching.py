@@ -98,11 +98,8 @@ def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list
         if start is None:
             return found
         curve = path.run(start, direction, points=LOAD_POINTS, locate=False)
-        for a, b in pairwise(curve.points[1:]):
-            if (a.parameter - 1.0) * (b.parameter - 1.0) >= 0.0:
-                continue
-            share = (1.0 - a.parameter) / (b.parameter - a.parameter)
-            point = path.at_parameter(a.s + share * (b.s - a.s), 1.0)
+        for _, _, near in Curve(curve.points[1:]).crossings(1.0):
+            point = path.at_parameter(near, 1.0)
             if point is not None and not any(_same(point, other) for other in [start, *found]):
                 found.append(point)
         if curve.reason == "closed":
@@ -134,13 +131,8 @@ def lies_on(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
 
     The motions of the curve at the parameter of the point are computed and compared with it.
     """
-    slack = 1e-9 * path.range
-    for a, b in pairwise(curve.points):
-        low, high = sorted((a.parameter, b.parameter))
-        if not low - slack <= point.parameter <= high + slack:
-            continue
-        share = (point.parameter - a.parameter) / ((b.parameter - a.parameter) or 1.0)
-        found = path.at_parameter(a.s + share * (b.s - a.s), point.parameter)
+    for _, _, near in curve.crossings(point.parameter):
+        found = path.at_parameter(near, point.parameter)
         if found is not None and _same(found, point):
             return True
     return False

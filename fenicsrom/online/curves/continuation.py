@@ -14,7 +14,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import ArcLength, Place, Values
-from fenicsrom.online.curves.bifurcations import change_of_sign, special_points
+from fenicsrom.online.curves.bifurcations import change_of_sign, special_points, turned_points
 from fenicsrom.online.curves.contact_events import occurrences
 from fenicsrom.online.curves.crest import half_range
 from fenicsrom.online.curves.curve import LOST, Curve, CurvePoint
@@ -124,14 +124,16 @@ class Continuation(ArcLength):
     def between(
         self, before: CurvePoint, found: CurvePoint
     ) -> tuple[list[CurvePoint], list[CurvePoint]]:
-        """Points in unstable stretches between two points, and the special points there."""
+        """Points that a step missed between two points, and the special points there."""
         guess = self.shooting.guess
-        unseen, special = unseen_points(self, before, found), []
+        points, special = [before], []
+        for last in [*unseen_points(self, before, found), found]:
+            points += [*turned_points(self, points[-1], last), last]
         contacts = self.shooting.problem.model.points.contact
-        for first, last in pairwise([before, *unseen, found]):
+        for first, last in pairwise(points):
             special.extend(special_points(self, first, last, contacts))
         self.shooting.guess = guess  # the curve goes on as if nothing had been sought
-        return unseen, special
+        return points[1:-1], special
 
     def arrival(self, curve: Curve, before: CurvePoint, found: CurvePoint) -> str:
         """Why the curve ends between two points; arguments as `ArcLength.arrival`."""
@@ -147,7 +149,7 @@ class Continuation(ArcLength):
 
 def follow(
     family: Family,
-    start: PeriodicMotion,
+    start: PeriodicMotion | CurvePoint,
     value: float,
     bounds: tuple[float, float],
     *,

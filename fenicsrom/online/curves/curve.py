@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,8 @@ BACK = "back at the start of the range"
 """Reason for which a curve ends that comes back to the value of the parameter where it began."""
 REPEATS = "repeats itself"
 """Reason for which a curve ends that passes its own points again, but not its first one."""
+SLACK = 1e-9
+"""Relative difference of two values of the parameter that are the same."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 
@@ -122,6 +126,15 @@ class Curve:
     points: list[CurvePoint] = field(default_factory=list)
     special: list[CurvePoint] = field(default_factory=list)
     reason: str = ""
+
+    def crossings(self, value: float) -> Iterator[tuple[CurvePoint, CurvePoint, Array]]:
+        """Neighbours between which the parameter has a value, and s (N,) there by interpolation."""
+        for a, b in pairwise(self.points):
+            low, high = sorted((a.parameter, b.parameter))
+            slack = SLACK * max(abs(low), abs(high))
+            if low - slack <= value <= high + slack:
+                share = (value - a.parameter) / ((b.parameter - a.parameter) or 1.0)
+                yield a, b, a.s + share * (b.s - a.s)
 
 
 def norm(vector: Array) -> float:

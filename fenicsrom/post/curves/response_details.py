@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.assess.curves.stability_search import lengths_along
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.post.base.style import (
     COLOURS,
@@ -149,13 +150,6 @@ def folds_back(curve: ResponseCurve) -> bool:
     return False
 
 
-def path_lengths(points: Sequence[CurvePoint]) -> Array:
-    """Lengths along a piece, relative to the ranges of amplitude and parameter on this piece."""
-    plane = np.array([[point.parameter, float(point.amplitude.max())] for point in points])
-    plane /= np.maximum(np.ptp(plane, axis=0), 1e-300)
-    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(plane, axis=0), axis=1)))
-
-
 def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> None:
     """Draw the map of one contact point along a curve; a gap between two pieces stays white.
 
@@ -165,12 +159,13 @@ def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> No
         contact: the contact point.
         folded: whether the abscissa is the length along the curve instead of the parameter.
     """
-    pieces = [piece.points for piece in curve.pieces if piece.points]
+    parts = [piece for piece in curve.pieces if piece.points]
+    pieces = [piece.points for piece in parts]
     places, begin = [], 0.0
-    for points in pieces:
+    for points, along in zip(pieces, lengths_along(parts), strict=True):
         places.append(np.array([point.parameter for point in points]))
         if folded:
-            places[-1] = begin + path_lengths(points)
+            places[-1] = begin + along
             begin = places[-1][-1]
         states = np.array([point.period_states[:, contact] for point in points]).T
         instants = (np.arange(len(states)) + 0.5) / len(states)

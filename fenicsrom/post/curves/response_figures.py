@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.support_motion import moves_supports
@@ -94,25 +93,6 @@ def family(found: Response, curve: ResponseCurve) -> dict[str, Any]:
     return {} if families is None else {key_label(found, families.key): curve.value}
 
 
-def in_order(piece: Piece) -> list[CurvePoint]:
-    """The points of a piece, with its bifurcations where the curve passes them."""
-    points = list(piece.points)
-    if not points:
-        return points
-    size = max(float(np.linalg.norm(point.s)) for point in points) or 1.0
-    width = max(abs(points[-1].parameter - points[0].parameter), abs(points[0].parameter))
-
-    def place(point: CurvePoint) -> Array:
-        return np.append(point.s / size, point.parameter / width)
-
-    for special in piece.special:
-        places = np.array([place(point) for point in points])
-        ways = np.linalg.norm(places - place(special), axis=1)
-        detours = ways[:-1] + ways[1:] - np.linalg.norm(np.diff(places, axis=0), axis=1)
-        points.insert(int(np.argmin(detours)) + 1 if detours.size else 0, special)
-    return points
-
-
 def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     """Phase of the first harmonic of the displacement against the load along a piece, degrees.
 
@@ -193,7 +173,7 @@ def draw_curves(
     """
     for curve in curves:
         shades = colours or (colour_of(found, curve),)
-        for points in map(in_order, curve.pieces):
+        for points in (piece.in_order() for piece in curve.pieces):
             if not points:
                 continue
             parameters = np.array([point.parameter for point in points])
@@ -283,7 +263,7 @@ def style_handles(found: Response) -> list[Any]:
         stable
         for curve in found.curves
         for piece in curve.pieces
-        for stable, _ in stretches(in_order(piece))
+        for stable, _ in stretches(piece.in_order())
     }
     if False not in parts:
         return []

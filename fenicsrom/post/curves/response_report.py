@@ -36,10 +36,11 @@ from fenicsrom.records import Study
 from fenicsrom.scene.reading.units import in_words
 
 CHECKS_NOTE = (
-    "Each row compares one motion of a curve: that of the largest amplitude, a fold, the first and "
-    "the last point, points evenly between them, and points near instability, where a multiplier "
-    "of the richer basis is close to the unit circle or changes fast. The changes are relative to "
-    "the amplitude, at the same value of the parameter; at a fold, to the value of the parameter."
+    "Each row compares one motion of a curve: that of the largest amplitude, the first and the "
+    "last point, bifurcations, points evenly between them, and points near instability, where a "
+    "multiplier of the richer basis is close to the unit circle or changes fast. The changes are "
+    "relative to the amplitude, at the same value of the parameter; at a bifurcation they are how "
+    "far it moves, relative to the value of the parameter."
 )
 """What the table of estimated errors holds."""
 PEAKS = "Peaks over a second number"

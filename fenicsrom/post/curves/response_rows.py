@@ -16,7 +16,6 @@ from fenicsrom.post.curves.peak_tables import optimum_summary
 from fenicsrom.post.curves.response_figures import (
     contact_columns,
     directions,
-    in_order,
     largest_component,
     largest_point,
 )
@@ -32,7 +31,7 @@ def rows(found: Response) -> list[dict[str, Any]]:
         | _row(found, point, component)
         for curve in found.curves
         for number, piece in enumerate(curve.pieces, 1)
-        for point in in_order(piece)
+        for point in piece.in_order()
     ]
 
 

@@ -22,7 +22,7 @@ from fenicsrom.post.curves.response_figures import (
     largest_point,
     parameter_label,
 )
-from fenicsrom.scene.reading.units import in_words
+from fenicsrom.scene.reading.units import in_words, unit_of
 from fenicsrom.words import counted
 
 
@@ -175,16 +175,29 @@ def _verdict(point: CurvePoint) -> str:
 
 
 def event_table(found: Response) -> list[list[Any]]:
-    """The bifurcations and contact events of all curves; empty if there are none."""
+    """The bifurcations and contact events of all curves; empty if there are none.
+
+    The last column is how far half the time step or a richer basis moves a bifurcation.
+    """
+    unit = unit_of(found.scene, found.table.parameter)
+    uncertain = f"uncertain by{f', {unit}' if unit else ''}"
+    moved = {
+        (check.where, check.point.parameter): max(check.step_error or 0.0, check.basis_error or 0.0)
+        for curve in found.curves
+        for check in curve.checks
+        if check.quantity == "parameter" and {check.step_error, check.basis_error} != {None}
+    }
     return table_of(
         family(found, curve)
         | {
             "event": f"{point.kind}{f', contact point {point.contact + 1}' * (point.contact >= 0)}",
             parameter_label(found): f"{point.parameter:.7g}",
             f"{direction_name(found)} amplitude, mm": _millimetres(found, point.amplitude),
+            uncertain: None if shift is None else f"{shift * abs(point.parameter):.1g}",
         }
         for curve in found.curves
         for point in curve.special
+        for shift in [moved.get((point.kind, point.parameter))]
     )
 
 

@@ -1,0 +1,127 @@
+"""The shift of a bifurcation is told from a contradiction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fenicsrom.assess.curves import trust
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.trust import Check, checks
+from fenicsrom.online.curves.contact_events import Extremes
+from fenicsrom.online.curves.curve import CurvePoint
+
+PLACE = 100.32  # of a torus bifurcation
+
+
+def growing(p: float) -> float:
+    """The size of a pair that leaves the unit circle at `PLACE`."""
+    return 1.0 + p - PLACE
+
+
+def motion(parameter: float, size: float, kind: str = "") -> CurvePoint:
+    """A motion with a pair of multipliers; nothing else matters."""
+    nothing = np.zeros(1)
+    pair = size * np.exp(1j * np.array([1.0, -1.0]))
+    return CurvePoint(
+        parameter,
+        nothing,
+        nothing,
+        np.ones(2),
+        np.ones((1, 2)),
+        nothing,
+        0.0,
+        pair,
+        "torus" if size > 1.0 else "stable",
+        0,
+        np.ones(1, dtype=np.int64),
+        0.0,
+        (1, 1),
+        Extremes(nothing, nothing, nothing),
+        kind,
+    )
+
+
+Size = Callable[[float], float]
+
+
+def checked(
+    monkeypatch: pytest.MonkeyPatch, finer: Size, own: Size, places: tuple[float, ...]
+) -> list[Check]:
+    """The checks of a curve from 99 to 101.
+
+    Args:
+        monkeypatch: replaces the motions with half the step.
+        finer: the size of the pair with half the step, by the parameter.
+        own: the size of the pair on the curve.
+        places: where it passes 1.
+    """
+    points = [motion(p, own(p)) for p in np.linspace(99.0, 101.0, 41)]
+    events = [motion(place, 1.0, "torus") for place in places]
+
+    def other(point: CurvePoint, _: object) -> CurvePoint:
+        return replace(motion(point.parameter, finer(point.parameter)), kind=point.kind)
+
+    monkeypatch.setattr(trust, "_finer", other)
+    monkeypatch.setattr(trust, "NEAR", np.inf)
+    monkeypatch.setattr(trust, "SHARE", 1)
+    return checks([Piece(points, events)], lambda value: None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("shift", [-0.15, 0.15, 0.6])
+def test_point_beside_a_bifurcation_that_moves_is_no_contradiction(
+    monkeypatch: pytest.MonkeyPatch, shift: float
+) -> None:
+    found = checked(monkeypatch, lambda p: growing(p) + shift, growing, (PLACE,))
+    assert any(c.point.stable != (c.finer_verdict == "stable") for c in found)
+    assert not any(c.contradicted_by_step for c in found)
+    (moved,) = (c for c in found if c.quantity == "parameter")
+    assert (moved.where, moved.point.parameter) == ("torus", PLACE)
+    assert moved.step_error == pytest.approx(abs(shift) / PLACE, rel=1e-9)
+
+
+def test_single_point_of_another_stability_widens_the_place_of_its_bifurcation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The multiplier errs by 0.3 at one point only, and by nothing at the bifurcation."""
+
+    def finer(p: float) -> float:
+        return growing(p) + 0.3 * (abs(p - 100.1) < 0.01)
+
+    found = checked(monkeypatch, finer, growing, (PLACE,))
+    points = [c for c in found if c.quantity == "amplitude"]
+    (other,) = (c for c in points if c.point.stable != (c.finer_verdict == "stable"))
+    assert other.point.parameter == pytest.approx(100.1) and not other.contradicted_by_step
+    (moved,) = (c for c in found if c.quantity == "parameter")
+    assert moved.step_error == pytest.approx(0.3 / PLACE, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "finer",
+    [
+        lambda p: growing(p) + 1.1,  # the bifurcation moves by 1.1 %
+        lambda p: 1.1 if 99.1 < p < 99.7 else growing(p) + 0.1,  # another stretch
+    ],
+)
+def test_stretch_of_another_stability_is_a_contradiction(
+    monkeypatch: pytest.MonkeyPatch, finer: Callable[[float], float]
+) -> None:
+    found = checked(monkeypatch, finer, growing, (PLACE,))
+    assert any(c.contradicted_by_step for c in found)
+
+
+def test_stretch_that_vanishes_with_half_the_step_is_a_contradiction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def bump(p: float) -> float:
+        return 1.0401 - (p - 100.0) ** 2 / 4.0
+
+    ends = tuple(100.0 + sign * (4.0 * 0.0401) ** 0.5 for sign in (-1.0, 1.0))
+    found = checked(monkeypatch, lambda p: bump(p) - 0.05, bump, ends)
+    wrong = [c for c in found if c.contradicted_by_step]
+    assert wrong and all(c.point.verdict == "torus" for c in wrong)
+    found = checked(monkeypatch, lambda p: bump(p) - 0.02, bump, ends)
+    assert not any(c.contradicted_by_step for c in found)
