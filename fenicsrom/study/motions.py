@@ -43,7 +43,7 @@ def integrate(run: Run, name: str) -> None:
                 _model(study, name),
                 scene,
                 keep_coordinates=name == "reduced",
-                progress=run.watch.progress(name, scene.time.steady_tolerance),
+                progress=run.watch.progress(name, scene.time),
                 stop=run.stop,
                 **options,
             )

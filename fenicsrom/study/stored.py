@@ -192,7 +192,7 @@ def _integrate(
             keep_coordinates=True,
             resume=begin,
             checkpoint=keeper(folder / CHECKPOINT, model, scene),
-            progress=watch.progress("reduced", scene.time.steady_tolerance),
+            progress=watch.progress("reduced", scene.time),
             stop=stop,
         )
     except (AccuracyError, ConvergenceError) as error:
