@@ -83,6 +83,7 @@ def test_package_list_of_the_wheel_is_complete() -> None:
     assert packages == on_disk | {"fenicsrom.meshes", "fenicsrom.demos"}
     data = project["tool"]["setuptools"]["package-data"]
     assert "py.typed" in data["fenicsrom"] and (PACKAGE / "py.typed").exists()
+    assert data["fenicsrom.exchange"] == ["*.c"] and (PACKAGE / "exchange" / "fmu.c").exists()
 
 
 # ------------------------------------------------------------------ the arrays of a model
@@ -354,6 +355,7 @@ def test_demo_of_many_loads_sticks_slips_and_lifts_off() -> None:
     assert fractions[2]["open"] == pytest.approx(0.37, abs=0.02)
 
 
+@pytest.mark.slow
 def test_demo_of_matrices_in_scipy_moves_as_the_program_does() -> None:
     found = demo("hand_over_matrices")
     assert found["solution"].success

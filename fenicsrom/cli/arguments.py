@@ -67,6 +67,11 @@ FRESH = Argument(
     action="store_true",
     help="compute modes and reduced model again, also where an earlier run left them in the cache",
 )
+RESUME_FOLDER = Argument(
+    "--resume",
+    action="store_true",
+    help="keep the results in the output folder, and compute only the others",
+)
 SCHEDULER = Argument(
     "--scheduler",
     metavar="ADDRESS",

@@ -7,13 +7,12 @@ from typing import Any
 from fenicsrom.cli.printing import print_results
 
 
-def finish(found: Any, comm: Any, holds: Any = True) -> int:
+def finish(found: Any, comm: Any) -> int:
     """Print the report of a record, and end as its computation did.
 
     Args:
         found: the record, such as `fenicsrom.response` returns it.
         comm: the communicator; None without MPI.
-        holds: whether the record has results; without results nothing is printed.
 
     Returns:
         The exit code 0.
@@ -22,7 +21,7 @@ def finish(found: Any, comm: Any, holds: Any = True) -> int:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: the error that ended the computation.
     """
-    if holds and (comm is None or comm.rank == 0):
+    if found.files:  # this rank wrote results
         from fenicsrom.post.reports import report
 
         shown = report(found)

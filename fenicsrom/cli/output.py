@@ -85,8 +85,6 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
     resume = getattr(options, "resume", None)
     if resume is True:  # a sweep and a map continue in their own folder
         resume = folder / STATES[options.name]
-    elif resume:
-        resume = Path(resume)
     varied = [
         word
         for name, option in VARIATIONS.items()

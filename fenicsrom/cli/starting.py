@@ -47,7 +47,7 @@ def workers(options: argparse.Namespace) -> Iterator[Workers]:
     from fenicsrom.assess.jobs import available_cores
     from fenicsrom.post.base.optional import missing_module
 
-    address = options.scheduler
+    address = getattr(options, "scheduler", None)
     if address is None:
         yield available_cores()
         return
@@ -121,7 +121,7 @@ def source(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, An
 
     A stored model needs no MPI, and has no communicator. Argument `unloaded` as `start`.
     """
-    if options.stored:
+    if getattr(options, "stored", None):
         from fenicsrom.online.store import archive
 
         current = changed_model(options, archive.load_model(Path(options.stored)))

@@ -5,7 +5,7 @@
     op4                   OUTPUT4 files as text, written and read
     abaqus                matrices of Abaqus (.mtx), read
     arrays                .mat and .npz files
-    fmu, fmu_source       a Functional Mock-up Unit, with its C source
+    fmu                   a Functional Mock-up Unit, with the C source fmu.c
     export                the formats of `fenicsrom export`
     superelement          a reduced model from the matrices and a scene of interface nodes
     superelement_damping  its damping, from the file and from the scene

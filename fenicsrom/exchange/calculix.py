@@ -19,9 +19,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.formats.abaqus_elements import order_of
 from fenicsrom.formats.mesh_file import Ints, MeshFile
-from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.formats.shapes import SHAPES, from_vtk
+from fenicsrom.online.stress.elasticity_tensor import axes
+from fenicsrom.scene import Elasticity
 
 ELEMENTS = {
     **{(kind, None): f"C3D{SHAPES[kind].nodes}" for kind in (4, 11, 5, 17)},
@@ -67,26 +68,17 @@ class Pressed(NamedTuple):
     size: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Section:
+class Section(NamedTuple):
     """The cells of one material.
 
     Attributes:
         cells: their numbers (k,).
-        young: (E₁, E₂, E₃) of an orthotropic material, else E alone, Pa.
-        poisson: (ν₁₂, ν₁₃, ν₂₃), or ν alone.
-        shear: (G₁₂, G₁₃, G₂₃), Pa; empty for an isotropic material.
-        axes: (3, 3) the material axes as columns.
-        density: kg/m³.
-        thickness: m, in 2D.
+        material: the material, in SI units.
+        thickness: thickness, m, in 2D only.
     """
 
     cells: Ints
-    young: tuple[float, ...]
-    poisson: tuple[float, ...]
-    shear: tuple[float, ...]
-    axes: Array
-    density: float
+    material: Elasticity
     thickness: float
 
 
@@ -247,8 +239,8 @@ def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
         yield ", ".join([str(number), *map(_number, point)])
     (block,) = deck.mesh.blocks
     yield f"*ELEMENT, TYPE={deck.element}, ELSET={cells}"
-    order = order_of(block.kind)
-    nodes = block.nodes if order is None else block.nodes[:, np.argsort(order)]
+    order = from_vtk(block.kind, np.arange(block.nodes.shape[1])[None])[0]
+    nodes = block.nodes[:, np.argsort(order)]
     for number, row in enumerate(nodes, 1):
         yield from _rows([number, *(1 + row)])
     for name, marks in block.groups.items():
@@ -260,21 +252,17 @@ def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
 def _attachments(deck: Deck, names: _Names) -> Iterator[str]:
     """Concentrated masses, and springs to the ground."""
     number = len(deck.mesh.blocks[0].nodes)
-    for mass in np.unique(deck.masses[deck.masses > 0.0]):
-        name = names.new("MASS")
-        yield f"*ELEMENT, TYPE=MASS, ELSET={name}"
-        for node in np.flatnonzero(deck.masses == mass):
-            number += 1
-            yield f"{number}, {1 + node}"
-        yield from [f"*MASS, ELSET={name}", _number(mass)]
+    sizes_of = [("MASS", "MASS", deck.masses, list[str]())]
     for axis, component in enumerate(deck.springs.T, 1):
-        for stiffness in np.unique(component[component > 0.0]):
-            name = names.new("SPRING")
-            yield f"*ELEMENT, TYPE=SPRING1, ELSET={name}"
-            for node in np.flatnonzero(component == stiffness):
+        sizes_of.append(("SPRING", "SPRING1", component, [str(axis)]))
+    for kind, element, sizes, lines in sizes_of:
+        for size in np.unique(sizes[sizes > 0.0]):
+            name = names.new(kind)
+            yield f"*ELEMENT, TYPE={element}, ELSET={name}"
+            for node in np.flatnonzero(sizes == size):
                 number += 1
                 yield f"{number}, {1 + node}"
-            yield from [f"*SPRING, ELSET={name}", str(axis), _number(stiffness)]
+            yield from [f"*{kind}, ELSET={name}", *lines, _number(size)]
 
 
 def _sections(deck: Deck, names: _Names) -> Iterator[str]:
@@ -283,17 +271,16 @@ def _sections(deck: Deck, names: _Names) -> Iterator[str]:
         name, cells = f"MATERIAL_{number}", names.new(f"CELLS_{number}")
         yield from _set("ELSET", cells, section.cells)
         yield f"*MATERIAL, NAME={name}"
-        if section.shear:
-            values = [*map(_number, (*section.young, *section.poisson, *section.shear))]
-            yield from ["*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(values[:8]), values[8]]
+        material, oriented = section.material, ""
+        if material.is_isotropic:
+            yield from ["*ELASTIC", ", ".join(map(_number, material.isotropic_constants))]
         else:
-            constants = (*section.young, *section.poisson)
-            yield from ["*ELASTIC", ", ".join(map(_number, constants))]
-        yield from ["*DENSITY", _number(section.density)]
-        oriented = ""
-        if section.shear:
+            values = [_number(value) for part in material.orthotropic_constants for value in part]
+            yield from ["*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(values[:8]), values[8]]
+        yield from ["*DENSITY", _number(material.density)]
+        if not material.is_isotropic:
             yield f"*ORIENTATION, NAME=AXES_{number}, SYSTEM=RECTANGULAR"
-            yield ", ".join(map(_number, section.axes[:, :2].T.reshape(-1)))
+            yield ", ".join(map(_number, axes(material)[:, :2].T.reshape(-1)))
             oriented = f", ORIENTATION=AXES_{number}"
         yield f"*SOLID SECTION, ELSET={cells}, MATERIAL={name}{oriented}"
         if deck.plane is not None:

@@ -11,6 +11,7 @@ where u_s are the displacements of the remaining nodes, and p and p_s work-equiv
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import basix
@@ -23,12 +24,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section, Transient
 from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.fem.solid.solid import UNDEFORMED, Solid
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.support_motion import histories_of
-from fenicsrom.online.stress.elasticity_tensor import axes
 from fenicsrom.scene import Region, Scene, scene_heading
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
@@ -58,15 +58,8 @@ def scene_deck(scene: Scene) -> Deck:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
-    solid = Solid(
-        mesh,
-        geometry=scene.geometry,
-        material=scene.material,
-        supports=scene.supports,
-        source=scene.source,
-        materials=scene.materials,
-        attachments=scene.attachments,
-    )
+    bare = replace(scene, loads=(), contacts=(), rotation=None, probe=None)
+    solid = Solid(mesh, bare, UNDEFORMED)
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):
@@ -84,7 +77,11 @@ def scene_deck(scene: Scene) -> Deck:
         notes=tuple(_left_out(scene, nodes)),
         mesh=nodes.mesh_file(),
         plane=scene.geometry.plane,
-        sections=tuple(_sections(solid)),
+        sections=tuple(
+            Section(cells, solid.materials.every[k], float(solid.materials.thickness[k]))
+            for k, cells in solid.materials.cells()
+            if cells.size
+        ),
         clamped=clamped,
         equations=tuple(nodes.equations()),
         masses=nodes.attached(solid.point_masses).max(axis=1),
@@ -153,29 +150,6 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     return [sentence for sentence, applies in left.items() if applies]
 
 
-def _sections(solid: Solid) -> list[Section]:
-    """The cells of each material."""
-    found = []
-    for k, cells in solid.materials.cells():
-        material = solid.materials.every[k]
-        young, poisson, shear = material.orthotropic_constants
-        if material.is_isotropic:
-            young, poisson, shear = young[:1], poisson[:1], ()
-        if cells.size:
-            found.append(
-                Section(
-                    cells=cells,
-                    young=young,
-                    poisson=poisson,
-                    shear=shear,
-                    axes=axes(material),
-                    density=material.density,
-                    thickness=float(solid.materials.thickness[k]),
-                )
-            )
-    return found
-
-
 def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:
     """The nodes of the probe or, without it, of the first contact or load that has a place."""
     places = [*([scene.probe] if scene.probe else []), *(c.place for c in scene.contacts)]
@@ -213,11 +187,8 @@ class _Nodes:
         sides = (corners[:, beside] - corners[:, :1])[:, :, : solid.dimension]
         self._mirrored = np.linalg.det(sides) < 0.0
         self._orders = plain, mirrored
-        cells = np.where(
-            self._mirrored[:, None],
-            self._rows[:, self._order(mirrored)],
-            self._rows[:, self._order(plain)],
-        )
+        usual, turned = (self._rows[:, self._order(corners)] for corners in self._orders)
+        cells = np.where(self._mirrored[:, None], turned, usual)
         self._kept, inverse = np.unique(cells, return_inverse=True)
         self._cells = inverse.reshape(cells.shape)
         self._number = np.full(len(self._x), -1)

@@ -7,8 +7,9 @@ The unit computes the accelerations
 of the n coordinates. Its inputs are the sizes s of the loads and the forces F of the contact
 points. Its outputs are the displacements and velocities of the contact points in their local frames
 [normal, tangents], and the displacement of the probe. The program that runs the unit has the
-contact law, the load histories and the time integration. The unit holds C source that needs no
-other file, and its binary for this computer if there is a C compiler.
+contact law, the load histories and the time integration. The unit holds C source that needs the
+standard library alone, and its binary for this computer if there is a C compiler. The unit has no
+events. Its variables are numbered as in the table of blocks in its source.
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.exchange.arrays import polynomial
-from fenicsrom.exchange.fmu_source import SOURCE
 from fenicsrom.files import atomic_write
 from fenicsrom.online.model.matrices import ModelArrays
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import scene_heading
+
+SOURCE = Path(__file__).with_name("fmu.c")
+"""The C source of all units; `@DATA@` stands for the sizes and arrays of a model."""
 
 COMPILER_SECONDS = 600
 """A compiler that takes longer is stopped."""
@@ -59,7 +62,8 @@ def write_fmu(path: Path, stored: StoredModel, arrays: ModelArrays) -> bool:
     identifier = identifier if identifier[:1].isalpha() else f"model_{identifier}"
     data = _data(arrays, stored)
     guid = hashlib.sha256(data.encode()).hexdigest()[:32]
-    source = SOURCE.replace("@DATA@", f'#define GUID "{guid}"\n{data}')
+    source = SOURCE.read_text(encoding="utf-8")
+    source = source.replace("@DATA@", f'#define GUID "{guid}"\n{data}')
     binary = _compiled(source)
     with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as unit:
         description = "\n".join([*_description(stored, arrays, identifier, guid), ""])
@@ -79,17 +83,8 @@ def _data(arrays: ModelArrays, stored: StoredModel) -> str:
     contacts, probe = len(arrays.contact_offset), len(arrays.probe_offset)
     loads = arrays.loads.shape[1]
     sizes = {"N": n, "K": loads, "M": contacts, "D": probe, "TERMS": terms}
-    over = np.linalg.solve(
-        arrays.mass,
-        np.hstack(
-            [
-                coefficients,
-                arrays.damping + arrays.gyroscopic,
-                arrays.loads,
-                arrays.contact_rows.T,
-            ]
-        ),
-    )
+    right = [coefficients, arrays.damping + arrays.gyroscopic, arrays.loads, arrays.contact_rows.T]
+    over = np.linalg.solve(arrays.mass, np.hstack(right))
     ends = np.cumsum([terms, n, loads])
     named = dict(zip("ACPG", np.split(over, ends, axis=1), strict=True))
     named |= {
@@ -144,14 +139,11 @@ def _variables(stored: StoredModel, arrays: ModelArrays) -> Iterator[tuple[str, 
     state, rate = f'{inner} initial="exact"', f'{inner} initial="calculated"'
     given = 'causality="input" variability="continuous"'
     result = 'causality="output" variability="continuous" initial="calculated"'
-    for k in range(n):
-        yield f"q[{k + 1}]", state, 'unit="m" start="0"'
-    for k in range(n):
-        yield f"der(q[{k + 1}])", rate, f'unit="m/s" derivative="{k + 1}"'
-    for k in range(n):
-        yield f"v[{k + 1}]", state, 'unit="m/s" start="0"'
-    for k in range(n):
-        yield f"der(v[{k + 1}])", rate, f'unit="m/s2" derivative="{2 * n + k + 1}"'
+    for name, unit, unit_of_rate, first in (("q", "m", "m/s", 1), ("v", "m/s", "m/s2", 2 * n + 1)):
+        for k in range(n):
+            yield f"{name}[{k + 1}]", state, f'unit="{unit}" start="0"'
+        for k in range(n):
+            yield f"der({name}[{k + 1}])", rate, f'unit="{unit_of_rate}" derivative="{first + k}"'
     for k, size in enumerate(_load_sizes(stored)):
         yield f"load[{k + 1}]", given, f'start="{size!r}"'
     for name, attributes, number in (

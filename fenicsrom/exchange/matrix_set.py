@@ -106,11 +106,8 @@ def matrix_set(
         present = [name for name in names if name in upper]
         if not present and part in ("stiffness", "mass"):
             listed = ", ".join(list(upper)[:10]) or "none"
-            raise refuse(
-                path,
-                f"has no {part} matrix: looked for {', '.join(names)}; the file has {listed}",
-                ErrorKind.MISSING,
-            )
+            reason = f"has no {part} matrix: looked for {', '.join(names)}; the file has {listed}"
+            raise refuse(path, reason, ErrorKind.MISSING)
         if present:
             found[part] = _checked(path, part, upper[present[0]])
     n = len(found["stiffness"])
@@ -126,14 +123,9 @@ def matrix_set(
         if off > SYMMETRY * float(np.max(np.abs(found[part]), initial=0.0)):
             raise refuse(path, f"the {part} matrix is not symmetric")
         found[part] = 0.5 * (found[part] + found[part].T)
-    rows = found.get("interface")
-    return MatrixSet(
-        found["mass"],
-        found["stiffness"],
-        found.get("damping"),
-        None if rows is None else np.ascontiguousarray(rows.T),
-        labels,
-    )
+    if "interface" in found:
+        found["interface"] = np.ascontiguousarray(found["interface"].T)
+    return MatrixSet(**found, labels=labels)
 
 
 def _checked(path: Path, part: str, matrix: Array) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,14 @@ FIELD = 16
 
 LARGEST_COLUMNS = 10_000
 """Largest number of interface rows in a file."""
-Entries = dict[tuple[Label, Label], float]
+
+
+class _Matrix(NamedTuple):
+    """A matrix of a file: its form, its number of columns if it is rectangular, its entries."""
+
+    form: int
+    columns: int
+    entries: dict[tuple[Label, Label], float]
 
 
 def write_dmig(path: Path, matrices: Mapping[str, Array], size: int) -> None:
@@ -86,56 +94,53 @@ def read_dmig(path: Path) -> MatrixSet:
     Raises:
         SceneError: the file cannot be read, or its DMIG entries are damaged or complex.
     """
-    forms: dict[str, int] = {}
-    entries: dict[str, Entries] = {}
-    columns: dict[str, int] = {}
+    found: dict[str, _Matrix] = {}
     for card in read_cards(path, whole=False):
         if card.name == "DMIG":
             try:
-                _read_card(path, card, forms, entries, columns)
+                _read_card(path, card, found)
             except ValueError:
                 text = ", ".join(card.fields[:8])
                 raise refuse(path, f"a DMIG entry is damaged: {text}") from None
-    square = [name for name, form in forms.items() if form != RECTANGULAR]
-    labels = tuple(sorted({label for name in square for pair in entries[name] for label in pair}))
+    square = {name: given for name, given in found.items() if given.form != RECTANGULAR}
+    pairs = [pair for given in square.values() for pair in given.entries]
+    labels = tuple(sorted({label for pair in pairs for label in pair}))
     check_size(path, len(labels))
     place = {label: k for k, label in enumerate(labels)}
-    matrices = {name: dense(entries[name], labels, forms[name] == SYMMETRIC) for name in square}
-    for name in forms.keys() - matrices.keys():
-        matrices[name] = np.zeros((len(labels), columns[name]))
-        for (row, (column, _)), value in entries[name].items():
+    matrices = {
+        name: dense(given.entries, labels, given.form == SYMMETRIC)
+        for name, given in square.items()
+    }
+    for name in found.keys() - square.keys():
+        columns = found[name].columns
+        matrices[name] = np.zeros((len(labels), columns))
+        for (row, (column, _)), value in found[name].entries.items():
             if row not in place:
                 raise refuse(path, f"{name}: no square matrix has the coordinate {row}")
-            if not 0 < column <= columns[name]:
-                raise refuse(path, f"{name}: column {column} is above {columns[name]}")
+            if not 0 < column <= columns:
+                raise refuse(path, f"{name}: column {column} is above {columns}")
             matrices[name][place[row], column - 1] = value
     return matrix_set(path, matrices, labels)
 
 
-def _read_card(
-    path: Path,
-    card: Card,
-    forms: dict[str, int],
-    entries: dict[str, Entries],
-    columns: dict[str, int],
-) -> None:
+def _read_card(path: Path, card: Card, found: dict[str, _Matrix]) -> None:
     """Read a DMIG entry: a header or a column."""
     name = card.text(0).upper()
     if card.text(1) == "0":
-        forms[name], kind = card.integer(2), card.integer(3)
+        form, kind = card.integer(2), card.integer(3)
         if kind not in REAL_TYPES:
             raise refuse(path, f"{name} is complex; only real matrices can be read")
-        if forms[name] not in (SQUARE, SYMMETRIC, RECTANGULAR):
-            raise refuse(path, f"{name} has the form {forms[name]}: must be 1, 6 or 9")
-        entries[name] = {}
-        columns[name] = card.integer(7) if forms[name] == RECTANGULAR else 0
-        if not 0 <= columns[name] <= LARGEST_COLUMNS:
-            raise refuse(path, f"{name} has {columns[name]} columns")
+        if form not in (SQUARE, SYMMETRIC, RECTANGULAR):
+            raise refuse(path, f"{name} has the form {form}: must be 1, 6 or 9")
+        columns = card.integer(7) if form == RECTANGULAR else 0
+        if not 0 <= columns <= LARGEST_COLUMNS:
+            raise refuse(path, f"{name} has {columns} columns")
+        found[name] = _Matrix(form, columns, {})
         return
-    if name not in forms:
+    if name not in found:
         raise refuse(path, f"{name} has no header")
     column = (card.integer(1), card.integer(2))
     for start in range(4, len(card.fields) - 2, 4):
         if card.text(start):
             row = (card.integer(start), card.integer(start + 1))
-            entries[name][row, column] = card.real(start + 2)
+            found[name].entries[row, column] = card.real(start + 2)

@@ -86,9 +86,11 @@ class _Builder:
         """Find the rows of the nodes, and clamp the supported coordinates."""
         self.scene: Scene = given.scene
         self.nodes = given.nodes
+        self.positions = np.array([node.position for node in given.nodes])
         self.matrices = matrices
         n = len(matrices.mass)
         self.d = self.scene.geometry.dimension
+        self.offsets = np.array([node.offset or (0.0,) * self.d for node in given.nodes])
         interface = np.eye(n) if matrices.interface is None else matrices.interface
         rows = [self._rows(k, node, interface) for k, node in enumerate(self.nodes)]
         kept = np.ones(n, dtype=bool)
@@ -190,7 +192,7 @@ class _Builder:
         if place.at != "nodes":
             return [(*self._mean(place, key), 1.0)]
         return [
-            (self.rows[k], self._offset(k), np.array(self.nodes[k].position), self.nodes[k].area)
+            (self.rows[k], self.offsets[k], self.positions[k], self.nodes[k].area)
             for k in self._named(place, key)
         ]
 
@@ -204,18 +206,13 @@ class _Builder:
         """
         found = self._named(place, key)
         if place.at == "centre":
-            positions = np.array([self.nodes[k].position for k in found])
+            positions = self.positions[found]
             away = np.linalg.norm(positions - positions.mean(axis=0), axis=1)
             found = [found[int(np.argmin(away))]]
         rows = np.mean([self.rows[k] for k in found], axis=0)
         if not np.any(rows):
             self._fail(key, "the supports clamp this place, or it has no coordinates")
-        offset = np.mean([self._offset(k) for k in found], axis=0)
-        return rows, offset, np.mean([self.nodes[k].position for k in found], axis=0)
-
-    def _offset(self, number: int) -> Array:
-        """The displacement (d,) of a node at rest."""
-        return np.array(self.nodes[number].offset or (0.0,) * self.d)
+        return rows, self.offsets[found].mean(axis=0), self.positions[found].mean(axis=0)
 
     def _named(self, region: Region, key: str) -> list[int]:
         """The numbers of the nodes that a place or support names.
@@ -223,7 +220,6 @@ class _Builder:
         Raises:
             SceneError: there is no such node.
         """
-        positions = np.array([node.position for node in self.nodes])
         if region.group is not None:
             found = [k for k, node in enumerate(self.nodes) if node.name == region.group]
             if not found:
@@ -233,9 +229,9 @@ class _Builder:
         wanted = getattr(region, "node", None) or getattr(region, "nearest", None)
         if wanted is None:
             self._fail(key, "must name interface nodes by group, node or nearest")
-        distance = np.linalg.norm(positions - np.array(wanted), axis=1)
+        distance = np.linalg.norm(self.positions - np.array(wanted), axis=1)
         best = int(np.argmin(distance))
-        extent = float(np.max(np.ptp(positions, axis=0), initial=0.0))
+        extent = float(np.max(np.ptp(self.positions, axis=0), initial=0.0))
         if getattr(region, "node", None) and distance[best] > NEAR * max(extent, 1.0):
             at = list(self.nodes[best].position)
             self._fail(f"{key}.node", f"no node is at {list(wanted)}; the nearest is at {at}")

@@ -23,9 +23,9 @@ from fenicsrom.formats.abaqus import read_abaqus
 from fenicsrom.formats.ansys import read_ansys
 from fenicsrom.formats.division import divided
 from fenicsrom.formats.mesh_file import Block, MeshFile
+from fenicsrom.formats.missing_nodes import complete
 from fenicsrom.formats.nastran import read_nastran
 from fenicsrom.formats.parts import sorted_elements
-from fenicsrom.formats.serendipity import complete
 from fenicsrom.formats.vtk import read_vtk
 
 __all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "divided", "read"]

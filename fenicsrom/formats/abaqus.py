@@ -33,33 +33,9 @@ from fenicsrom.words import counted
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
 """Keywords that make or move nodes and elements, which are refused."""
 
-SILENT = {
-    "",
-    "HEADING",
-    "PREPRINT",
-    "RESTART",
-    "END PART",
-    "ASSEMBLY",
-    "END ASSEMBLY",
-    "END INSTANCE",
-    "END STEP",
-    "FREQUENCY",
-    "NODE PRINT",
-    "EL PRINT",
-    "NODE FILE",
-    "EL FILE",
-    "CONTACT PRINT",
-    "CONTACT FILE",
-    "SECTION PRINT",
-    "OUTPUT",
-    "NODE OUTPUT",
-    "ELEMENT OUTPUT",
-    "CONTACT OUTPUT",
-    "ENERGY OUTPUT",
-    "FILE FORMAT",
-    "MONITOR",
-}
-"""Keywords without an effect on the physics, which are left out without a word."""
+SILENT = {"", "HEADING", "PREPRINT", "RESTART", "ASSEMBLY", "FREQUENCY", "OUTPUT", "MONITOR"}
+REQUESTS = (" OUTPUT", " PRINT", " FILE", " FORMAT")
+"""Keywords, and ends of keywords, without an effect on the physics, which are left out silently."""
 
 
 @dataclass(eq=False)
@@ -135,9 +111,8 @@ def _read(model: Model, part: Part, keyword: Keyword) -> bool:
     """Read one keyword into a part; return whether it was read or has no effect on the physics."""
     name, path = keyword.name, model.path
     if name in GENERATORS and (keyword.lines or name not in ("SYSTEM", "PARAMETER")):
-        raise refuse(
-            path, f"*{name} is not supported; write all nodes and elements with their coordinates"
-        )
+        reason = "is not supported; write all nodes and elements with their coordinates"
+        raise refuse(path, f"*{name} {reason}")
     if name == "NODE":
         _nodes(path, part, keyword)
     elif name == "ELEMENT":
@@ -147,7 +122,8 @@ def _read(model: Model, part: Part, keyword: Keyword) -> bool:
     elif name == "SURFACE":
         return _surface(part, keyword)
     else:
-        return name in SILENT or name in ("PART", "INSTANCE") or name in GENERATORS
+        silent = name in SILENT or name.startswith("END ") or name.endswith(REQUESTS)
+        return silent or name in ("PART", "INSTANCE") or name in GENERATORS
     return True
 
 
@@ -209,12 +185,9 @@ def _elements(model: Model, part: Part, keyword: Keyword) -> None:
             words = words[:size]
         row += words
         if len(row) > size or (row and not line):
-            given = len(row) - 1
-            raise refuse(
-                path,
-                f"element {row[0]} of type {name} has {given} nodes, but must have {size - 1}; "
-                "the file may be truncated or damaged",
-            )
+            given = f"element {row[0]} of type {name} has {len(row) - 1} nodes"
+            reason = f"but must have {size - 1}; the file may be truncated or damaged"
+            raise refuse(path, f"{given}, {reason}")
         if len(row) < size:
             continue
         try:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.abaqus_elements import kind_of, order_of
+from fenicsrom.formats.abaqus_elements import kind_of
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.abaqus_sets import Part, Resolver, by_block, known_name
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
 from fenicsrom.formats.parts import faces
-from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.formats.shapes import from_vtk
+
+Placements = list[tuple[str, Part, Floats]]
+"""Name, part and placement (3, 4) of each instance."""
 
 
 def placed(path: Path, keyword: Keyword) -> Floats:
@@ -36,17 +38,14 @@ def placed(path: Path, keyword: Keyword) -> Floats:
         if not 0.0 < length < np.inf:
             raise ValueError
     except (ValueError, IndexError):
-        raise refuse(
-            path, f"*INSTANCE: {keyword.lines[:2]} must be a translation and a rotation"
-        ) from None
+        reason = f"{keyword.lines[:2]} must be a translation and a rotation"
+        raise refuse(path, f"*INSTANCE: {reason}") from None
     across = np.cross(np.eye(3), (end - start) / length)  # across @ x = axis × x
     turn = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across  # Rodrigues
     return np.column_stack([turn, turn @ (shift - start) + start])
 
 
-def assembled(
-    path: Path, root: Part, instances: list[tuple[str, Part, Floats]]
-) -> tuple[MeshFile, Resolver, Resolver]:
+def assembled(path: Path, root: Part, instances: Placements) -> tuple[MeshFile, Resolver, Resolver]:
     """Put the nodes, elements and sets of a model together.
 
     Returns:
@@ -77,21 +76,24 @@ def assembled(
 
     nodes = Resolver(path, "NSET", root.node_sets, in_nodes, node_numbers, nodes_of)
     notes: list[str] = []
-    for name, chosen in _named(placements, lambda part: list(part.element_sets), cells, notes):
-        for block, of in zip(blocks, by_block(chosen, starts), strict=True):
+    for instance, name, shown in _names(placements, "ELSET", notes):
+        chosen = by_block(cells.indices(instance, name), starts)
+        for block, of in zip(blocks, chosen, strict=True):
             marks = np.zeros(len(block.nodes), dtype=bool)
             marks[of] = True
             if marks.any():
-                block.groups[name] = marks
-    node_groups = dict(_named(placements, lambda part: list(part.node_sets), nodes, notes))
+                block.groups[shown] = marks
+    groups = {
+        shown: nodes.indices(instance, name)
+        for instance, name, shown in _names(placements, "NSET", notes)
+    }
+    groups = {name: members for name, members in groups.items() if len(members)}
     surfaces = _surfaces(placements, blocks, starts, cells, notes)
-    mesh = MeshFile(points, (*blocks, *surfaces), node_groups, notes=tuple(notes))
+    mesh = MeshFile(points, (*blocks, *surfaces), groups, notes=tuple(notes))
     return mesh, nodes, cells
 
 
-def _points(
-    placements: list[tuple[str, Part, Floats]],
-) -> tuple[Floats, dict[str, dict[int, int]]]:
+def _points(placements: Placements) -> tuple[Floats, dict[str, dict[int, int]]]:
     """Coordinates (n, 3) of all nodes, and the index of each node by instance and number."""
     points, numbers, start = [np.empty((0, 3))], {}, 0
     for name, part, matrix in placements:
@@ -104,9 +106,7 @@ def _points(
 
 
 def _blocks(
-    path: Path,
-    placements: list[tuple[str, Part, Floats]],
-    node_numbers: dict[str, dict[int, int]],
+    path: Path, placements: Placements, node_numbers: dict[str, dict[int, int]]
 ) -> tuple[list[Block], dict[str, dict[int, int]]]:
     """The cells of each instance and type, and the index of each by instance and number."""
     blocks: list[Block] = []
@@ -115,7 +115,7 @@ def _blocks(
     for name, part, _ in placements:
         known = numbers.setdefault(name, {})
         for type_, elements in part.elements.items():
-            kind, order = kind_of(type_), order_of(kind_of(type_) or 0)
+            kind = kind_of(type_)
             if kind is None or not elements:
                 continue
             if twice := known.keys() & elements.keys():
@@ -124,49 +124,22 @@ def _blocks(
                 index = node_numbers[name]
                 rows = np.array([[index[node] for node in row] for row in elements.values()])
             except KeyError as error:
-                raise refuse(
-                    path,
-                    f"elements of type {type_} refer to node {error}, which is not in the file",
-                ) from None
+                reason = f"refer to node {error}, which is not in the file"
+                raise refuse(path, f"elements of type {type_} {reason}") from None
             labels = np.array(list(elements))
             known |= {int(label): start + k for k, label in enumerate(labels)}
-            blocks.append(Block(kind, rows if order is None else rows[:, order], {}, type_, labels))
+            blocks.append(Block(kind, from_vtk(kind, rows), {}, type_, labels))
             start += len(rows)
     return blocks, numbers
 
 
-def _named(
-    placements: list[tuple[str, Part, Floats]],
-    names: Callable[[Part], list[str]],
-    sets: Resolver,
-    notes: list[str],
-) -> list[tuple[str, Ints]]:
-    """Name and indices of every set of the model and of its instances that is not empty.
+def _names(placements: Placements, keyword: str, notes: list[str]) -> list[tuple[str, str, str]]:
+    """For each set the instance, the name, and the name that this program gives.
 
     Where a set of an instance has the name of another set, it is called "instance.set", as Abaqus
     calls it.
     """
-    found = []
-    for instance, name, shown in _names(placements, names, notes, sets.keyword):
-        chosen = sets.indices(instance, name)
-        if len(chosen):
-            found.append((shown, chosen))
-    return found
-
-
-def _names(
-    placements: list[tuple[str, Part, Floats]],
-    names: Callable[[Part], list[str]],
-    notes: list[str],
-    keyword: str,
-) -> list[tuple[str, str, str]]:
-    """For each set the instance, the name, and the name that this program gives."""
-    every = [
-        (instance, name)
-        for instance, part, _ in placements
-        for name in names(part)
-        if (keyword, name.upper()) not in part.internal
-    ]
+    every = [(instance, name) for instance, part, _ in placements for name in part.names(keyword)]
     found = []
     for instance, name in every:
         shown = name
@@ -178,19 +151,17 @@ def _names(
 
 
 def _surfaces(
-    placements: list[tuple[str, Part, Floats]],
+    placements: Placements,
     blocks: list[Block],
     starts: Ints,
     cells: Resolver,
     notes: list[str],
 ) -> list[Block]:
     """The facets of the surfaces, on the cells of the highest dimension."""
-    highest = max((SHAPES[block.kind].dimension for block in blocks), default=0)
+    highest = max((block.shape.dimension for block in blocks), default=0)
     parts = {instance: part for instance, part, _ in placements}
     found = []
-    for instance, name, shown in _names(
-        placements, lambda part: list(part.surfaces), notes, "SURFACE"
-    ):
+    for instance, name, shown in _names(placements, "SURFACE", notes):
         surfaces = parts[instance].surfaces
         for side in surfaces[known_name(surfaces, name)]:
             if isinstance(side.item, int):
@@ -199,7 +170,7 @@ def _surfaces(
             else:
                 chosen = cells.indices(instance, side.item)
             members = [
-                np.isin(np.arange(a, b), chosen) & (SHAPES[block.kind].dimension == highest)
+                np.isin(np.arange(a, b), chosen) & (block.shape.dimension == highest)
                 for block, (a, b) in zip(blocks, pairwise(starts), strict=True)
             ]
             for facets in faces(blocks, members, side.face):

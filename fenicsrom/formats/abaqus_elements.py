@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-from fenicsrom.formats.shapes import FROM_VTK
-
 _VARIANT = "(?:R|I|H|RH|IH|M|MH|HS|S|T|RT|HT|MT|MHT|RHT|P|PH|MP|MPH|RP|RPH|PT|RPT)?"
 """Letters for integration, hybrid formulation and other fields; the nodes are the same."""
 
@@ -55,11 +53,3 @@ def refused(name: str) -> str | None:
 def is_axisymmetric(name: str) -> bool:
     """Whether elements of this type stand for rings."""
     return name.startswith("CAX")
-
-
-def order_of(kind: int) -> tuple[int, ...] | None:
-    """Gmsh's order of the nodes of a kind, as indices in the order of Abaqus; None if the same.
-
-    Abaqus numbers the nodes of solids as VTK does.
-    """
-    return FROM_VTK.get(kind)

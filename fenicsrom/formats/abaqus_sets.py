@@ -58,6 +58,11 @@ class Part:
     surfaces: dict[str, list[Side]] = field(default_factory=dict)
     internal: set[tuple[str, str]] = field(default_factory=set)
 
+    def names(self, keyword: str) -> list[str]:
+        """The names of the node sets, element sets or surfaces, by their keyword."""
+        sets = {"NSET": self.node_sets, "ELSET": self.element_sets, "SURFACE": self.surfaces}
+        return [name for name in sets[keyword] if (keyword, name.upper()) not in self.internal]
+
 
 def add_to_set(sets: dict[str, list[Entry]], name: str, entry: Entry) -> None:
     """Add an entry to a set, whose name may have been written in other letters before."""

@@ -16,9 +16,9 @@ import numpy as np
 from fenicsrom.errors import SceneError, refuse
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
-from fenicsrom.formats.middle_nodes import with_middles
+from fenicsrom.formats.missing_nodes import with_middles
 from fenicsrom.formats.physics import DeckLoad, axes_of
-from fenicsrom.formats.shapes import FROM_VTK
+from fenicsrom.formats.shapes import from_vtk
 from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted
 
@@ -221,10 +221,8 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         if missing := {node for _, row in entries for node in row if node} - numbers.keys():
             raise refuse(path, f"an element refers to node {min(missing)}, not in the file")
         rows = np.array([[numbers.get(node, -1) for node in row] for _, row in entries])
-        order = FROM_VTK.get(kind)
-        rows = rows if order is None else rows[:, order]
         labels = np.array([label for label, _ in entries])
-        blocks.append(Block(kind, rows, {}, name, labels))
+        blocks.append(Block(kind, from_vtk(kind, rows), {}, name, labels))
     node_groups: dict[str, Ints] = {}
     for name, (what, members) in archive.components.items():
         if what.startswith("NODE"):
@@ -325,7 +323,9 @@ def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
             tetra = [*corners[:3], corners[4]]
             m = (middles + [0] * 12)[:12]
             return (11, [*tetra, m[0], m[1], m[3], *m[8:11]]) if any(middles) else (4, tetra)
-        return (7, corners[:5]) if len(set(corners[4:])) == 1 else (6, _wedge(corners))
+        if len(set(corners[4:])) == 1:
+            return 7, corners[:5]
+        return 6, list(dict.fromkeys(corners))[:6]  # a wedge: two edges have no length
     if number in PLANES and len(nodes) in (3, 4, 6, 8):
         width = 4 if len(nodes) in (4, 8) else 3
         corners, middles = nodes[:width], nodes[width:]
@@ -335,8 +335,3 @@ def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
             straight, curved = {3: (2, 9), 4: (3, 16)}[len(corners)]
             return (curved, corners + middles) if any(middles) else (straight, corners)
     return 0, []
-
-
-def _wedge(corners: list[int]) -> list[int]:
-    """The corners of a wedge that is given as a hexahedron with two edges of no length."""
-    return list(dict.fromkeys(corners))[:6]

@@ -9,7 +9,6 @@ import numpy as np
 
 from fenicsrom.formats.mesh_file import Floats, Ints, Marks, MeshFile
 from fenicsrom.formats.physics import DeckLoad, DeckMaterial, Physics, axes_of
-from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.words import counted
 
 MOST_FORCES = 20
@@ -82,8 +81,8 @@ class Collector:
 
     def finished(self, mesh: MeshFile) -> MeshFile:
         """Give the mesh with its physics, and with the groups that it needs."""
-        solid = max((SHAPES[block.kind].dimension for block in mesh.blocks), default=0)
-        cells = [b.nodes.ravel() for b in mesh.blocks if SHAPES[b.kind].dimension == solid]
+        solid = max((block.shape.dimension for block in mesh.blocks), default=0)
+        cells = [b.nodes.ravel() for b in mesh.blocks if b.shape.dimension == solid]
         used = set(np.unique(np.concatenate(cells)).tolist()) if cells else set()
         groups = dict(mesh.node_groups)
         supports = []
@@ -132,7 +131,7 @@ class Collector:
 
     def _materials(self, mesh: MeshFile, solid: int) -> tuple[DeckMaterial, ...]:
         """The materials of the cells, each of several with a group of its own."""
-        whole = [SHAPES[block.kind].dimension == solid for block in mesh.blocks]
+        whole = [block.shape.dimension == solid for block in mesh.blocks]
         used = {
             name: marks
             for name, marks in self.cells.items()

@@ -28,22 +28,22 @@ def divided(mesh: MeshFile) -> MeshFile:
 
     Nodes on edges are left out. Facets are divided with the cells.
     """
-    dimension = max((SHAPES[block.kind].dimension for block in mesh.blocks), default=0)
+    dimension = max((block.shape.dimension for block in mesh.blocks), default=0)
     shapes = {
-        (SHAPES[block.kind].dimension, SHAPES[block.kind].corners)
+        (block.shape.dimension, block.shape.corners)
         for block in mesh.blocks
-        if SHAPES[block.kind].dimension == dimension
+        if block.shape.dimension == dimension
     }
     whole = {(SHAPES[kind].dimension, SHAPES[kind].corners) for kind in WHOLE}
     if dimension < 2 or (len(shapes) == 1 and shapes <= whole):
         return mesh
     blocks = [_divided(block) for block in mesh.blocks]
     parts = ", ".join(
-        f"{SHAPES[block.kind].name}: {len(block.nodes)}"
+        f"{block.shape.name}: {len(block.nodes)}"
         for block in mesh.blocks
-        if SHAPES[block.kind].dimension == dimension
+        if block.shape.dimension == dimension
     )
-    number = sum(len(b.nodes) for b in blocks if SHAPES[b.kind].dimension == dimension)
+    number = sum(len(b.nodes) for b in blocks if b.shape.dimension == dimension)
     names = ("tetrahedron", "tetrahedra") if dimension == 3 else ("triangle", "")
     into = counted(number, *names)
     note = f"cells of several shapes ({parts}) are divided into {into} with straight edges"
@@ -52,7 +52,7 @@ def divided(mesh: MeshFile) -> MeshFile:
 
 def _divided(block: Block) -> Block:
     """Simplices in place of the cells of a block; lines and points stay as they are."""
-    shape = SHAPES[block.kind]
+    shape = block.shape
     if shape.dimension < 2:
         return block
     corners = block.nodes[:, : shape.corners]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.formats.physics import Physics
+from fenicsrom.formats.shapes import SHAPES, Shape
 
 Ints = npt.NDArray[Any]
 Marks = npt.NDArray[np.bool_]
@@ -33,6 +34,11 @@ class Block:
     groups: dict[str, Marks] = field(default_factory=dict)
     name: str = ""
     labels: Ints | None = None
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of the cells."""
+        return SHAPES[self.kind]
 
 
 @dataclass(frozen=True, eq=False)

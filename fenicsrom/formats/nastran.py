@@ -19,7 +19,7 @@ from fenicsrom.formats.mesh_file import (
     MeshFile,
     unsupported,
 )
-from fenicsrom.formats.middle_nodes import with_middles
+from fenicsrom.formats.missing_nodes import with_middles
 from fenicsrom.formats.nastran_cards import Card, read_cards
 from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS

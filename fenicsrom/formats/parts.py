@@ -26,23 +26,22 @@ def sorted_elements(path: Path, mesh: MeshFile) -> MeshFile:
     """
     if not mesh.blocks:
         raise refuse(path, "the file has no cells; write the file with its mesh")
-    dimension = max(SHAPES[block.kind].dimension for block in mesh.blocks)
+    dimension = max(block.shape.dimension for block in mesh.blocks)
     if dimension < 2:
         raise refuse(path, "the file has no cells of dimension 2 or 3, only lines and points")
-    cells = [block for block in mesh.blocks if SHAPES[block.kind].dimension == dimension]
+    cells = [block for block in mesh.blocks if block.shape.dimension == dimension]
     _check_not_doubled(path, cells)
     facets: list[Block] = []
     left: Counter[str] = Counter()
     for block in mesh.blocks:
-        if SHAPES[block.kind].dimension < dimension - 1:
+        if block.shape.dimension < dimension - 1:
             left[block.name] += len(block.nodes)
     on_cells = _cell_facets(cells)
     for corners in (2, 3, 4):
         blocks = [
             block
             for block in mesh.blocks
-            if (SHAPES[block.kind].dimension, SHAPES[block.kind].corners)
-            == (dimension - 1, corners)
+            if (block.shape.dimension, block.shape.corners) == (dimension - 1, corners)
         ]
         kind, whole = on_cells.get(corners, (0, np.empty((0, corners), dtype=np.int64)))
         for block, (rows, found) in zip(blocks, _matching(blocks, corners, whole), strict=True):
@@ -60,7 +59,7 @@ def faces(blocks: list[Block], members: list[Marks], face: int) -> list[Block]:
     """The facets of one number, counted from 0 as in Abaqus, of some cells of each block."""
     found = []
     for block, marks in zip(blocks, members, strict=True):
-        shape = SHAPES[block.kind]
+        shape = block.shape
         if not marks.any() or face >= len(shape.facets):
             continue
         if shape.edges:
@@ -79,26 +78,24 @@ def _check_not_doubled(path: Path, cells: list[Block]) -> None:
     Raises:
         SceneError: two cells have.
     """
-    for number in {SHAPES[block.kind].corners for block in cells}:
-        blocks = [block for block in cells if SHAPES[block.kind].corners == number]
+    for number in {block.shape.corners for block in cells}:
+        blocks = [block for block in cells if block.shape.corners == number]
         corners = np.sort(np.concatenate([block.nodes[:, :number] for block in blocks]), axis=1)
         _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
         again = np.flatnonzero(first[which.ravel()] != np.arange(len(corners)))
         if len(again):
             labels = np.concatenate([block.labels for block in blocks if block.labels is not None])
             one, other = labels[[first[which.ravel()[again[0]]], again[0]]]
-            raise refuse(
-                path,
-                f"{counted(len(again), 'cell')} with the same nodes as another cell, such as the "
-                f"elements {one} and {other}: delete the doubled elements",
-            )
+            doubled = f"{counted(len(again), 'cell')} with the same nodes as another cell"
+            reason = f"such as the elements {one} and {other}: delete the doubled elements"
+            raise refuse(path, f"{doubled}, {reason}")
 
 
 def _cell_facets(cells: list[Block]) -> dict[int, tuple[int, Ints]]:
     """Kind and nodes (facets, nodes) of the facets of the cells, by their number of corners."""
     found: dict[int, tuple[int, Ints]] = {}
     for block in cells:
-        if SHAPES[block.kind].facets:
+        if block.shape.facets:
             rows, kind = facets_of(block.kind, block.nodes), facet_kind(block.kind)
             rows = rows.reshape(-1, rows.shape[-1])
             known, others = found.get(SHAPES[kind].corners, (kind, rows[:0]))

@@ -6,10 +6,12 @@ A "kind" is gmsh's number of an element type. All nodes are in gmsh's order, wit
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from fenicsrom.formats.mesh_file import Ints
+Ints = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,11 @@ FROM_VTK: dict[int, tuple[int, ...]] = {
     12: (*CUBE_FROM_VTK, 24, 22, 20, 21, 23, 25, 26),
 }
 """Gmsh's order of the nodes, as indices in VTK's order, of the kinds where the two differ."""
+
+
+def from_vtk(kind: int, cells: Ints) -> Ints:
+    """Node numbers (cells, nodes) of a kind in gmsh's order, from those in VTK's order."""
+    return cells[:, FROM_VTK.get(kind, range(cells.shape[1]))]
 
 
 def facet_kind(kind: int) -> int:

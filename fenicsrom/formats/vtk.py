@@ -9,31 +9,10 @@ import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, unsupported
-from fenicsrom.formats.shapes import FROM_VTK, SHAPES
+from fenicsrom.formats.shapes import SHAPES, from_vtk
 
 VALUES = 256
 """A field of integers with more values than this does not mark groups."""
-
-KINDS = {
-    "vertex": 15,
-    "line": 1,
-    "line3": 8,
-    "triangle": 2,
-    "triangle6": 9,
-    "quad": 3,
-    "quad8": 16,
-    "quad9": 10,
-    "tetra": 4,
-    "tetra10": 11,
-    "hexahedron": 5,
-    "hexahedron20": 17,
-    "hexahedron27": 12,
-    "wedge": 6,
-    "wedge15": 18,
-    "pyramid13": 19,
-    "pyramid": 7,
-}
-"""Kinds by meshio's names; the nodes are in VTK's order."""
 
 
 def read_vtk(path: Path) -> MeshFile:
@@ -45,11 +24,8 @@ def read_vtk(path: Path) -> MeshFile:
     try:
         import meshio
     except ImportError:
-        raise refuse(
-            path,
-            f"reading a {path.suffix} file needs meshio: install it, or convert to .msh",
-            ErrorKind.DEPENDENCY,
-        ) from None
+        reason = f"reading a {path.suffix} file needs meshio: install it, or convert to .msh"
+        raise refuse(path, reason, ErrorKind.DEPENDENCY) from None
     try:
         module = meshio.vtu if path.suffix.lower() == ".vtu" else meshio.vtk
         mesh = module.read(path)
@@ -59,20 +35,20 @@ def read_vtk(path: Path) -> MeshFile:
         raise refuse(path, message) from error
     kept = [index for index, block in enumerate(mesh.cells) if len(block.data)]
     names = [mesh.cells[index].type for index in kept]
-    for name in names:
-        if name not in KINDS:
+    kinds = [meshio.gmsh.meshio_to_gmsh_type.get(name) for name in names]
+    for name, kind in zip(names, kinds, strict=True):
+        if kind not in SHAPES:
             raise refuse(path, unsupported(f"cells of type {name}"))
     blocks = []
-    for name, index in zip(names, kept, strict=True):
+    for name, kind, index in zip(names, kinds, kept, strict=True):
         nodes = np.asarray(mesh.cells[index].data, dtype=np.int64)
-        order = FROM_VTK.get(KINDS[name])
-        blocks.append(Block(KINDS[name], nodes if order is None else nodes[:, order], {}, name))
+        blocks.append(Block(kind, from_vtk(kind, nodes), {}, name))
     for field, values in mesh.cell_data.items():
         for group, marks in _marked(str(field), [np.asarray(values[index]) for index in kept]):
             present = zip(blocks, marks, strict=True)
-            lowest = min(SHAPES[block.kind].dimension for block, mark in present if mark.any())
+            lowest = min(block.shape.dimension for block, mark in present if mark.any())
             for block, mark in zip(blocks, marks, strict=True):
-                if SHAPES[block.kind].dimension == lowest:
+                if block.shape.dimension == lowest:
                     block.groups[group] = mark
     nodes_of = {}
     for field, values in mesh.point_data.items():

@@ -14,7 +14,7 @@ import scipy.linalg
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.model.dense_model import DenseModel
@@ -27,6 +27,7 @@ from fenicsrom.reduction.projection import projected_terms
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
 from fenicsrom.scene import Load, Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
@@ -184,13 +185,9 @@ class BeamStructure:
         Raises:
             SceneError: always.
         """
-        raise SceneError(
-            f'{self.source}: basis.elastic_force = "polynomial": must be "projection" for the 1D '
-            "beam, whose elastic force is not a polynomial",
-            kind=ErrorKind.CONFLICT,
-            key="basis.elastic_force",
-            source=self.source,
-        )
+        allowed = 'must be "projection" for the 1D beam, whose elastic force is not a polynomial'
+        where = Where(self.source, "basis.elastic_force")
+        raise where.refuse("polynomial", allowed, ErrorKind.CONFLICT)
 
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
         """No pressure: no follower pressure acts on the beam."""
@@ -278,12 +275,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
     """
     section = scene.reference.beam
     assert section is not None
-    try:
-        beam = timoshenko(section, scene.material, not scene.geometrically_nonlinear)
-    except SceneError as error:
-        raise SceneError(
-            f"{scene.source}: {error}", kind=error.kind, key=error.key, source=scene.source
-        ) from None
+    beam = timoshenko(section, scene.material, not scene.geometrically_nonlinear, scene.source)
     _check_planar(scene)
     return BeamStructure(beam, scene)
 
@@ -296,12 +288,7 @@ def _check_planar(scene: Scene) -> None:
     """
 
     def refuse(reason: str) -> NoReturn:
-        raise SceneError(
-            f"{scene.source}: reference.beam = true: {reason}",
-            kind=ErrorKind.CONFLICT,
-            key="reference.beam",
-            source=scene.source,
-        )
+        raise Where(scene.source, "reference.beam").refuse(True, reason, ErrorKind.CONFLICT)
 
     one_point = "the 1D beam has one contact point, against a plane"
     if len(scene.contacts) > 1:

@@ -102,25 +102,32 @@ def extended_basis(structure: Structure, options: Basis, found: Reduction) -> Re
     loaded = structure.factor.solve(structure.load_vectors)
     vectors.append(loaded)
     labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
-    plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
+
+    def extended() -> ReducedBasis:
+        """The basis with the vectors so far, orthonormalised against those of the basis."""
+        block = np.concatenate([basis.vectors[:, basis.masters :], *vectors], axis=1)
+        return build_basis(structure, modes, block, [*basis.labels[basis.masters :], *labels])
+
+    plain = extended()
     moved = plain.vectors[:, [k for k, label in enumerate(plain.labels) if label[-1] in "LA"]]
     vectors.append(modes.inverse.solve(structure.mass_times(moved)))
     labels += [f"{k + 1}B" for k in range(moved.shape[1])]
-    plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
+    plain = extended()
     if not structure.geometrically_nonlinear:
         return plain
     further = derivatives.further
     if further is not None:
         vectors.append(further)
         labels += list(derivatives.sizes)[len(derivatives.labels) :]
-        plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
+        plain = extended()
     wanted = missing_derivatives(modes, more, selection, derivatives)
     combined = _combinations(
         structure, options, modes, with_loads(more, modes.loads), wanted, plain
     )
     names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
-    extra = np.concatenate([plain.vectors[:, basis.size :], combined], axis=1)
-    return _extended(structure, modes, basis, extra, [*plain.labels[basis.size :], *names])
+    vectors = [plain.vectors[:, basis.size :], combined]
+    labels = [*plain.labels[basis.size :], *names]
+    return extended()
 
 
 def missing_derivatives(
@@ -163,18 +170,6 @@ def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> 
         return component_modes(structure, replace(options, modes=count, masters=masters))
     except (AccuracyError, SceneError):
         return modes
-
-
-def _extended(
-    structure: Structure,
-    modes: ComponentModes,
-    basis: ReducedBasis,
-    vectors: Array,
-    labels: list[str],
-) -> ReducedBasis:
-    """The basis with more vectors (local, k), orthonormalised against those of the basis."""
-    vectors = np.concatenate([basis.vectors[:, basis.masters :], vectors], axis=1)
-    return build_basis(structure, modes, vectors, [*basis.labels[basis.masters :], *labels])
 
 
 def _combinations(

@@ -14,11 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Damping
-
-UNDAMPED = Damping()
 
 
 class ViscousDamping:
@@ -49,13 +47,10 @@ class ViscousDamping:
         if not np.any(ratios):
             return
         if ratios.size >= structure.free:
-            raise SceneError(
-                f"{structure.source}: damping.ratios: {ratios.size} damped modes are too many: the "
-                f"body has {structure.free} unknowns",
-                kind=ErrorKind.RANGE,
-                key="damping.ratios",
-                source=structure.source,
+            reason = (
+                f"{ratios.size} damped modes are too many: the body has {structure.free} unknowns"
             )
+            raise refuse(structure.source, reason, ErrorKind.RANGE, "damping.ratios")
         squares, modes = structure.eigenmodes(structure.factor, ratios.size)
         sizes = np.sqrt(2.0 * ratios * np.sqrt(squares))
         self.modes = modes[:, ratios > 0.0] * sizes[ratios > 0.0]

@@ -24,7 +24,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
@@ -109,26 +109,16 @@ def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel
         structure.spin(omega)
         seen[omega] = _see(structure, first, omega, with_derivatives=omega in speeds)
     at = [seen[omega] for omega in speeds]
-    others = [one.attached for one in at if one.omega != middle]
-    vectors = [
-        *(one.equilibrium for one in at),
-        *(one.modes for one in at),
-        *others,
-        *(one.derivatives for one in at),
-        *extra,
-    ]
+    vectors = [one.equilibrium for one in at] + [one.modes for one in at]
+    vectors += [one.attached for one in at if one.omega != middle]
+    vectors += [one.derivatives for one in at] + extra
     blocks = np.concatenate(vectors, axis=1)
     labels = [f"{k + 1}J" for k in range(blocks.shape[1])]
     basis = build_basis(structure, first, blocks, labels, DEPENDENCE)
     if basis.size > LARGEST:
-        raise SceneError(
-            f"{structure.source}: rotation.speeds_rpm: the joined basis has {basis.size} "
-            f"coordinates, at most {LARGEST} are allowed; use fewer basis.modes, basis.masters or "
-            "speeds",
-            kind=ErrorKind.RANGE,
-            key="rotation.speeds_rpm",
-            source=structure.source,
-        )
+        reason = f"the joined basis has {basis.size} coordinates, at most {LARGEST} are allowed; "
+        reason += "use fewer basis.modes, basis.masters or speeds"
+        raise refuse(structure.source, reason, ErrorKind.RANGE, "rotation.speeds_rpm")
     log.info(f"  polynomial of {basis.size} coordinates ..")
     return _projected(structure, basis, first, at, list(seen.values()))
 
@@ -140,22 +130,11 @@ def _see(structure: Turning, first: ComponentModes, omega: float, with_derivativ
     labels = [f"{k + 1}V" for k in range(count)]
     pairs = all_pairs(labels) if with_derivatives else []
     attached = structure.factor.solve(np.ascontiguousarray(first.rows.T))
-    return _Seen(
-        omega,
-        structure.equilibrium[:, None].copy(),
-        squares,
-        modes,
-        attached,
-        modal_derivatives(
-            modes,
-            labels,
-            pairs,
-            structure.tangent_derivative,
-            structure.factor,
-            structure.comm.allreduce,
-        ),
-        structure.inner(first.rows.T, attached),
-    )
+    derivative, total = structure.tangent_derivative, structure.comm.allreduce
+    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor, total)
+    equilibrium = structure.equilibrium[:, None].copy()
+    flexibility = structure.inner(first.rows.T, attached)
+    return _Seen(omega, equilibrium, squares, modes, attached, found, flexibility)
 
 
 def _projected(

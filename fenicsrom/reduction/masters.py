@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.reduction.protocols import Structure
 
@@ -143,10 +143,8 @@ def _check_mobile(structure: Structure, mobility: Array) -> None:
     d = mobility.size // len(contact)
     for k in np.flatnonzero(~(mobility > IMMOBILE * np.max(mobility))):
         key = f"contacts[{contact[k // d]}]"
-        raise SceneError(
-            f"{structure.source}: {key}: the supports forbid a motion of the contact point along "
-            f"direction {k % d + 1} of [normal, tangents]; move the contact away from the supports",
-            kind=ErrorKind.PLACE,
-            key=key,
-            source=structure.source,
+        reason = (
+            f"the supports forbid a motion of the contact point along direction {k % d + 1} of "
         )
+        reason += "[normal, tangents]; move the contact away from the supports"
+        raise refuse(structure.source, reason, ErrorKind.PLACE, key)

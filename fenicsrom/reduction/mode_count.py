@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 
@@ -51,13 +51,8 @@ def solve_eigenmodes(
     """
     count = min(LEAST_MODES, free) if isinstance(wanted, str) else wanted
     if count > free:
-        raise SceneError(
-            f"{structure.source}: basis.modes = {count}: must be at most {free}, the number of "
-            "free unknowns",
-            kind=ErrorKind.RANGE,
-            key="basis.modes",
-            source=structure.source,
-        )
+        allowed = f"must be at most {free}, the number of free unknowns"
+        raise Where(structure.source, "basis.modes").refuse(count, allowed)
     most = MOST_MODES if structure.geometrically_nonlinear else MOST_LINEAR_MODES
     most = max(count, min(most, free // 2))  # all modes would leave no flexibility to static modes
     while True:

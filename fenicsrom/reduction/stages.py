@@ -152,15 +152,8 @@ def derivatives_along(
     """
     exact = options.differentiation == "exact"
     derivative = structure.tangent_derivative if exact else structure.tangent_difference
-    directions = along or modes
-    return modal_derivatives(
-        directions.vectors,
-        directions.labels,
-        labels,
-        derivative,
-        modes.inverse,
-        structure.comm.allreduce,
-    )
+    given, total = along or modes, structure.comm.allreduce
+    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse, total)
 
 
 def differentiate(

@@ -31,8 +31,8 @@ import numpy as np
 from numba import njit
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import BeamSection, Material
+from fenicsrom.scene.base.rules import Where
 
 SHEAR_CORRECTION = 5.0 / 6.0
 """κ_s of a rectangular section, from the energy of the parabolic shear stress."""
@@ -184,7 +184,9 @@ class TimoshenkoBeam:
         return energy, force, tangent
 
 
-def timoshenko(section: BeamSection, material: Material, linear: bool) -> TimoshenkoBeam:
+def timoshenko(
+    section: BeamSection, material: Material, linear: bool, source: str = "scene"
+) -> TimoshenkoBeam:
     """Build the beam of a rectangular section that bends in the direction of its height.
 
     Args:
@@ -192,6 +194,7 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
             fraction of the length.
         material: Young's modulus in Pa, Poisson's ratio, density in kg/m³.
         linear: whether displacements are small.
+        source: name of the scene file, for messages.
 
     Raises:
         SceneError: the load is not at a free node.
@@ -222,7 +225,7 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
         linear,
         mass,
         stiffness,
-        load_node=_node_at(section.load_at, n),
+        load_node=_node_at(section.load_at, n, source),
         translated=translated,
     )
 
@@ -234,7 +237,7 @@ def _consistent_mass(elements: int) -> Array:
     return np.asarray(line, np.float64)
 
 
-def _node_at(fraction: float, elements: int) -> int:
+def _node_at(fraction: float, elements: int, source: str) -> int:
     """The free node at a fraction of the length.
 
     Raises:
@@ -245,10 +248,6 @@ def _node_at(fraction: float, elements: int) -> int:
     if abs(place - node) <= 1e-9 and 1 <= node <= elements:
         return node
     nearest = {min(max(k, 1), elements) for k in (int(np.floor(place)), int(np.ceil(place)))}
-    allowed = " or ".join(f"{k / elements:.12g}" for k in sorted(nearest))
-    raise SceneError(
-        f"reference.beam_section.load_at = {fraction:g}: must be at a free node of the "
-        f"{elements} elements; the nearest is at {allowed}",
-        kind=ErrorKind.RANGE,
-        key="reference.beam_section.load_at",
-    )
+    places = " or ".join(f"{k / elements:.12g}" for k in sorted(nearest))
+    allowed = f"must be at a free node of the {elements} elements; the nearest is at {places}"
+    raise Where(source, "reference.beam_section.load_at").refuse(fraction, allowed)

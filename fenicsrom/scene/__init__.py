@@ -8,8 +8,14 @@ Imports run one way, between the packages and modules of this one too:
 from fenicsrom.scene.base.toml import toml_text
 from fenicsrom.scene.checks.checks import FEW_CONTACTS, INTERFACE_MODES
 from fenicsrom.scene.json_schema import json_schema
-from fenicsrom.scene.keys.attachments import Attachment
-from fenicsrom.scene.keys.backbone import Backbone
+from fenicsrom.scene.keys.curves import (
+    Backbone,
+    Families,
+    Parameter,
+    Response,
+    Statics,
+    parameter_of,
+)
 from fenicsrom.scene.keys.damping import Damping
 from fenicsrom.scene.keys.loads import (
     Acceleration,
@@ -31,8 +37,7 @@ from fenicsrom.scene.keys.loads import (
     Traction,
 )
 from fenicsrom.scene.keys.materials import Elasticity, GroupMaterial, Material
-from fenicsrom.scene.keys.places import Place, Plane, Region, Support
-from fenicsrom.scene.keys.response import Families, Parameter, Response, parameter_of
+from fenicsrom.scene.keys.places import Attachment, Place, Plane, Region, Support
 from fenicsrom.scene.keys.schema import (
     Abradable,
     Basis,
@@ -47,7 +52,6 @@ from fenicsrom.scene.keys.schema import (
     Scene,
     Surface,
 )
-from fenicsrom.scene.keys.statics import Statics
 from fenicsrom.scene.keys.times import (
     Duration,
     EquilibriumOnly,

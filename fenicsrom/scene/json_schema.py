@@ -74,8 +74,7 @@ def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
     for entry, _ in entries(kind).values():
         if isinstance(entry, OneOf):
             every = {key: default for other in entry.kinds for key, _, _, default in keys(other)}
-            kinds = [*entry.kinds, *([entry.otherwise] if entry.otherwise else [])]
-            alternatives.append([_alternative(each, every) for each in kinds])
+            alternatives.append([_alternative(each, every) for each in entry.every])
         elif isinstance(entry, type):
             inner, more = needed(entry)
             required += inner

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,7 @@ def response(
     """
     from fenicsrom.assess.curves.response_files import check_folder
     from fenicsrom.assess.curves.response_problem import check_response
+    from fenicsrom.assess.curves.response_results import response_table
     from fenicsrom.assess.errors.mesh_check import of_model
     from fenicsrom.post.curves.response_report import write
 
@@ -62,6 +64,9 @@ def response(
         check_folder(resume)
     watch = Stopwatch()
     source = source_of(given, comm, watch, folder, stop, fresh)
+    table = response_table(source.stored.scene)
+    if table.parameter == "rotation.speed_rpm":
+        source = replace(source, stored=source.stored.over_speeds(table.low, table.high))
     found, source = _curves(source, watch, folder, resume, workers, stop)
     found.mesh_check = of_model(source.stored)
     found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]

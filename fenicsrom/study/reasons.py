@@ -21,45 +21,28 @@ def solid_parts(scene: Scene) -> tuple[Item, ...]:
     static = sum(load.static and load.size != 0.0 for load in scene.loads)
     rotation = scene.rotation
     turning = rotation is not None and rotation.speed_rpm != 0.0
-    loads = counted(static, "static load") if static else "no static load"
+    coriolis = rotation is not None and turning and rotation.coriolis
+    ratios = scene.damping.modal
+    forces = counted(static, "static load") if static else "no static load"
+    forces += ", centrifugal force" if turning else ""
+    speed = f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"
+    frame = f"rotation.coriolis is {toml_text(coriolis)}" if turning else "no rotation"
+    given = f"damping.ratios of {counted(len(ratios), 'mode')}" if ratios else "no damping.ratios"
     return (
-        Item(
-            "static equilibrium",
-            is_loaded(scene),
-            f"{loads}, centrifugal force" if turning else loads,
-        ),
-        Item(
-            "rotating frame",
-            turning,
-            f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation",
-        ),
-        Item(
-            "gyroscopic term",
-            turning and rotation is not None and rotation.coriolis,
-            f"rotation.coriolis is {toml_text(rotation.coriolis)}"
-            if rotation and turning
-            else "no rotation",
-        ),
-        Item(
-            "damped modes",
-            any(scene.damping.modal),
-            f"damping.ratios of {counted(len(scene.damping.modal), 'mode')}"
-            if scene.damping.modal
-            else "no damping.ratios",
-        ),
+        Item("static equilibrium", is_loaded(scene), forces),
+        Item("rotating frame", turning, speed),
+        Item("gyroscopic term", coriolis, frame),
+        Item("damped modes", any(ratios), given),
     )
 
 
 def mode_parts(scene: Scene) -> tuple[Item, ...]:
     """List the kinds of component modes."""
-    basis = scene.basis
+    varies = any(not load.static for load in scene.loads)
+    responses = "static responses to loads that the modes do not represent"
     return (
-        Item("normal modes", basis.modes != 0, _normal_modes_reason(scene)),
-        Item(
-            "responses to loads",
-            any(not load.static for load in scene.loads),
-            "static responses to loads that the modes do not represent",
-        ),
+        Item("normal modes", scene.basis.modes != 0, _normal_modes_reason(scene)),
+        Item("responses to loads", varies, responses),
         Item("static modes", bool(scene.contacts), _static_modes_reason(scene)),
     )
 
@@ -127,27 +110,17 @@ def reduction_parts(scene: Scene) -> tuple[Item, ...]:
     parts = [counted(points, "point")] if points else []
     parts += [f"every node of {counted(regions, 'place')}"] if regions else []
     where = " and ".join(parts) or "no contact"
+    weighted = where if regions or not touching else "no region of many nodes"
+    space = f"{dimension} dimensions" if touching else "no contact"
+    followers = len(scene.followers)
+    pressed = counted(followers, "pressure") if followers else "no pressure follows the deformation"
     return (
         Item("elastic polynomial", nonlinear and not projected, elastic),
         Item("intrusive projection", nonlinear and projected, elastic),
-        Item(
-            "follower pressures",
-            bool(scene.followers),
-            counted(len(scene.followers), "pressure")
-            if scene.followers
-            else "no pressure follows the deformation",
-        ),
+        Item("follower pressures", followers > 0, pressed),
         Item("contact forces", touching, where),
-        Item(
-            "contact weighting",
-            regions > 0,
-            where if regions or not touching else "no region of many nodes",
-        ),
-        Item(
-            "second tangent direction",
-            touching and dimension == 3,
-            f"{dimension} dimensions" if touching else "no contact",
-        ),
+        Item("contact weighting", regions > 0, weighted),
+        Item("second tangent direction", touching and dimension == 3, space),
     )
 
 
@@ -170,11 +143,9 @@ def stress_reason(scene: Scene) -> str:
 
 def newton_item(scene: Scene) -> Item:
     """Say whether a time step iterates."""
+    linear = f"{elastic_reason(scene)}: one solve per step"
     nonlinear = scene.geometrically_nonlinear
-    reason = (
-        "nonlinear elastic force" if nonlinear else f"{elastic_reason(scene)}: one solve per step"
-    )
-    return Item("Newton iterations", nonlinear, reason)
+    return Item("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear)
 
 
 def toml_text(value: bool) -> str:

@@ -10,6 +10,7 @@ lists all of them. The numbers are written before the pictures.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import BY_MOTION
@@ -56,40 +57,21 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         modes_only: stop after the modal derivatives.
         files: include the stages that write files.
     """
-    moving, why_not = _moving(scene, modes_only)
-    reference, basis = scene.reference, scene.basis
-    full, beam = reference.full, reference.beam is not None
+    moved, basis = _with_motion(scene, modes_only), scene.basis
+    full, beam = scene.reference.full, scene.reference.beam is not None
     full_reason = f"reference.full is {toml_text(full)}"
     beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
-
-    def moved(
-        name: str, needed: bool, reason: str, work: Work, parts: tuple[Item, ...] = ()
-    ) -> Stage:
-        """Make a stage that only models with a motion need."""
-        if not moving:
-            return Stage(name, False, why_not, work)
-        return Stage(name, needed, reason, work, parts)
-
+    scheme = f"time.scheme is {scene.time.scheme}"
+    checked = "energy balance, time step, basis and mesh"
     listed = [
         *offline_stages(scene, modes_only),
         moved("beam check", beam, beam_reason, lambda run: motions.check_beam(run.study)),
-        moved(
-            "reduced motion",
-            True,
-            f"time.scheme is {scene.time.scheme}",
-            lambda run: motions.integrate(run, "reduced"),
-            (newton_item(scene),),
-        ),
+        moved("reduced motion", True, scheme, _motion_of("reduced"), (newton_item(scene),)),
         moved("size", basis.adapts, size_reason(scene), motions.fit_size),
         moved("mode comparison", full, full_reason, lambda run: motions.compare_modes(run.study)),
-        moved("full motion", full, full_reason, lambda run: motions.integrate(run, "full")),
-        moved("beam motion", beam, beam_reason, lambda run: motions.integrate(run, "beam")),
-        moved(
-            "checks",
-            True,
-            "energy balance, time step, basis and mesh",
-            lambda run: motions.check(run.study),
-        ),
+        moved("full motion", full, full_reason, _motion_of("full")),
+        moved("beam motion", beam, beam_reason, _motion_of("beam")),
+        moved("checks", True, checked, lambda run: motions.check(run.study)),
         Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
     ]
     return listed + (_file_stages(scene, modes_only) if files else [])
@@ -98,50 +80,30 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
 def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     """List the stages from the mesh to the reduced model."""
     basis, nonlinear = scene.basis, scene.geometrically_nonlinear
+    geometry, moved = scene.geometry, _with_motion(scene, modes_only)
     with_modes = modes_only or not scene.static_only
-    with_basis, why_not = _moving(scene, modes_only)
     by_motion = basis.derivatives in BY_MOTION
     selecting = nonlinear and by_motion and not scene.static_only
-    listed = nonlinear and not by_motion and basis.derivatives not in ("none", ())
+    statics = selecting and basis.derivatives != "mmi"
+    deriving = selecting or (nonlinear and not by_motion and basis.derivatives not in ("none", ()))
     derivatives = derivatives_reason(scene) if with_modes else ALL_STATIC
     which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
-    candidates, reduction = why_not, why_not
-    parts: tuple[Item, ...] = ()
-    if with_basis:
-        candidates = "vectors that the basis leaves out: they judge it, and it may take them"
-        reduction, parts = elastic_reason(scene), reduction_parts(scene)
+    left_out = "vectors that the basis leaves out: they judge it, and it may take them"
+    reduction, terms = elastic_reason(scene), reduction_parts(scene)
+    file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
+    elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
     return [
-        Stage(
-            "mesh", True, f"{scene.geometry.mesh.name}, {scene.geometry.dimension}D", building.mesh
-        ),
-        Stage(
-            "solid",
-            True,
-            f"elements of degree {scene.geometry.degree}",
-            building.solid,
-            solid_parts(scene),
-        ),
+        Stage("mesh", True, file, building.mesh),
+        Stage("solid", True, elements, building.solid, solid_parts(scene)),
         Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
-        Stage("linear transient", with_modes and selecting, derivatives, building.linear_transient),
-        Stage(
-            "nonlinear statics",
-            with_modes and selecting and basis.derivatives != "mmi",
-            derivatives,
-            building.nonlinear_statics,
-        ),
+        Stage("linear transient", selecting, derivatives, building.linear_transient),
+        Stage("nonlinear statics", statics, derivatives, building.nonlinear_statics),
         Stage("selection", with_modes, derivatives, building.selection),
-        Stage(
-            "derivatives", with_modes and (selecting or listed), derivatives, building.derivatives
-        ),
-        Stage("basis", with_basis, which if with_basis else why_not, building.basis),
-        Stage("candidates", with_basis, candidates, building.candidates),
-        Stage("reduction", with_basis, reduction, building.reduced_model, parts),
-        Stage(
-            "finer elements",
-            True,
-            f"elements of degree {scene.geometry.degree + 1} judge the mesh",
-            building.finer_elements,
-        ),
+        Stage("derivatives", with_modes and deriving, derivatives, building.derivatives),
+        moved("basis", True, which, building.basis),
+        moved("candidates", True, left_out, building.candidates),
+        moved("reduction", True, reduction, building.reduced_model, terms),
+        Stage("finer elements", True, f"{finer} judge the mesh", building.finer_elements),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]
 
@@ -157,30 +119,37 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         reason = f"output.{key} is {toml_text(on)}" if needed or not on else why_not
         return Stage(name, on and needed, reason, write, writes=True)
 
-    shapes = moving or modes_only
+    shapes = output.paraview and (moving or modes_only or is_loaded(scene))
+    keys = [f"output.{key} is {toml_text(getattr(output, key))}" for key in ("paraview", "motion")]
+    in_scene = shapes or (output.motion and moving)
+    stressed = with_stresses(scene) and output.pictures
+    peaks = stress_reason(scene) if output.pictures else "output.pictures is false"
     return [
         Stage("numbers", True, "every run", writing.numbers, writes=True),
-        wanted("ParaView modes", "paraview", shapes or is_loaded(scene), writing.paraview_modes),
+        wanted("ParaView modes", "paraview", shapes, writing.paraview_modes),
         wanted("ParaView motion", "motion", moving, writing.paraview_motion),
-        Stage(
-            "ParaView scene",
-            (output.paraview and (shapes or is_loaded(scene))) or (output.motion and moving),
-            f"output.paraview is {toml_text(output.paraview)}, "
-            f"output.motion is {toml_text(output.motion)}",
-            writing.paraview_scene,
-            writes=True,
-        ),
+        Stage("ParaView scene", in_scene, ", ".join(keys), writing.paraview_scene, writes=True),
         wanted("pictures", "pictures", True, writing.pictures),
-        Stage(
-            "stress picture",
-            with_stresses(scene) and output.pictures,
-            stress_reason(scene) if output.pictures else "output.pictures is false",
-            writing.stress_picture,
-            writes=True,
-        ),
+        Stage("stress picture", stressed, peaks, writing.stress_picture, writes=True),
         wanted("animation", "animation", moving, writing.animation),
         Stage("report", True, "every run", writing.report, writes=True),
     ]
+
+
+def _with_motion(scene: Scene, modes_only: bool) -> Callable[..., Stage]:
+    """A function that makes a stage, as `Stage` does, which only models with a motion need."""
+    moving, why_not = _moving(scene, modes_only)
+
+    def stage(name: str, *given: Any) -> Stage:
+        """Make a stage."""
+        return Stage(name, *given) if moving else Stage(name, False, why_not, given[2])
+
+    return stage
+
+
+def _motion_of(model: str) -> Work:
+    """The work of integrating a model."""
+    return lambda run: motions.integrate(run, model)
 
 
 def _moving(scene: Scene, modes_only: bool) -> tuple[bool, str]:

@@ -134,6 +134,7 @@ def test_interrupt_keeps_the_points_that_are_done(monkeypatch: pytest.MonkeyPatc
     assert len(found.points) == 3
 
 
+@pytest.mark.slow
 def test_command_writes_the_files_of_a_stored_model(
     model: Path, tmp_path: Path, capsys: Any
 ) -> None:

@@ -79,7 +79,7 @@ def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 6
 
 @pytest.fixture(scope="module")
 def dissipative() -> Case:
-    return case("generalised-alpha")
+    return case("generalised-alpha", damping=1.2)
 
 
 def test_motion_equals_a_long_march(dissipative: Case) -> None:
@@ -87,7 +87,7 @@ def test_motion_equals_a_long_march(dissipative: Case) -> None:
     scene = dissipative.scene
     time = scene.time.changed(periods=900, steady_tolerance=1e-9)
     marched = simulate(FullModel(dissipative.solid), replace(scene, time=time))
-    assert marched.steady and marched.periods > 100
+    assert marched.steady and marched.periods > 80
     assert found.periods <= MOST
     exact = np.ptp(marched.displacement[marched.last_period()], axis=0) / 2.0
     np.testing.assert_allclose(found.amplitude, exact, atol=1e-6 * exact.max())

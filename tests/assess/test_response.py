@@ -206,6 +206,7 @@ def run(model: Path, folder: Path, *overrides: str) -> int:
     return main(["response", "--from", str(model), "--output", str(folder), *sets])
 
 
+@pytest.mark.slow
 def test_command_writes_the_files_of_a_stored_model(
     model: Path, tmp_path: Path, capsys: Any
 ) -> None:

@@ -70,6 +70,7 @@ def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [0, 2, 40, 80])
 def test_resumed_curve_ends_as_the_uninterrupted_one(tmp_path: Path, points: int) -> None:
     stored = oscillator()
@@ -81,6 +82,7 @@ def test_resumed_curve_ends_as_the_uninterrupted_one(tmp_path: Path, points: int
         assert_continued(again, part, response(stored))
 
 
+@pytest.mark.slow
 def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
     stored = oscillator(FAMILY)
     whole = response(stored, state=tmp_path / "whole")
@@ -210,7 +212,8 @@ def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
 def test_signal_ends_all_processes_with_files_and_state(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
-    save_model(tmp_path / "model.npz", oscillator(*SLOW_CURVES))
+    slow = "time.steps_per_period=20000"  # ten seconds on a fast machine
+    save_model(tmp_path / "model.npz", oscillator(FAMILY, slow))
     words = ["response", "--from", str(tmp_path / "model.npz"), "--output", str(tmp_path / "out")]
     with subprocess.Popen(
         [sys.executable, "-m", "fenicsrom", *words],
@@ -221,7 +224,7 @@ def test_signal_ends_all_processes_with_files_and_state(
     ) as process:
         assert process.stderr is not None
         for line in process.stderr:
-            if "points, frequency" in line:
+            if "1 point, frequency" in line:
                 break
         os.killpg(process.pid, number)  # as a terminal or a batch system does
         rest = process.stderr.read()

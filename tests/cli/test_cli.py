@@ -163,6 +163,7 @@ def run_without_modules(model, folder, *overrides):
     return subprocess.run(command, check=True, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_stored_model_without_other_modules_writes_numbers(results, tmp_path):
     done = run_without_modules(results / "reduced_model.npz", tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {

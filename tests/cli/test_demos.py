@@ -62,20 +62,19 @@ def check(motion, amplitude, fraction, tolerance=2e-3):
         assert [found["open"], found["slip"], found["stick"]] == pytest.approx(fraction, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name != "open_2d" else [])
-        for name in RECOMPUTED
-    ],
-)
+def each(names):
+    """Every name; all but the open case are slow."""
+    return [pytest.param(n, marks=[pytest.mark.slow] if n != "open_2d" else []) for n in names]
+
+
+@pytest.mark.parametrize("name", each(RECOMPUTED))
 def test_beam_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER)
     motion = simulate(beam.beam_model(scene), scene)
     check(motion, RECOMPUTED[name][1], RECOMPUTED[name][2], 1e-3)
 
 
-@pytest.mark.parametrize("name", LINEAR_BEAM)
+@pytest.mark.parametrize("name", each(LINEAR_BEAM))
 def test_linear_beam_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER, "geometrically_nonlinear=false")
     across, along = across_and_along(simulate(beam.beam_model(scene), scene))

@@ -18,6 +18,7 @@ from fenicsrom.online.contact.rings import Ring, coated
 from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,
+    ContactStep,
     Interval,
     contact_scratch,
     zero_contact_state,
@@ -84,9 +85,10 @@ def step(
     end.x[:] = x
     found.blending[:] = blending
     sums = np.zeros(2)
+    made = ContactStep(contacts, interval, start, end, found)
     for p in range(points):
-        contact_force(contacts, interval, p, start, end, found, True)
-        sums += commit_contact_state(contacts, interval, p, start, end, found)[:2]
+        contact_force(made, p, True)
+        sums += commit_contact_state(made, p)[:2]
     return end, found, *sums
 
 

@@ -18,7 +18,13 @@ from fenicsrom.online.contact.compliance import (
 )
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.problem import solve_contact
-from fenicsrom.online.contact.state import OPEN, Interval, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.state import (
+    OPEN,
+    ContactStep,
+    Interval,
+    contact_scratch,
+    zero_contact_state,
+)
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.problem import Problem
@@ -96,10 +102,9 @@ def test_motion_with_candidates_is_the_motion_with_all_points(
 def test_step_is_repeated_where_a_point_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     expected, missed = shaken("discrete-gradient", steps=40), []
 
-    def choose_touching(contacts: Any, interval: Any, every: bool, start: Any, *rest: Any) -> int:
-        scratch = rest[-1]
-        scratch.is_candidate[:] = start.trial_normal_force > 0.0
-        missed.append(list_candidates(scratch))
+    def choose_touching(made: ContactStep, every: bool) -> int:
+        made.scratch.is_candidate[:] = made.start.trial_normal_force > 0.0
+        missed.append(list_candidates(made.scratch))
         return int(missed[-1])
 
     def add(*arguments: Any) -> int:
@@ -137,9 +142,8 @@ def test_contact_problem_in_coordinates_has_the_solution_of_the_formed_one() -> 
         for response in (compliance, given_compliance(delassus)):
             start, end = zero_contact_state(points, d), zero_contact_state(points, d)
             scratch = contact_scratch(points, d)
-            assert solve_contact(
-                contacts, interval, scratch.candidates, response, free, start, end, scratch
-            )
+            made = ContactStep(contacts, interval, start, end, scratch)
+            assert solve_contact(made, scratch.candidates, response, free)
             ends.append(end.x)
             scratches.append(scratch)
         np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-11)

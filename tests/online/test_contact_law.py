@@ -22,6 +22,7 @@ from fenicsrom.online.contact.state import (
     SLIP,
     STICK,
     ContactState,
+    ContactStep,
     Interval,
     contact_scratch,
     zero_contact_state,
@@ -289,26 +290,18 @@ def test_two_points_of_half_weight_equal_one_point() -> None:
         delassus, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
         ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
         scratches = contact_scratch(1, 3), contact_scratch(2, 3)
+        interval, both = Interval(0.0, 0.3, a, line), np.tile(delassus, (2, 2))
         assert solve_contact(
-            whole,
-            Interval(0.0, 0.3, a, line),
+            ContactStep(whole, interval, start, ends[0], scratches[0]),
             scratches[0].candidates,
             given_compliance(delassus),
             free,
-            start,
-            ends[0],
-            scratches[0],
         )
-        both = np.tile(delassus, (2, 2))
         assert solve_contact(
-            half,
-            Interval(0.0, 0.3, a, line),
+            ContactStep(half, interval, double, ends[1], scratches[1]),
             scratches[1].candidates,
             given_compliance(both),
             np.repeat(free, 2, axis=0),
-            double,
-            ends[1],
-            scratches[1],
         )
         np.testing.assert_allclose(
             ends[1].x, np.repeat(ends[0].x, 2, axis=0), rtol=1e-9, atol=1e-14

@@ -22,6 +22,7 @@ from fenicsrom.online.contact.state import (
     SLIP,
     STICK,
     ContactState,
+    ContactStep,
     Interval,
     contact_scratch,
     zero_contact_state,
@@ -78,16 +79,9 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
     copies = {"delassus": problem["delassus"].copy(), "free": problem["free"].copy()} | {
         name: array.copy() for name, array in start._asdict().items()
     }
-    solved = solve_contact(
-        problem["contacts"],
-        Interval(0.0, 1.0, a, line),
-        found.candidates,
-        given_compliance(problem["delassus"]),
-        problem["free"],
-        start,
-        end,
-        found,
-    )
+    made = ContactStep(problem["contacts"], Interval(0.0, 1.0, a, line), start, end, found)
+    response = given_compliance(problem["delassus"])
+    solved = solve_contact(made, found.candidates, response, problem["free"])
     for name, copy in copies.items():
         here = problem[name] if name in problem else getattr(start, name)
         assert np.array_equal(here, copy), f"{name} was written to"
@@ -154,11 +148,9 @@ def test_contact_problem_of_released_stiff_contact_is_solved(d: int) -> None:
             np.eye(d),
         )
         end.x[:] = x
-        implicit_blending(contacts, interval, found.candidates, delassus, start, found)
-        response = given_compliance(delassus)
-        unsolved += not solve_contact(
-            contacts, interval, found.candidates, response, free, start, end, found
-        )
+        made = ContactStep(contacts, interval, start, end, found)
+        implicit_blending(made, found.candidates, delassus)
+        unsolved += not solve_contact(made, found.candidates, given_compliance(delassus), free)
         slid += found.mode[0] == SLIP
     assert unsolved <= 2, "the iteration cycles"
     assert slid > 100

@@ -16,12 +16,14 @@ from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.turning import Turning, rest_row
 from fenicsrom.online.periodic.families import (
     Family,
     contact_family,
     damping_family,
     force_family,
     frequency_family,
+    speed_family,
 )
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.step.loop import DONE
@@ -254,6 +256,48 @@ def test_derivative_by_parameter_matches_differences(name: str, parameter: str) 
     h = 1e-6
     ahead = pmap(at(value + h), z, derive=False)[1].z
     behind = pmap(at(value - h), z, derive=False)[1].z
+    differences = (ahead - behind) / (2.0 * h)
+    assert np.abs(differences).max() > 0.0
+    assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("stiff", [False, True])
+def test_derivative_by_speed_matches_differences(name: str, stiff: bool) -> None:
+    """Of a nonlinear model with Coriolis and centrifugal forces, measured from its equilibrium; the
+    weight of the implicit blending on the stiff contact depends on them."""
+    model, n, rng = shaken(), 4, np.random.default_rng(6)
+    softening, gyroscopic = (0.2 * rng.standard_normal((n, n)) for _ in range(2))
+    squares = np.linspace(0.5, 3.0, 9)
+    elastic = model.elastic
+    turning = Turning(
+        np.array([[0.0, 1.0, 0.0]]),
+        rng.uniform(0.1, 0.3, n),
+        softening + softening.T,
+        gyroscopic - gyroscopic.T,
+        np.zeros(n),
+        0.0,
+        np.zeros((1, 1 + n)),
+        np.zeros((0, 3)),
+    )
+    rows = [
+        rest_row(turning, elastic, square, 0.1 * square**0.8 * np.ones(n)) for square in squares
+    ]
+    model = model._replace(
+        turning=turning._replace(rest=np.array(rows)), velocity_matrix=np.zeros((n, n))
+    )
+    given = {"preload": 50.0, "normal_stiffness": 600.0} if stiff else {}
+    contacts = curved(one_contact(**RUB | given), CYLINDER, -0.7)
+    at = speed_family(Problem(model, contacts, None, PERIOD), 10.0, np.zeros(1, dtype=bool))
+    pmap = period_map(at(10.0).model, contacts, name)
+    z = np.zeros(pmap.size)
+    for _ in range(6):
+        z = pmap(at(10.0), z, derive=False)[1].z
+    status, found = pmap(at(10.0), z)
+    assert status == DONE
+    assert (found.record.blending.max() > 0.1) == (stiff and name == "discrete-gradient")
+    h = 1e-5
+    ahead, behind = (pmap(at(10.0 + k), z, derive=False)[1].z for k in (h, -h))
     differences = (ahead - behind) / (2.0 * h)
     assert np.abs(differences).max() > 0.0
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()

@@ -162,6 +162,7 @@ def test_two_branches_are_reached_from_different_starts() -> None:
     assert amplitude(high)[0] > 5.0 * amplitude(low)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-3, 0.3])
 def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
     """At resonance the march repeats to 1e-3 while a quarter of the amplitude is still missing; to

@@ -183,6 +183,7 @@ def test_backbone_decides_only_derivatives_along_the_motion(whole: Scene) -> Non
             assert (keys_of(scene) != keys_of(other)) is changes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivatives", ["none", "mmi-nls"])
 def test_every_key_of_the_schema_that_matters_changes_the_hashes(
     whole: Scene, derivatives: str, monkeypatch: pytest.MonkeyPatch

@@ -19,7 +19,7 @@ from fenicsrom.assess.curves.grazing import resolved_events
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
 from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
-from fenicsrom.assess.curves.response_problem import check_response
+from fenicsrom.assess.curves.response_problem import check_response, family_of
 from fenicsrom.assess.curves.response_results import (
     Optimum,
     Response,
@@ -192,8 +192,13 @@ def _light_modes(stored: StoredModel) -> list[str]:
     scene = stored.scene
     table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
     low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
+    problem = Problem.of(stored.model, scene).settled()
+    if table.parameter == "rotation.speed_rpm":
+        family = family_of(stored)
+        problem = family(table.high)
+        low, high = 1.0 / family(table.low).period, 1.0 / problem.period
     try:
-        modes = linear_modes(Problem.of(stored.model, scene).settled())
+        modes = linear_modes(problem)
     except ConvergenceError:
         return []
     found = []

@@ -16,6 +16,7 @@ from fenicsrom.online.periodic.families import (
     damping_family,
     force_family,
     frequency_family,
+    speed_family,
 )
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
@@ -121,6 +122,8 @@ def family_of(stored: StoredModel) -> Family:
         )
     if table == "material":
         return damping_family(problem)
+    if (rotation := stored.scene.rotation) is not None and table == "rotation":
+        return speed_family(problem, rotation.speed_rpm, displacement_sines(stored.scene.loads))
     if table == "loads":  # a load of size 1 times the parameter
         return force_family(_settled(stored.with_overrides([f"{key}=1.0"])), index)
     mine = (stored.model.points.contact == index).astype(float)

@@ -1,51 +1,28 @@
-"""The commands: each module holds the arguments and the function of one command."""
+"""The commands: each module holds the arguments and the function of one command or of several."""
 
 from __future__ import annotations
 
 from fenicsrom.cli.commands import (
-    backbone,
     cache,
-    campbell,
-    compare,
     export,
     import_matrices,
     init,
     inspect,
-    map,
     modes,
     plan,
     report,
-    response,
     run,
     schema,
     stability,
-    statics,
+    studies,
     sweep,
     view,
 )
 
-COMMANDS = tuple(
-    module.COMMAND
-    for module in (
-        run,
-        plan,
-        modes,
-        inspect,
-        init,
-        compare,
-        campbell,
-        response,
-        backbone,
-        statics,
-        sweep,
-        map,
-        export,
-        import_matrices,
-        cache,
-        schema,
-        stability,
-        view,
-        report,
-    )
+COMMANDS = (
+    *(module.COMMAND for module in (run, plan, modes, inspect, init)),
+    *studies.COMMANDS,
+    *(module.COMMAND for module in (sweep, export, import_matrices, cache, schema)),
+    *(module.COMMAND for module in (stability, view, report)),
 )
 """In the order of the help."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +16,13 @@ from fenicsrom.cli.starting import changed_model, given_keys, importing, require
 from fenicsrom.cli.termination import is_terminated
 
 if TYPE_CHECKING:
-    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESUME = Argument(
     "--resume",
     metavar="CHECKPOINT",
+    type=Path,
     help="continue the reduced model from the checkpoint.npz of an earlier run",
 )
 
@@ -35,19 +35,10 @@ def run(options: argparse.Namespace) -> int:
     comm, scene = start(options)
     if scene.speeds_rpm is not None:
         return _of_range(options, comm, scene)
-    resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
-        found = study.run(
-            scene,
-            comm,
-            folder=folder,
-            resume=resume,
-            stop=is_terminated,
-            fresh=options.fresh,
-        )
-        if comm.rank == 0:
-            _show(found)
-        return end(comm, found.unfinished[1] if found.unfinished else None)
+        settings = {"resume": options.resume, "stop": is_terminated, "fresh": options.fresh}
+        found = study.run(scene, comm, folder=folder, **settings)
+        return _finish(found, comm)
 
 
 def _from_model(options: argparse.Namespace) -> int:
@@ -58,12 +49,12 @@ def _from_model(options: argparse.Namespace) -> int:
         from fenicsrom.online.store import archive, checkpoints
 
     stored = archive.load_model(Path(options.stored))
-    resume = Path(options.resume) if options.resume else None
-    if resume is not None:  # the stopped run may have used another scene than the model
-        stored = replace(stored, scene=checkpoints.load_scene(resume))
+    if options.resume is not None:  # the stopped run may have used another scene than the model
+        stored = replace(stored, scene=checkpoints.load_scene(options.resume))
     current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
-        return _rerun(current, folder, resume, given_keys(options))
+        settings = {"resume": options.resume, "stop": is_terminated, "given": given_keys(options)}
+        return _finish(study.rerun(current, folder, **settings))
 
 
 def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
@@ -71,38 +62,24 @@ def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
 
-    resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
         stored = study.build_model(scene, comm=comm)
         save_model(folder / MODEL, stored)
-        return _rerun(stored, folder, resume, more=[folder / MODEL])
+        found = study.rerun(stored, folder, resume=options.resume, stop=is_terminated)
+        return _finish(found, more=[folder / MODEL])
 
 
-def _rerun(
-    stored: StoredModel,
-    folder: Path,
-    resume: Path | None,
-    given: Collection[str] = (),
-    more: Sequence[Path] = (),
-) -> int:
-    """Integrate a stored model and print its results, with more written files.
-
-    Other arguments as `fenicsrom.study.rerun`.
-    """
-    found = study.rerun(stored, folder, resume=resume, stop=is_terminated, given=given)
-    _show(found, more)
-    return end(None, found.unfinished)
-
-
-def _show(found: Study | Rerun, more: Sequence[Path] = ()) -> None:
-    """Print the results of a run, with more written files."""
+def _finish(found: Study | Rerun, comm: Any = None, more: Sequence[Path] = ()) -> int:
+    """Print the results of a run, with more written files, and end as its computation did."""
     from fenicsrom.post.base.directions import direction_names
     from fenicsrom.post.run import motion_table, sentences
 
-    names = direction_names(found.scene, found.points)
-    table = motion_table.response_table(found.motions, found.sizes, names, found.scene)
-    lines = sentences.run_sentences(found)
-    print_results(found.scene, table, found.warnings, lines, [*found.files, *more])
+    if comm is None or comm.rank == 0:
+        names = direction_names(found.scene, found.points)
+        table = motion_table.response_table(found.motions, found.sizes, names, found.scene)
+        lines = sentences.run_sentences(found)
+        print_results(found.scene, table, found.warnings, lines, [*found.files, *more])
+    return end(comm, found.failed and found.failed[1])
 
 
 COMMAND = Command(

@@ -7,7 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, SCHEDULER, Argument, Command
+from fenicsrom.cli.arguments import (
+    FROM_MODEL,
+    RESUME_FOLDER,
+    SCENE_OR_MODEL,
+    SCHEDULER,
+    Argument,
+    Command,
+)
 from fenicsrom.cli.ending import finish
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
@@ -29,11 +36,6 @@ ZIP = Argument(
     metavar="KEY=VALUES",
     dest="together",
     help="as --over, but all keys of --zip change together; may be repeated",
-)
-RESUME_SWEEP = Argument(
-    "--resume",
-    action="store_true",
-    help="keep the results of the same runs in the output folder, and compute only the others",
 )
 
 
@@ -88,5 +90,5 @@ COMMAND = Command(
     "sweep",
     "run a scene or a stored model for lists or ranges of values of its keys",
     sweep,
-    (SCENE_OR_MODEL, OVER, ZIP, RESUME_SWEEP, SCHEDULER, *FROM_MODEL),
+    (SCENE_OR_MODEL, OVER, ZIP, RESUME_FOLDER, SCHEDULER, *FROM_MODEL),
 )

@@ -51,9 +51,8 @@ class Factorisation:
             pc.setFactorSolverType("mumps")
         pc.setFactorPivot(np.finfo(float).tiny)  # PETSc's default of 2e-14 N/m is not relative
         self._ksp.setFromOptions()
-        if (
-            counting and not self._small
-        ):  # MUMPS counts negative pivots only if it also looks for zero pivots
+        # MUMPS counts negative pivots only if it also looks for zero pivots
+        if counting and not self._small:
             self._ksp.setOperators(matrix)
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(24, 1)

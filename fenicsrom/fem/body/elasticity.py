@@ -28,7 +28,7 @@ rows of K are those of the identity; the clamped rows of M are zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -51,7 +51,7 @@ from fenicsrom.fem.body.rotation import RotatingFrame
 from fenicsrom.fem.body.slanted import Slanted
 from fenicsrom.fem.body.supports import conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
-from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
+from fenicsrom.scene import Scene
 
 CHUNK_BYTES = 50e6
 """Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
@@ -87,39 +87,31 @@ class ElasticBody:
         warnings: sentences for the user.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        geometry: Geometry,
-        material: Material,
-        supports: Sequence[Support],
-        rotation: Rotation | None,
-        source: str,
-        materials: Sequence[GroupMaterial] = (),
-    ):
+    def __init__(self, mesh: Mesh, scene: Scene):
         """Clamp the supports and compile the forms.
 
         Raises:
             SceneError: a support or a group of cells is missing, or the supports do not hold the
                 body.
         """
-        self.mesh, self.geometry, self.material, self.source = mesh, geometry, material, source
+        self.mesh, self.source = mesh, scene.source
+        self.geometry, self.material = scene.geometry, scene.material
         self.comm = mesh.domain.comm
         self.warnings = list(mesh.warnings)
-        if geometry.degree == 1:
+        if self.geometry.degree == 1:
             self.warnings.append(
                 "linear elements lock in bending: frequencies may be several times too high (use "
                 "geometry.degree = 2)"
             )
         element = basix.ufl.element(
-            "Lagrange", mesh.domain.basix_cell(), geometry.degree, shape=(geometry.dimension,)
+            "Lagrange", mesh.domain.basix_cell(), self.geometry.degree, shape=(self.dimension,)
         )
         self.space = fem.functionspace(mesh.domain, element)
         dofmap = self.space.dofmap
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        held = held_displacements(mesh, self.space, supports, source)
+        held = held_displacements(mesh, self.space, scene.supports, scene.source)
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
         self.clamped = held.unknowns[held.unknowns < self.local]
@@ -128,14 +120,12 @@ class ElasticBody:
         if self.comm.allreduce(held.nodes.size):
             self.slanted = Slanted(self.space, held)
             self.free -= self.slanted.rank
-        self.materials = Materials(mesh, geometry, material, materials, source)
+        self.materials = Materials(mesh, scene)
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self.pressures: Any = None
         self._compile_forms()
-        self.inertia = Inertia(
-            self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted
-        )
-        self._turning = rotation
+        self.inertia = Inertia(self)
+        self._turning = scene.rotation
 
     @property
     def extent(self) -> float:
@@ -187,15 +177,7 @@ class ElasticBody:
         """The rotating frame of the body with its masses, or None without rotation."""
         if self._turning is None:
             return None
-        return RotatingFrame(
-            self._turning,
-            self.space,
-            lambda form: self.density * form * self.dx,
-            self.inertia.matrix,
-            lambda form: self._vector(compiled_form(form)),
-            self.point_masses,
-            lambda form: float(self.comm.allreduce(fem.assemble_scalar(compiled_form(form)))),
-        )
+        return RotatingFrame(self, self._turning)
 
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
         """Assemble a bilinear form, with `diagonal` on the diagonal of the clamped rows."""

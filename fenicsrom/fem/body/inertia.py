@@ -11,7 +11,7 @@ The pattern of (1) is part of that of a stiffness matrix, which couples all comp
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -23,7 +23,6 @@ from petsc4py import PETSc
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.base.linalg import add_to_diagonal
-from fenicsrom.fem.body.slanted import Slanted
 
 
 class Inertia:
@@ -33,33 +32,20 @@ class Inertia:
         form: the form of m.
     """
 
-    def __init__(
-        self,
-        space: fem.FunctionSpace,
-        integral: Callable[[ufl.core.expr.Expr], ufl.Form],
-        clamped: Array,
-        slanted: Slanted | None,
-    ):
-        """Assemble m.
-
-        Args:
-            space: displacement space.
-            integral: multiplies a UFL integrand by the density (and the thickness in 2D), and
-                integrates it.
-            clamped: (c,) local numbers of the clamped unknowns that this rank owns.
-            slanted: the projection of nodes that are held along slanted directions, or None.
-        """
+    def __init__(self, body: Any):
+        """Assemble m of a `fenicsrom.fem.body.elasticity.ElasticBody`, without point masses."""
+        space = body.space
         # the nodes of this space and of the displacement space have the same numbers
         scalar = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
         trial, test = ufl.TrialFunction(scalar), ufl.TestFunction(scalar)
-        self.form = compiled_form(integral(trial * test))
+        self.form = compiled_form(body.density * (trial * test) * body.dx)
         matrix = assemble_matrix(self.form)
         matrix.assemble()
         starts, columns, values = matrix.getValuesCSR()
         size = matrix.getLocalSize()[0], matrix.getSize()[1]
         self._nodes = scipy.sparse.csr_array((values, columns, starts), shape=size)
         matrix.destroy()
-        self._comm, self._clamped, self._slanted = space.mesh.comm, clamped, slanted
+        self._comm, self._clamped, self._slanted = body.comm, body.clamped, body.slanted
 
     def add_point_masses(self, masses: Array) -> None:
         """Add concentrated masses (nodes,) of the nodes of this rank to m, kg."""

@@ -20,7 +20,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.online.stress.elasticity_tensor import mandel_basis, stiffness
-from fenicsrom.scene import Elasticity, Geometry, GroupMaterial, Material
+from fenicsrom.scene import Elasticity, Scene
 from fenicsrom.scene.base.rules import Where
 
 Expression = ufl.core.expr.Expr
@@ -36,22 +36,15 @@ class Materials:
         single: whether one isotropic material fills the body.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        geometry: Geometry,
-        material: Material,
-        groups: Sequence[GroupMaterial],
-        source: str,
-    ):
+    def __init__(self, mesh: Mesh, scene: Scene):
         """Assign the materials to the cells.
 
         Raises:
             SceneError: the mesh has no such group, or a cell is in two groups with materials.
         """
-        topology = mesh.domain.topology
+        topology, groups = mesh.domain.topology, scene.materials
         index_map = topology.index_map(topology.dim)
-        self.every: tuple[Elasticity, ...] = (material, *groups)
+        self.every: tuple[Elasticity, ...] = (scene.material, *groups)
         self.number = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
         for k, group in enumerate(groups):
             cells = mesh.cells(group.group)
@@ -59,14 +52,14 @@ class Materials:
             other = max(mesh.domain.comm.allgather(int(taken)))
             if other:
                 common = f"has cells in common with group {groups[other - 1].group!r}"
-                where = Where(source, f"materials[{k}].group")
+                where = Where(scene.source, f"materials[{k}].group")
                 allowed = f"{common}; each cell must have one material"
                 raise where.refuse(group.group, allowed, ErrorKind.CONFLICT)
             self.number[cells] = 1 + k
-        whole = geometry.thickness or 1.0
+        whole = scene.geometry.thickness or 1.0
         self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])
-        self.single = not groups and material.is_isotropic
-        self._mesh, self._geometry = mesh, geometry
+        self.single = not groups and scene.material.is_isotropic
+        self._mesh, self._geometry = mesh, scene.geometry
 
     @property
     def isotropic(self) -> bool:
@@ -150,35 +143,19 @@ class Materials:
         basis = mandel_basis(d)
 
         def anisotropic(strain: Expression) -> Expression:
-            vector = [_combined(strain, basis[k]) for k in range(len(basis))]
+            vector = [
+                sum(float(b[i, j]) * strain[i, j] for i, j in np.argwhere(b).tolist())
+                for b in basis
+            ]
             found = ufl.dot(tensor, ufl.as_vector(vector))
-            return ufl.as_matrix(
-                [
-                    [
-                        _sum(float(basis[k, i, j]) * found[k] for k in _nonzero(basis[:, i, j]))
-                        for j in range(d)
-                    ]
-                    for i in range(d)
-                ]
-            )
+
+            def entry(i: int, j: int) -> Expression:
+                parts = enumerate(basis[:, i, j].tolist())
+                return sum(part * found[k] for k, part in parts if part)
+
+            return ufl.as_matrix([[entry(i, j) for j in range(d)] for i in range(d)])
 
         return anisotropic
-
-
-def _combined(strain: Expression, tensor: Array) -> Expression:
-    """The product x : b of a strain and a basis tensor."""
-    return _sum(float(tensor[i, j]) * strain[i, j] for i, j in np.argwhere(tensor).tolist())
-
-
-def _sum(terms: Iterator[Expression]) -> Expression:
-    first, *rest = terms
-    for term in rest:
-        first = first + term
-    return first
-
-
-def _nonzero(values: Array) -> list[int]:
-    return [int(k) for k in np.flatnonzero(values)]
 
 
 def lame_parameters(material: Elasticity, plane: str | None) -> tuple[float, float]:

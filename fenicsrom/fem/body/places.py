@@ -140,9 +140,8 @@ class Places:
         """Rows (d, local) of the displacement of a node, and its position (3,)."""
         body, d = self._body, self._body.dimension
         near = np.inf
-        name, wanted = ("nearest", place.nearest)
-        if wanted is None:
-            name, wanted = ("node", place.node)
+        name = "node" if place.nearest is None else "nearest"
+        wanted = getattr(place, name)
         if wanted is None:
             position = self._weights(place, key)[1]
         else:
@@ -161,11 +160,9 @@ class Places:
             nearest = [round(v, 6) for v in chosen[1 : 1 + d]]
             away = f"the nearest node is {nearest}, {chosen[0]:.3g} m away"
             if name == "node":
-                reason = f"no node has the coordinates {list(wanted or ())}; {away}"
+                reason = f"no node has the coordinates {list(wanted)}; {away}"
                 raise self._error(f"{key}.node", reason)
-            self._body.warnings.append(
-                f"{body.source}: {key}.{name} = {list(wanted or ())}: {away}"
-            )
+            self._body.warnings.append(f"{body.source}: {key}.{name} = {list(wanted)}: {away}")
         clamped = False
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):
@@ -196,9 +193,7 @@ class Places:
         scalar = fem.functionspace(domain, ("Lagrange", body.geometry.degree))
         weights = fem.Function(scalar)
         per, whole = fem.Constant(domain, 1.0), float(body.materials.thickness[0])
-        if (
-            not body.materials.has_one_thickness
-        ):  # by volume: the thickness changes along the region
+        if not body.materials.has_one_thickness:  # by volume: it changes along the region
             per, whole = body.thickness, 1.0
         fem.assemble_vector(weights.x.array, compiled_form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)

@@ -22,7 +22,6 @@ beam: Wright et al., J. Appl. Mech. 49, 1982.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -32,6 +31,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.base.linalg import multiply
 from fenicsrom.scene import Rotation
 
@@ -48,53 +48,38 @@ class RotatingFrame:
         arm: X − a of (2), a UFL expression.
     """
 
-    def __init__(
-        self,
-        rotation: Rotation,
-        space: fem.FunctionSpace,
-        density: Any,
-        inertia_matrix: Callable[[Array], PETSc.Mat],
-        assemble_vector: Callable[[Any], Array],
-        point_masses: Array,
-        integral: Callable[[Any], float],
-    ):
+    def __init__(self, body: Any, rotation: Rotation):
         """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
 
         Args:
+            body: the `fenicsrom.fem.body.elasticity.ElasticBody`, with its concentrated masses.
             rotation: the axis and the speed.
-            space: displacement space.
-            density: multiplies a UFL integrand by the density (and the thickness in 2D), and
-                integrates it.
-            inertia_matrix: `fenicsrom.fem.body.inertia.Inertia.matrix`.
-            assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
-            point_masses: (local,) concentrated mass at each unknown, zero where it is clamped.
-            integral: integrates a UFL form over all ranks.
         """
-        d = space.mesh.geometry.dim
-        test = ufl.TestFunction(space)
-        point = fem.Constant(space.mesh, np.array(rotation.point or (0.0,) * d, dtype=np.float64))
-        self._axis = None
-        if rotation.axis is not None:
-            self._axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
-        self.arm = ufl.SpatialCoordinate(space.mesh) - point
+        self._body, d = body, body.dimension
+        point = body.constant(rotation.point or (0.0,) * d)
+        self._axis = None if rotation.axis is None else body.constant(rotation.axis)
+        self.arm = ufl.SpatialCoordinate(body.mesh.domain) - point
         across, turning = np.eye(d), np.array([[0.0, -1.0], [1.0, 0.0]])
         if rotation.axis is not None:
             axis = np.array(rotation.axis)
             across, turning = across - np.outer(axis, axis), np.cross(axis, np.eye(d)).T
-        self.mass = inertia_matrix(across)
-        self._unit = inertia_matrix(2.0 * turning) if rotation.coriolis else None
-        nodes = space.tabulate_dof_coordinates()[: point_masses.size // d, :d]
-        self._masses, self._across, self._turning = point_masses, across, 2.0 * turning
-        self.point_force = self._of_masses(across, (nodes - point.value).reshape(-1))
-        self.unit_centrifugal_force = self.point_force + assemble_vector(
-            density(self.out_of_axis(self.arm, test))
-        )
+        self.mass = body.inertia.matrix(across)
+        self._unit = body.inertia.matrix(2.0 * turning) if rotation.coriolis else None
+        nodes = body.space.tabulate_dof_coordinates()[: body.local // d, :d]
+        self._across, self._turning = across, 2.0 * turning
         self._arms = np.asarray(nodes - point.value).reshape(-1)
-        self._euler_form = density(0.5 * self.coriolis(self.arm, test))
-        self._inertia_form = density(self.out_of_axis(self.arm, self.arm))
-        self._assemble_vector, self._integral = assemble_vector, integral
-        self._comm = space.mesh.comm
+        self._test = ufl.TestFunction(body.space)
+        self.point_force = self._of_masses(across, self._arms)
+        self.unit_centrifugal_force = self.point_force + self._vector(
+            self.out_of_axis(self.arm, self._test)
+        )
         self.set_speed(rotation.omega)
+
+    def _vector(self, integrand: Any) -> Array:
+        """The vector (local,) of a linear integrand times ρ, zero on the clamped unknowns."""
+        body = self._body
+        form = compiled_form(body.density * integrand * body.dx)
+        return np.asarray(body.without_held(body.assembled(form)))
 
     @property
     def matrices(self) -> list[PETSc.Mat]:
@@ -116,7 +101,7 @@ class RotatingFrame:
         """The masses m_k times A b_k of the nodes, of a block (local,) or (local, k)."""
         nodes = block.reshape(-1, between.shape[0], *block.shape[1:])
         found = np.einsum("ij,nj...->ni...", between, nodes).reshape(block.shape)
-        return np.asarray((self._masses * found.T).T)
+        return np.asarray((self._body.point_masses * found.T).T)
 
     def point_mass_times(self, block: Array) -> Array:
         """The part of Q times a block (local, k) by concentrated masses."""
@@ -130,13 +115,15 @@ class RotatingFrame:
     def unit_euler_force(self) -> Array:
         """G of (4) (local,), kg m."""
         held = self._of_masses(0.5 * self._turning, self._arms)
-        return np.asarray(held + self._assemble_vector(self._euler_form))
+        return np.asarray(held + self._vector(0.5 * self.coriolis(self.arm, self._test)))
 
     @cached_property
     def inertia(self) -> float:
         """J₀ of (4), kg m²."""
-        held = self._comm.allreduce(float(self._arms @ self.point_force))
-        return self._integral(self._inertia_form) + held
+        body, square = self._body, self.out_of_axis(self.arm, self.arm)
+        spread = fem.assemble_scalar(compiled_form(body.density * square * body.dx))
+        held = body.comm.allreduce(float(self._arms @ self.point_force))
+        return float(body.comm.allreduce(spread)) + held
 
     def moments(self, forces: Array, block: Array) -> Array:
         """The moments about the axis of forces at the nodes, on this rank.
@@ -168,12 +155,8 @@ class RotatingFrame:
 
     def energy(self, u: Array) -> float:
         """Centrifugal potential V(u) − V(0) of (1) at a displacement u (local,), J."""
-        return float(
-            self._comm.allreduce(
-                -self.omega_squared
-                * float(np.dot(u, self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)))
-            )
-        )
+        force = self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)
+        return float(self._body.comm.allreduce(-self.omega_squared * float(np.dot(u, force))))
 
     def add_spin_softening(self, matrix: PETSc.Mat, weight: float) -> None:
         """Add `weight` times −Ω² Q, the second derivative of (1), to a tangent stiffness."""

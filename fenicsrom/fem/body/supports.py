@@ -151,7 +151,9 @@ def check_rigid_motions(
 
     local = space.dofmap.index_map.size_local
     owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
-    motions = _rigid_motions(mesh, space)
+    low, high = mesh.bounds()
+    arm = (space.tabulate_dof_coordinates() - 0.5 * (low + high)) / mesh.extent()
+    motions = rigid_motions(arm, d).reshape(-1, 3 * (d - 1))
     along = held.slanted[inner] @ motions.reshape(-1, d, motions.shape[1])[held.nodes[inner]]
     rows = np.concatenate([motions[owned], along.reshape(-1, motions.shape[1])])
     of = np.concatenate([piece[owned // d], np.repeat(piece[held.nodes[inner]], d)])
@@ -169,16 +171,13 @@ def check_rigid_motions(
             raise refuse(source, reason, ErrorKind.SUPPORT, "supports")
 
 
-def _rigid_motions(mesh: Mesh, space: fem.FunctionSpace) -> Array:
-    """The motions (1) of the local unknowns, ghosts included (unknowns, 3 or 6), without unit."""
-    d = mesh.domain.geometry.dim
-    low, high = mesh.bounds()
-    arm = (space.tabulate_dof_coordinates() - 0.5 * (low + high)) / mesh.extent()
+def rigid_motions(arm: Array, d: int) -> Array:
+    """The motions (1) of places (k, 3) about the origin: (k, d, 3 or 6)."""
     motions = np.zeros((len(arm), d, 3 * (d - 1)))
     motions[:, :, :d] = np.eye(d)
     for k, axis in enumerate(np.eye(3)[2:] if d == 2 else np.eye(3)):
         motions[:, :, d + k] = np.cross(axis, arm)[:, :d]
-    return motions.reshape(-1, motions.shape[2])
+    return motions
 
 
 def _free_motions(moments: Array, d: int) -> str:

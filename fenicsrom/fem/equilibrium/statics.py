@@ -96,7 +96,7 @@ class Statics:
         u: Array,
         start: Array,
         load: Array,
-        square: float,
+        square: float | None = None,
         predicted: Array | None = None,
         pressed: float | None = None,
     ) -> Array:
@@ -106,7 +106,7 @@ class Statics:
             u: (local,) equilibrium under the load `start` at Ω² = `square`.
             start: (local,) N.
             load: (local,) final load, N; the final Ω² is that of the rotating frame.
-            square: rad²/s².
+            square: rad²/s²; by default the final one.
             predicted: (local,) a state near the equilibrium under the final load, or None.
             pressed: the part of the static follower pressures that acts at u; by default the one
                 that acts in the end.
@@ -119,6 +119,7 @@ class Statics:
         """
         rotation, pressures = self._body.rotation, self._body.pressures
         goal = rotation.omega_squared if rotation else 0.0
+        square = goal if square is None else square
         final = pressures.part if pressures else 1.0
         pressed = final if pressed is None else pressed
         if predicted is not None:

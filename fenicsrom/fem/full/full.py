@@ -94,14 +94,8 @@ class _Effective:
 
     def has_coefficients_of(self, other: _Effective) -> bool:
         """Whether the coefficients of another matrix are the same, up to rounding."""
-        return bool(
-            np.allclose(
-                (self.mass, self.velocity, self.lever),
-                (other.mass, other.velocity, other.lever),
-                rtol=SAME_COEFFICIENT,
-                atol=0.0,
-            )
-        )
+        ours, theirs = ((each.mass, each.velocity, each.lever) for each in (self, other))
+        return bool(np.allclose(ours, theirs, rtol=SAME_COEFFICIENT, atol=0.0))
 
 
 class _Progress:
@@ -160,9 +154,8 @@ class FullModel:
         count, d = len(solid.points.contact), solid.dimension
         self._contacts, self._points_count, self._time = contacts, count, 0.0
         self._here, self._scratch = zero_contact_state(count, d), contact_scratch(count, d)
-        self._normal_force = np.full(
-            count, np.nan
-        )  # trial normal forces at the end of the step before
+        # trial normal forces at the end of the step before
+        self._normal_force = np.full(count, np.nan)
         self._solid = solid
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
@@ -170,11 +163,8 @@ class FullModel:
         count = 0 if solid.pressures is None else solid.pressures.numbers.size
         self._factors = np.zeros((2, count))  # at the start and at the end of the step
         self.damping = solid.mass_damping
-        self.loads, self.load_histories, self.points = (
-            solid.load_vectors,
-            solid.load_histories,
-            solid.points,
-        )
+        self.loads, self.load_histories = solid.load_vectors, solid.load_histories
+        self.points = solid.points
         self._viscous = solid.viscous
         self.velocity_forces = solid.gyroscopic is not None or self._viscous is not None
         self._rows = solid.contact_rows
@@ -365,10 +355,6 @@ class FullModel:
         """Changes of the contact displacement (m, k) by changes (local, k) of q."""
         return np.asarray(self._solid.comm.allreduce(self._rows @ block))
 
-    def mass_block(self, block: Array) -> Array:
-        """M times a block (local, k)."""
-        return multiply(self._solid.mass, block)
-
     def elastic_by_start(self, q0: Array, dq: Array, scheme: Scheme, block: Array) -> Array:
         """Derivative of the mean elastic force of a step by its start q0, times a block."""
         points = [(scheme.start_weight, 0.0), *zip(scheme.weights, scheme.points, strict=True)]
@@ -447,7 +433,7 @@ class FullModel:
         )
 
     def mass_times(self, v: Array) -> Array:
-        """M v."""
+        """M times v (local,) or a block (local, k)."""
         return multiply(self._solid.mass, v)
 
     def velocity_times(self, v: Array) -> Array:

@@ -15,6 +15,7 @@ Woodbury formula. The small change of the implicit blending of stiff contacts is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -100,7 +101,8 @@ class FullPeriodMap:
         self.size = self.blocks * self.local + self.memory.size
         self._dimension, self._points = d, points
         self._law = law_derivative(contacts, points, d)
-        self._drift = no_drift(contacts, model.load_histories).contacts
+        drift = no_drift(contacts, model.load_histories).contacts
+        self._differentiate = partial(differentiate_law, self._law, contacts, drift)
         self._guess: tuple[Array, Array, float] | None = None
 
     def __call__(self, z: Array, block: Array | None = None) -> FullPeriodEnd:
@@ -150,18 +152,7 @@ class FullPeriodMap:
         for p in range(self._points):
             mine = slice(p * d, (p + 1) * d)
             here = state.contact.x[p].copy()
-            differentiate_law(
-                self._law,
-                self.contacts,
-                self._drift,
-                REST,
-                p,
-                here,
-                here,
-                sliders[p].copy(),
-                0.0,
-                REST.discrete_gradient,
-            )
+            self._differentiate(REST, p, here, here, sliders[p].copy(), 0.0, REST.discrete_gradient)
             by = self._law.slider[p]
             by_x, by_w = by[:, :d] + by[:, d : 2 * d], by[:, 2 * d : 3 * d]
             w[mine] = by_x @ x[mine] + by_w @ given[mine]
@@ -213,7 +204,7 @@ class FullPeriodMap:
         """Carry the derivatives over the step of size h that was just accepted."""
         model, plan, d = self.model, self.plan, self._dimension
         f, e = step_coefficients(plan, h), end_coefficients(plan, h)
-        moved = model.mass_block(f.inertia_v * columns.v + f.inertia_a * columns.a)
+        moved = model.mass_times(f.inertia_v * columns.v + f.inertia_a * columns.a)
         moved += model.elastic_by_start(before.q, before.dq, plan, columns.q)
         if plan.velocity_forces:
             moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
@@ -225,18 +216,9 @@ class FullPeriodMap:
         for p in range(self._points):
             if state.trial.scratch.mode[p] == OPEN:
                 continue
-            differentiate_law(
-                self._law,
-                self.contacts,
-                self._drift,
-                step_times,
-                p,
-                before.x[p],
-                state.contact.x[p],
-                before.w[p],
-                state.trial.scratch.blending[p],
-                not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0,
-            )
+            ends, blending = (before.x[p], state.contact.x[p]), state.trial.scratch.blending[p]
+            follows = not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0
+            self._differentiate(step_times, p, *ends, before.w[p], blending, follows)
             by, mine = self._law.force[p], slice(p * d, (p + 1) * d)
             by_x = by[:, :d] + by[:, d : 2 * d]
             force[mine] = by_x @ columns.x[mine] + by[:, 2 * d : 3 * d] @ columns.w[mine]

@@ -187,7 +187,7 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
 
 def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     """Put a mesh file into a new model of gmsh."""
-    dimensions = [SHAPES[block.kind].dimension for block in file.blocks]
+    dimensions = [block.shape.dimension for block in file.blocks]
     highest = max(dimensions)
     gmsh.model.add("file")
     gmsh.model.addDiscreteEntity(highest, 1)

@@ -76,11 +76,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     source, d = str(geometry.mesh), geometry.dimension
     in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
     if SOLID in in_facets:
-        raise refuse(
-            source,
-            f"group {SOLID!r} has dimension {d - 1}: rename it, or give it dimension {d}",
-            ErrorKind.MESH,
-        )
+        reason = f"group {SOLID!r} has dimension {d - 1}: rename it, or give it dimension {d}"
+        raise refuse(source, reason, ErrorKind.MESH)
     in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
     given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
     cell, facet = kind, facet_kind(kind)
@@ -101,10 +98,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in facet_groups.items()}
     near = np.isin(facets, used).all(axis=1)
     if facet_groups and not near.any():
-        named = ", ".join(facet_groups)
-        raise refuse(
-            source, f"facet groups {named}: at least one facet must touch the cells", ErrorKind.MESH
-        )
+        reason = f"facet groups {', '.join(facet_groups)}: at least one facet must touch the cells"
+        raise refuse(source, reason, ErrorKind.MESH)
     numbers, points = model_nodes(gmsh)
     points = points * geometry.scale
     check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)

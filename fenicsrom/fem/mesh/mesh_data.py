@@ -114,16 +114,11 @@ class Mesh:
         low, high = self.bounds()
         extent = float(np.max(high - low))
         if region.box is not None:
-            corners = np.array(region.box)
-            what = f"box = {corners.tolist()}"
+            first, last = corners = np.array(region.box)[:, :, None]
+            what, margin = f"box = {corners[:, :, 0].tolist()}", ROUNDING * extent
 
             def inside(x: Floats) -> npt.NDArray[np.bool_]:
-                margin = ROUNDING * extent
-                above, below = (
-                    x[:d] >= corners[0, :, None] - margin,
-                    x[:d] <= corners[1, :, None] + margin,
-                )
-                return np.all(above & below, axis=0)
+                return np.all((x[:d] >= first - margin) & (x[:d] <= last + margin), axis=0)
         else:
             assert region.plane is not None
             point, normal = np.array(region.plane.point), np.array(region.plane.normal)

@@ -20,7 +20,7 @@ from dolfinx.fem.petsc import interpolation_matrix
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.solid.solid import Solid, solid_arguments
+from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.scene import Attachment, Contact, Place, Scene
 
 LARGEST = 60_000
@@ -47,7 +47,7 @@ class FinerSolid(Solid):
         """Build the solid of a scene on the mesh of a coarser solid; errors as `Solid`."""
         self._coarser = coarser
         geometry = replace(scene.geometry, degree=scene.geometry.degree + 1)
-        super().__init__(coarser.mesh, **solid_arguments(replace(scene, geometry=geometry)))
+        super().__init__(coarser.mesh, replace(scene, geometry=geometry))
 
     def lifted(self, block: Array) -> Array:
         """Jᵀ f: the forces (local, k) of forces (local of the coarser solid, k)."""

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_form
-from fenicsrom.fem.body.supports import SAME_DIRECTION, support_directions
+from fenicsrom.fem.body.supports import SAME_DIRECTION, rigid_motions, support_directions
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.stress.reactions import ReactionTable
 from fenicsrom.scene import Scene
@@ -98,16 +98,9 @@ def _test_functions(solid: Solid, parts: Parts, centre: Array) -> Array:
     d = solid.dimension
     own = parts[0] < solid.local // d
     nodes, matrices = parts[0][own], parts[1][own]
-    arm = solid.space.tabulate_dof_coordinates()[nodes, :d] - centre
-    motions = np.zeros((nodes.size, d, 3 * (d - 1)))
-    motions[:, :, :d] = np.eye(d)
-    if d == 2:
-        motions[:, 0, 2], motions[:, 1, 2] = -arm[:, 1], arm[:, 0]
-    else:
-        for axis in range(3):
-            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    fields = np.zeros((solid.local // d, *motions.shape[1:]))
-    fields[nodes] = matrices @ motions
+    arm = solid.space.tabulate_dof_coordinates()[nodes] - np.pad(centre, (0, 3 - d))
+    fields = np.zeros((solid.local // d, d, 3 * (d - 1)))
+    fields[nodes] = matrices @ rigid_motions(arm, d)
     return fields.reshape(solid.local, -1)
 
 

@@ -10,9 +10,10 @@ only the vibrations about this equilibrium are linear.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
@@ -23,12 +24,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
-from fenicsrom.fem.base.linalg import (
-    Factorisation,
-    add_to_diagonal,
-    eigenmodes,
-    multiply,
-)
+from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import load_vector
 from fenicsrom.fem.body.places import Places
@@ -44,22 +40,10 @@ from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.model.support_motion import histories_of
-from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
+from fenicsrom.reduction.damping import ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.reduction.strain_products import strain_products, tensor_products
-from fenicsrom.scene import (
-    Attachment,
-    Contact,
-    Damping,
-    Geometry,
-    GroupMaterial,
-    Load,
-    Material,
-    Place,
-    Rotation,
-    Scene,
-    Support,
-)
+from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.places import AXES
@@ -116,45 +100,15 @@ class Solid(ElasticBody):
     gauss_points = 2
     flutters = False
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        *,
-        geometry: Geometry,
-        material: Material,
-        supports: Sequence[Support],
-        loads: Sequence[Load] = (),
-        contacts: Sequence[Contact] = (),
-        rotation: Rotation | None = None,
-        damping: Damping = UNDAMPED,
-        probe: Place | None = None,
-        geometrically_nonlinear: bool = True,
-        source: str = "",
-        excitation: float = 0.0,
-        materials: Sequence[GroupMaterial] = (),
-        attachments: Sequence[Attachment] = (),
-        known: KnownEquilibrium | None = None,
-    ):
+    def __init__(self, mesh: Mesh, scene: Scene, known: KnownEquilibrium | None = None):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
         With a known equilibrium, matrices and factor are made when they are first used.
 
         Args:
             mesh: the mesh.
-            geometry: dimension, degree, thickness and plane state; its file is not read.
-            material: the material of the cells without a material of their group.
-            supports: the supports, at least one.
-            loads: the loads.
-            contacts: the contacts.
-            rotation: rotation of the frame of the scene, or None.
-            damping: damping besides that of the material.
-            probe: place whose displacement is observed; by default that of the first contact or,
-                without contacts, of the first load; without contacts and loads nothing is observed.
-            geometrically_nonlinear: False for small displacements.
-            source: name of the scene file, for messages.
-            excitation: the highest frequency that the scene excites, Hz.
-            materials: materials of groups of cells.
-            attachments: masses, springs and dashpots.
+            scene: the scene; the file of its mesh is not read. Without a probe, the place of the
+                first contact is observed or, without contacts, that of the first load.
             known: the equilibrium of an equal solid; None computes it.
 
         Raises:
@@ -162,19 +116,19 @@ class Solid(ElasticBody):
                 or not found.
             ConvergenceError: no equilibrium was found under the static loads.
         """
-        super().__init__(mesh, geometry, material, supports, rotation, source, materials)
-        self.geometrically_nonlinear = geometrically_nonlinear
-        self.mass_damping = material.mass_damping
-        self._damping = damping
+        super().__init__(mesh, scene)
+        self.geometrically_nonlinear = scene.geometrically_nonlinear
+        self.mass_damping = scene.material.mass_damping
+        self._damping = scene.damping
         self._viscous: ViscousDamping | None = None
-        self.excitation = excitation
-        self.loads = tuple(loads)
+        self.excitation = highest_frequency(scene)
+        self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
-        self._set_attachments(attachments)
-        self._set_contacts(contacts)
+        self._set_attachments(scene.attachments)
+        self._set_contacts(scene.contacts)
         self._set_loads()
-        self._set_probe([place for place in (probe, *(c.place for c in contacts)) if place])
+        self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
         self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
@@ -418,15 +372,12 @@ class Solid(ElasticBody):
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
         elastic = self.strain_polynomial(vectors)
-        if self.rotation is None:
+        if (frame := self.rotation) is None:
             return elastic
-        force = self.rotation.centrifugal_force(self.equilibrium)
-        centrifugal = self.inner(vectors, force[:, None])[:, 0]
-        softening = self.rotation.omega_squared * self.inner(
-            vectors, self.rotation.mass_times(vectors)
-        )
+        centrifugal = self.inner(vectors, frame.centrifugal_force(self.equilibrium)[:, None])
+        softening = frame.omega_squared * self.inner(vectors, frame.mass_times(vectors))
         return elastic._replace(
-            force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
+            force=elastic.force - centrifugal[:, 0], stiffness=elastic.stiffness - softening
         )
 
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
@@ -473,14 +424,10 @@ class Solid(ElasticBody):
             ConvergenceError: a load step below the smallest one failed.
         """
         rest = np.zeros(self.local)
-        square = self.rotation.omega_squared if self.rotation else 0.0
-        statics = Statics(self, self.factor, overwrite=False)
-        try:
+        with closing(Statics(self, self.factor, overwrite=False)) as statics:
             if guess is None:
                 return statics.follow(rest, rest, load, 0.0, pressed=0.0)
-            return statics.follow(guess, self.residual(guess, rest), load, square)
-        finally:
-            statics.close()
+            return statics.follow(guess, self.residual(guess, rest), load)
 
     def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
@@ -495,18 +442,13 @@ class Solid(ElasticBody):
         """
         rest = self.rest_force - self.pressure_force(self.equilibrium)
         found, at = [self.equilibrium], [0.0]
-        square = self.rotation.omega_squared if self.rotation else 0.0
-        statics = Statics(self, self.factor, overwrite=False, tolerance=tolerance)
-        try:
+        with closing(Statics(self, self.factor, overwrite=False, tolerance=tolerance)) as statics:
             for part in parts:
                 begin = rest + at[-1] * force
                 known = at[-EXTRAPOLATED:]
                 ahead = np.array(found[-EXTRAPOLATED:]).T @ _extrapolation(known, part)
-                u = statics.follow(found[-1], begin, rest + part * force, square, ahead)
-                found.append(u)
+                found.append(statics.follow(found[-1], begin, rest + part * force, predicted=ahead))
                 at.append(part)
-        finally:
-            statics.close()
         return np.array(found[1:]).T
 
     def spin(self, omega: float) -> None:
@@ -567,16 +509,12 @@ class Solid(ElasticBody):
             ConvergenceError: no equilibrium was found.
         """
         self._viscous = None
-        statics = Statics(self, self.factor, overwrite=self.symmetric)
-        try:
+        with closing(Statics(self, self.factor, overwrite=self.symmetric)) as statics:
             if predicted is not None and not statics.approach(predicted):
                 predicted = None
-            self.equilibrium = statics.follow(
-                u, start, self.static_load, square, predicted, pressed
-            )
-            statics.finish(self.equilibrium, self.static_load)
-        finally:
-            statics.close()
+            load = self.static_load
+            self.equilibrium = statics.follow(u, start, load, square, predicted, pressed)
+            statics.finish(self.equilibrium, load)
         if not self.symmetric:
             self._renew(self.factor)
         self._set_follower_loads()
@@ -610,7 +548,7 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     _check_per_area(scene, mesh)
     suspicious = implausible_inputs(scene, mesh)
     try:
-        found = Solid(mesh, **solid_arguments(scene), known=known)
+        found = Solid(mesh, scene, known)
     except ConvergenceError as error:
         if not suspicious:
             raise
@@ -618,14 +556,6 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
     found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
-
-
-def solid_arguments(scene: Scene) -> dict[str, Any]:
-    """The arguments of `Solid` that a scene gives."""
-    same = ("geometry", "material", "supports", "loads", "contacts", "rotation", "damping", "probe")
-    same += ("geometrically_nonlinear", "source", "materials", "attachments")
-    found = {name: getattr(scene, name) for name in same}
-    return found | {"excitation": highest_frequency(scene)}
 
 
 def _check_per_area(scene: Scene, mesh: Mesh) -> None:

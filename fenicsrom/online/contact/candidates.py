@@ -12,39 +12,29 @@ from __future__ import annotations
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.coating import is_coated
 from fenicsrom.online.contact.law import trial_normal_force
-from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, Interval
-from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, ContactStep
 from fenicsrom.online.kernels.compiled import part
 
 
 @part
-def choose_candidates(
-    contacts: Contacts,
-    interval: Interval,
-    all_points: bool,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> int:
+def choose_candidates(step: ContactStep, all_points: bool) -> int:
     """Choose the points that touch at the start of a step or may touch at its end.
 
     A point may touch if it would with a trial normal force that changes twice as much as in the
     first guess. A point before an abradable layer may touch in the middle of a step.
 
     Args:
-        contacts: the parameters of P points.
-        interval: the step.
+        step: the step; `end.x` (P, d) holds the first guess of the displacement at its end. Out:
+            `is_candidate`, `candidates` and `directions` of the scratch arrays.
         all_points: choose all points.
-        start: the state at the start of the step.
-        end: `end.x` (P, d) holds the first guess of the displacement at the end.
-        scratch: out: `is_candidate`, `candidates` and `directions`.
 
     Returns:
         The number of candidates.
     """
-    for p in range(end.x.shape[0]):
-        before = start.trial_normal_force[p]
-        after = trial_normal_force(contacts, p, end.x[p], interval.end)
+    contacts, scratch = step.contacts, step.scratch
+    for p in range(step.end.x.shape[0]):
+        before = step.start.trial_normal_force[p]
+        after = trial_normal_force(contacts, p, step.end.x[p], step.interval.end)
         stays_open = max(before, after) + abs(after - before) <= 0.0
         scratch.is_candidate[p] = all_points or is_coated(contacts, p) or not stays_open
     return list_candidates(scratch)
@@ -64,31 +54,24 @@ def list_candidates(scratch: ContactScratch) -> int:
 
 
 @part
-def add_candidates(
-    contacts: Contacts,
-    interval: Interval,
-    free_displacement: Array,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> int:
+def add_candidates(step: ContactStep, free_displacement: Array) -> int:
     """Add the points that touch at the end of a step to its candidates.
 
     Args:
-        contacts: the parameters.
-        interval: the step.
+        step: the step; in and out: `scratch.is_candidate`; out: `candidates` and `directions`
+            there, and at its end `x` and the trial normal force of the points that are no
+            candidates.
         free_displacement: (P, d) the displacements at the end of the step.
-        end: the state at the end of the step; out: `x` and the trial normal force of the points
-            that are no candidates.
-        scratch: in and out: `is_candidate`; out: `candidates` and `directions`.
 
     Returns:
         The number of candidates.
     """
+    end, scratch = step.end, step.scratch
     for p in range(end.x.shape[0]):
         if not scratch.is_candidate[p]:
             for k in range(len(scratch.space)):
                 end.x[p, k] = free_displacement[p, k]
-            after = trial_normal_force(contacts, p, end.x[p], interval.end)
+            after = trial_normal_force(step.contacts, p, end.x[p], step.interval.end)
             end.trial_normal_force[p] = after
             scratch.is_candidate[p] = not after <= 0.0
     return list_candidates(scratch)

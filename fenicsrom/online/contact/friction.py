@@ -63,8 +63,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.state import SLIP, STICK, ContactScratch, Interval
-from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.state import SLIP, STICK, ContactScratch, ContactStep, Interval
 from fenicsrom.online.kernels.compiled import kernel, part
 
 
@@ -381,19 +380,15 @@ def mean_friction(
 # function with so many arguments costs more than its arithmetic.
 @kernel
 def add_friction_derivative(
-    stiffness: float,
-    interval: Interval,
-    limits: FrictionLimits,
-    event: SlipEvent,
-    p: int,
-    scratch: ContactScratch,
+    step: ContactStep, p: int, limits: FrictionLimits, event: SlipEvent
 ) -> None:
     """Add the derivative of the mean friction (9) by x1 to `scratch.force_derivative[p]`.
 
     It is written column by column, j; a name that ends in _j is the derivative by x1[j]. The
     friction of point p is not yet multiplied by tau.
     """
-    point, d, kt = scratch.point, len(scratch.space), stiffness
+    scratch, kt = step.scratch, step.contacts.tangential_stiffness[p]
+    point, d = scratch.point, len(scratch.space)
     start, end, change = point.start_stretch, point.end_stretch, point.stretch_change
     start_derivative, end_derivative = point.start_stretch_derivative, point.end_stretch_derivative
     change_j, stretch_j, force = (
@@ -404,7 +399,7 @@ def add_friction_derivative(
     friction, derivative = scratch.mean_friction[p], scratch.force_derivative[p]
     first, last, fraction = limits.first, limits.last, limits.fraction
     kept, until = event.kept, event.stick_until
-    remainder = 0.5 if interval.discrete_gradient else 1.0
+    remainder = 0.5 if step.interval.discrete_gradient else 1.0
     for j in range(d):
         first_j = limits.first_by_end * point.gradient[j]
         last_j = limits.last_by_end * point.gradient[j]
@@ -456,31 +451,22 @@ def add_friction_derivative(
 
 @kernel
 def friction_force(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    before: float,
-    after: float,
-    force: float,
-    force_by_end: float,
-    scratch: ContactScratch,
-    derive: bool,
+    step: ContactStep, p: int, after: float, force: float, force_by_end: float, derive: bool
 ) -> None:
     """Mean friction of point p over a step and motion of its slider, equations (3) to (11).
 
     Args:
-        contacts: the parameters.
-        interval: the step.
+        step: the step. In its scratch arrays, in: `point.normal`, `point.gradient` (of y1) and
+            the stretches with their derivatives; out: `mean_friction`, `slider_motion` and `mode`
+            of the point.
         p: the point.
-        before: y0, N.
         after: y1, N.
         force: mean normal force of the step, N.
         force_by_end: derivative of `force` by y1.
-        scratch: in: `point.normal`, `point.gradient` (of y1) and the stretches with their
-            derivatives; out: `mean_friction`, `slider_motion` and `mode` of the point.
         derive: whether its derivative is added to `force_derivative`.
     """
-    kt, mu = contacts.tangential_stiffness[p], contacts.friction[p]
+    interval, scratch, before = step.interval, step.scratch, step.start.trial_normal_force[p]
+    kt, mu = step.contacts.tangential_stiffness[p], step.contacts.friction[p]
     limits = FrictionLimits(
         1.0 + 0.0 * force,  # of the same number type as the force, real or complex
         0.0 * force,
@@ -495,6 +481,6 @@ def friction_force(
     scratch.mode[p] = event.mode
     mean_friction(kt, interval, event, p, scratch)
     if derive:
-        add_friction_derivative(kt, interval, limits, event, p, scratch)
+        add_friction_derivative(step, p, limits, event)
     for k in range(len(scratch.space)):
         scratch.mean_friction[p, k] *= limits.fraction

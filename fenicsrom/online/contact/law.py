@@ -59,6 +59,7 @@ from fenicsrom.online.contact.state import (
     STICK,
     ContactScratch,
     ContactState,
+    ContactStep,
     Interval,
 )
 from fenicsrom.online.contact.surfaces import (
@@ -78,32 +79,21 @@ def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> flo
 
 
 @part
-def force_over_step(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    x0: Array,
-    before: float,
-    after: float,
-    blending: float,
-) -> tuple[float, float]:
+def force_over_step(step: ContactStep, p: int, after: float) -> tuple[float, float]:
     """Mean normal force of point p over a step of the discrete gradient, blended with the end's.
 
     Args:
-        contacts: the parameters.
-        interval: the step.
+        step: the step.
         p: the point.
-        x0: (d,) displacement at the start, m.
-        before: y0, N.
         after: y1, N.
-        blending: b.
 
     Returns:
         The force in N, and its derivative by `after`.
     """
+    contacts, interval, blending = step.contacts, step.interval, step.scratch.blending[p]
     if not is_coated(contacts, p):
-        return blended_normal_force(before, after, blending)
-    mean, mean_by_end = coated_mean_force(contacts, interval, p, x0, after)
+        return blended_normal_force(step.start.trial_normal_force[p], after, blending)
+    mean, mean_by_end = coated_mean_force(contacts, interval, p, step.start.x[p], after)
     end, end_by_end = coated_end_force(contacts, interval, p, after)
     if not end > 0.0:
         end, end_by_end = 0.0 * end, 0.0 * end
@@ -111,14 +101,7 @@ def force_over_step(
 
 
 @kernel
-def implicit_blending(
-    contacts: Contacts,
-    interval: Interval,
-    candidates: NDArray[np.int64],
-    delassus: Array,
-    start: ContactState,
-    scratch: ContactScratch,
-) -> None:
+def implicit_blending(step: ContactStep, candidates: NDArray[np.int64], delassus: Array) -> None:
     """Write the blending weight b of each point: the weight of its end force in the mean force.
 
     Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would oscillate
@@ -127,56 +110,33 @@ def implicit_blending(
     does not affect a contact that the step resolves.
 
     Args:
-        contacts: the parameters.
-        interval: the step.
+        step: the step; out: `scratch.blending`.
         candidates: (c,) the points.
         delassus: (c d, c d) G, their displacement at the end of the step by their mean contact
             force, m/N; of it, the blocks (d, d) on the diagonal.
-        start: the state at the start of the step.
-        scratch: out: `blending`.
     """
-    d = start.x.shape[1]
-    point = scratch.point
+    contacts, interval, scratch = step.contacts, step.interval, step.scratch
+    point, d = scratch.point, step.start.x.shape[1]
+    n, bend, work = point.gradient, point.gradient_derivative, point.work
     for t in range(candidates.size):
-        p, row = candidates[t], t * d
+        p, row, flexibility = candidates[t], t * d, 0.0
         scratch.blending[p] = 0.0
         if not interval.discrete_gradient:
             continue
-        flexibility = delassus[row, row]
-        if contacts.kind[p] != PLANE:
-            x = start.x[p]
-            gap_discrete_gradient(
-                contacts,
-                p,
-                x,
-                x,
-                interval.begin,
-                point.gradient,
-                point.gradient_derivative,
-                point.work,
-            )
-            flexibility = 0.0
-            for k in range(d):
-                for j in range(d):
-                    flexibility += (
-                        point.gradient[k] * delassus[row + k, row + j] * point.gradient[j]
-                    )
+        x = step.start.x[p]
+        gap_discrete_gradient(contacts, p, x, x, interval.begin, n, bend, work)
+        for k in range(d):
+            for j in range(d):
+                flexibility += n[k] * delassus[row + k, row + j] * n[j]
         ratio = contacts.normal_stiffness[p] * flexibility
         scratch.blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
 @kernel
-def _add_normal_force(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    start: ContactState,
-    end: ContactState,
-    force: float,
-    force_by_end: float,
-    scratch: ContactScratch,
-) -> None:
+def _add_normal_force(step: ContactStep, p: int, force: float, force_by_end: float) -> None:
     """Write the mean normal force of point p as a vector, its derivative, and `point.gradient`."""
+    contacts, start, end = step.contacts, step.start, step.end
+    interval, scratch = step.interval, step.scratch
     a, theta = interval.start_weight, 1.0 - interval.start_weight
     kn, x1, d = contacts.normal_stiffness[p], end.x[p], len(scratch.space)
     point, mean, derivative = scratch.point, scratch.mean_force[p], scratch.force_derivative[p]
@@ -210,21 +170,15 @@ def _add_normal_force(
 
 
 @kernel
-def _tangential_stretch(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> None:
+def _tangential_stretch(step: ContactStep, p: int) -> None:
     """Write the unit normal of point p and its tangential stretch at both ends, with derivatives.
 
     For the discrete gradient, the end is the end of the step; otherwise it is the weighted point.
     The tangent plane is taken at the weighted point.
     """
+    contacts, interval, start = step.contacts, step.interval, step.start
     a, theta = interval.start_weight, 1.0 - interval.start_weight
-    x0, x1, d, point = start.x[p], end.x[p], len(scratch.space), scratch.point
+    x0, x1, d, point = start.x[p], step.end.x[p], len(step.scratch.space), step.scratch.point
     n, bend, work = point.normal, point.normal_derivative, point.work
     e0, e0_derivative = point.start_stretch, point.start_stretch_derivative
     e1, e1_derivative = point.end_stretch, point.end_stretch_derivative
@@ -265,15 +219,7 @@ def _tangential_stretch(
 
 
 @kernel
-def contact_force(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-    derive: bool,
-) -> bool:
+def contact_force(step: ContactStep, p: int, derive: bool) -> bool:
     """Mean force of point p over a step to end.x[p], its derivative and its parts, in `scratch`.
 
     Without `derive`, the derivative lacks the friction.
@@ -281,15 +227,14 @@ def contact_force(
     Returns:
         False if the point does not touch during the step.
     """
+    contacts, interval, scratch = step.contacts, step.interval, step.scratch
     a, theta = interval.start_weight, 1.0 - interval.start_weight
     d = len(scratch.space)
-    before = start.trial_normal_force[p]
-    after = trial_normal_force(contacts, p, end.x[p], interval.end)
-    end.trial_normal_force[p] = after
+    before = step.start.trial_normal_force[p]
+    after = trial_normal_force(contacts, p, step.end.x[p], interval.end)
+    step.end.trial_normal_force[p] = after
     if interval.discrete_gradient:
-        force, force_by_end = force_over_step(
-            contacts, interval, p, start.x[p], before, after, scratch.blending[p]
-        )
+        force, force_by_end = force_over_step(step, p, after)
     else:
         force = a * positive(before) + theta * positive(after)
         force_by_end = theta if after > 0.0 else 0.0
@@ -303,25 +248,18 @@ def contact_force(
     if not force > 0.0:
         scratch.mode[p] = OPEN
         return False
-    _add_normal_force(contacts, interval, p, start, end, force, force_by_end, scratch)
-    _tangential_stretch(contacts, interval, p, start, end, scratch)
+    _add_normal_force(step, p, force, force_by_end)
+    _tangential_stretch(step, p)
     for k in range(d):  # from the gradient of the penetration to the gradient of `after`
         scratch.point.gradient[k] *= contacts.normal_stiffness[p]
-    friction_force(contacts, interval, p, before, after, force, force_by_end, scratch, derive)
+    friction_force(step, p, after, force, force_by_end, derive)
     for k in range(d):
         scratch.mean_force[p, k] += scratch.mean_friction[p, k]
     return True
 
 
 @kernel
-def commit_contact_state(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> tuple[float, float, float]:
+def commit_contact_state(step: ContactStep, p: int) -> tuple[float, float, float]:
     """Write the state of point p at the end of a step; `contact_force` has found its mean force.
 
     Returns:
@@ -329,27 +267,21 @@ def commit_contact_state(
         coated surface, all work of its normal force), and the energy of impacts that the step does
         not resolve (`implicit_blending`), J.
     """
+    contacts, start, end = step.contacts, step.start, step.end
+    interval, scratch = step.interval, step.scratch
     kt, d = contacts.tangential_stiffness[p], len(scratch.space)
     x1, slider, force, point = end.x[p], end.slider[p], end.friction[p], scratch.point
-    n, stretch = point.normal, point.slip_stretch
+    n, stretch, bend, work = point.normal, point.slip_stretch, point.normal_derivative, point.work
     coated = interval.discrete_gradient and is_coated(contacts, p)
     if coated:
         force_at_end, _ = coated_end_force(contacts, interval, p, end.trial_normal_force[p])
         end.trial_normal_force[p] = force_at_end
     pressed = positive(end.trial_normal_force[p])
-    size = 1.0
-    if contacts.kind[p] == PLANE:
-        for k in range(d):
-            n[k] = 0.0
-        n[0] = 1.0
-    else:
-        gap_discrete_gradient(
-            contacts, p, x1, x1, interval.end, n, point.normal_derivative, point.work
-        )
-        size = 0.0
-        for k in range(d):
-            size += n[k] ** 2
-        size = np.sqrt(size)
+    gap_discrete_gradient(contacts, p, x1, x1, interval.end, n, bend, work)
+    size = 0.0
+    for k in range(d):
+        size += n[k] ** 2
+    size = np.sqrt(size)
     for k in range(d):
         end.normal[p, k] = pressed * n[k]
         n[k] /= size
@@ -361,7 +293,7 @@ def commit_contact_state(
     mode, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
     slips = mode == SLIP or scratch.mode[p] == SLIP
     end.state[p] = OPEN if pressed == 0.0 else SLIP if slips else STICK
-    dissipated, surface = _friction_energies(contacts, interval, p, start, end, scratch)
+    dissipated, surface = _friction_energies(step, p)
     if mode == SLIP or contacts.kind[p] != PLANE:
         for k in range(d):
             slider[k] = x1[k] - force[k] / kt
@@ -384,20 +316,15 @@ def commit_contact_state(
 
 
 @kernel
-def _friction_energies(
-    contacts: Contacts,
-    interval: Interval,
-    p: int,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> tuple[float, float]:
+def _friction_energies(step: ContactStep, p: int) -> tuple[float, float]:
     """Energy dissipated by friction in a step (6), and work of the moving surface.
 
     On a curved surface the tangent plane turns in the step, and the friction spring could gain
     energy. The friction at the end is therefore reduced until the spring holds no more energy than
     it was given.
     """
+    contacts, start, end = step.contacts, step.start, step.end
+    interval, scratch = step.interval, step.scratch
     kt, d = contacts.tangential_stiffness[p], len(scratch.space)
     x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place
     advect_with_surface(contacts, p, interval.begin, interval.end, x0, advected)
@@ -445,9 +372,9 @@ def at_rest(
     scratch: ContactScratch,
 ) -> None:
     """Write the state of points at x (P, d) with sliders (P, d): a step of zero length."""
-    interval = Interval(time, time, 0.0, False)
+    step = ContactStep(contacts, Interval(time, time, 0.0, False), here, here, scratch)
     for p in range(x.shape[0]):
         for k in range(x.shape[1]):
             here.x[p, k], here.slider[p, k], here.friction[p, k] = x[p, k], slider[p, k], 0.0
-        contact_force(contacts, interval, p, here, here, scratch, True)
-        commit_contact_state(contacts, interval, p, here, here, scratch)
+        contact_force(step, p, True)
+        commit_contact_state(step, p)

@@ -13,8 +13,7 @@ from fenicsrom.online.contact.compliance import (
     update_in_coordinates,
 )
 from fenicsrom.online.contact.law import contact_force
-from fenicsrom.online.contact.state import ContactScratch, ContactState, Interval
-from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.state import ContactScratch, ContactStep
 from fenicsrom.online.kernels.compiled import kernel, part
 from fenicsrom.online.kernels.dense import lu_factor, lu_solve
 
@@ -24,15 +23,14 @@ ROUNDING = 4e-15  # relative to the displacements: a smaller residual is roundin
 
 @kernel
 def _write_residual(
+    step: ContactStep,
     candidates: NDArray[np.int64],
     compliance: Compliance,
     free: Array,
-    start: ContactState,
-    end: ContactState,
     count: int,
-    scratch: ContactScratch,
 ) -> float:
     """Write the residual of (1), with `count` touching points; returns the largest displacement."""
+    start, end, scratch = step.start, step.end, step.scratch
     touching, mean, d = scratch.touching, scratch.mean_force, len(scratch.space)
     formed, delassus = is_formed(compliance, candidates.size * d), compliance.delassus
     scale, row = 0.0, 0
@@ -134,27 +132,20 @@ def _update(
 
 @kernel
 def semismooth_newton(
-    contacts: Contacts,
-    interval: Interval,
-    candidates: NDArray[np.int64],
-    compliance: Compliance,
-    free: Array,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
+    step: ContactStep, candidates: NDArray[np.int64], compliance: Compliance, free: Array
 ) -> bool:
     """Semismooth Newton for (1) from the given x; True if it converged.
 
     Only the points that touch are unknowns: the others follow from their forces.
     """
-    d, size, remained = len(scratch.space), np.inf, np.inf
+    scratch, d, size, remained = step.scratch, len(step.scratch.space), np.inf, np.inf
     for _ in range(CONTACT_ITERATIONS):
         count = 0
         for place in range(candidates.size):
-            if contact_force(contacts, interval, candidates[place], start, end, scratch, True):
+            if contact_force(step, candidates[place], True):
                 scratch.touching[count] = place
                 count += 1
-        scale = _write_residual(candidates, compliance, free, start, end, count, scratch)
+        scale = _write_residual(step, candidates, compliance, free, count)
         worst = _largest_entry(candidates, scratch)
         if worst <= ROUNDING * scale:
             return True
@@ -170,5 +161,5 @@ def semismooth_newton(
         remained = worst
         for p in candidates:
             for k in range(d):
-                end.x[p, k] += scratch.residual[p, k]
+                step.end.x[p, k] += scratch.residual[p, k]
     return False

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.surfaces import Contacts
 
 OPEN, SLIP, STICK = -1, 0, 1
 
@@ -145,16 +146,29 @@ class Interval(NamedTuple):
     discrete_gradient: bool
 
 
+class ContactStep(NamedTuple):
+    """A time step of P contact points.
+
+    Attributes:
+        contacts: the parameters.
+        interval: the step, and how forces are averaged over it.
+        start: the state at its start.
+        end: the state at its end.
+        scratch: scratch arrays and results.
+    """
+
+    contacts: Contacts
+    interval: Interval
+    start: ContactState
+    end: ContactState
+    scratch: ContactScratch
+
+
 def zero_contact_state(points: int, d: int) -> ContactState:
     """A `ContactState` of zeros."""
-    return ContactState(
-        x=np.zeros((points, d)),
-        trial_normal_force=np.zeros(points),
-        normal=np.zeros((points, d)),
-        friction=np.zeros((points, d)),
-        slider=np.zeros((points, d)),
-        state=np.zeros(points, dtype=np.int8),
-    )
+    x, normal, friction, slider = np.zeros((4, points, d))
+    state = np.zeros(points, dtype=np.int8)
+    return ContactState(x, np.zeros(points), normal, friction, slider, state)
 
 
 def contact_scratch(points: int, d: int) -> ContactScratch:

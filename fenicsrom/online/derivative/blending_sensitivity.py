@@ -13,6 +13,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.surfaces import Contacts, gap_discrete_gradient
 from fenicsrom.online.derivative.contact_sensitivity import BLENDING_RESOLVED, perturb
 from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
+from fenicsrom.online.derivative.step_sensitivity import share_of_step
 from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.complex_step import STEP
 from fenicsrom.online.kernels.dense import add_combined_rows, copy_vector, lu_solve_transposed
@@ -110,6 +111,11 @@ def differentiate_blending(
             product += by_mass.imag * v[a] * model.mass[a, b] * u[b]
             if scheme.velocity_forces:
                 product += by_velocity.imag * v[a] * model.velocity_matrix[a, b] * u[b]
+            if drift.force.shape[0] > 0:
+                change = share_of_step(scheme) * drift.stiffness[a, b]
+                if scheme.velocity_forces:
+                    change += by_velocity.real * drift.velocity[a, b]
+                product += STEP * v[a] * change * u[b]
     s.blending[p, last] -= product / STEP
     if not scheme.linear:
         for a in range(n):

@@ -25,6 +25,7 @@ from fenicsrom.online.contact.state import (
     STICK,
     ContactScratch,
     ContactState,
+    ContactStep,
     contact_scratch,
     zero_contact_state,
 )
@@ -216,8 +217,9 @@ def differentiate_along(
         start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
     scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
     state_of(law.contacts, p, step.begin, start, scratch)
-    contact_force(law.contacts, step, p, start, finish, scratch, False)
-    commit_contact_state(law.contacts, step, p, start, finish, scratch)
+    whole = ContactStep(law.contacts, step, start, finish, scratch)
+    contact_force(whole, p, False)
+    commit_contact_state(whole, p)
     for k in range(d):
         law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
         law.slider[p, k, c] = finish.slider[p, k].imag / STEP

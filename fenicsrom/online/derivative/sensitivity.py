@@ -27,12 +27,20 @@ class Drift(NamedTuple):
         damping: of the mass-proportional damping alpha, 1/s.
         period: of the period relative to the period: every time of the motion t changes by t times
             it.
+        force: (n,) of the elastic force at q = 0; no size if the elastic force stays as it is.
+        stiffness: (n, n) of its tangent, which is the same at all q; no size likewise.
+        velocity: (n, n) of D; no size if D stays as it is.
+        rest: (n,) of `Problem.rest`; no size likewise.
     """
 
     contacts: Contacts
     sines: Array
     damping: float
     period: float
+    force: Array
+    stiffness: Array
+    velocity: Array
+    rest: Array
 
 
 class Sensitivity(NamedTuple):
@@ -113,7 +121,9 @@ class Sensitivity(NamedTuple):
 def no_drift(contacts: Contacts, histories: LoadHistories) -> Drift:
     """The derivatives of the data by a parameter on which nothing depends."""
     nothing = {name: np.zeros_like(getattr(contacts, name)) for name in PARAMETERS}
-    return Drift(contacts._replace(**nothing), np.zeros_like(histories.sines), 0.0, 0.0)
+    none, empty = np.zeros(0), np.zeros((0, 0))
+    sines = np.zeros_like(histories.sines)
+    return Drift(contacts._replace(**nothing), sines, 0.0, 0.0, none, empty, empty, none)
 
 
 def no_sensitivity(

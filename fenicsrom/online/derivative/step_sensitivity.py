@@ -138,6 +138,42 @@ def add_pressure(
                     s.by_step[i, j] -= factor.real * point * tangent[i, j]
 
 
+@part
+def share_of_step(scheme: Scheme) -> float:
+    """The factor of a constant stiffness in the derivative of the mean elastic force by dq."""
+    found = 0.0
+    for g in range(scheme.points.size):
+        found += scheme.weights[g] * scheme.points[g]
+    return found
+
+
+@kernel
+def add_changed_forces(
+    scheme: Scheme, drift: Drift, by_dq: float, by_v: float, by_a: float, s: Sensitivity
+) -> None:
+    """Add the changes of the elastic force and of D by the parameter to the right-hand side.
+
+    Args:
+        scheme: the weights of the scheme; those of the elastic force add up to 1.
+        drift: the changes.
+        by_dq: factor of D dq.
+        by_v: factor of D v0.
+        by_a: factor of D a0.
+        s: the step.
+    """
+    n, last, share = s.step.size, s.q.shape[1] - 1, share_of_step(scheme)
+    q0, v0, a0 = s.before[0], s.before[1], s.before[2]
+    for i in range(n):
+        value = drift.force[i]
+        for j in range(n):
+            value += drift.stiffness[i, j] * (q0[j] + share * s.step[j])
+        if scheme.velocity_forces:
+            for j in range(n):
+                mean = by_dq * s.step[j] + by_v * v0[j] + by_a * a0[j]
+                value += drift.velocity[i, j] * mean
+        s.dq[i, last] += value
+
+
 @kernel
 def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, out: Array) -> None:
     """Write the derivative (n,) of the load vector by the parameter at a time."""
@@ -219,6 +255,9 @@ def add_structure(
             with_a,
             s,
         )
+    if drift.force.shape[0] > 0:
+        by_v, by_a = g.velocity_v, g.velocity_a.real if with_a else 0.0
+        add_changed_forces(scheme, drift, g.velocity_dq.real, by_v, by_a, s)
     for i in range(n):
         s.load_derivative[0, i] = s.load_derivative[1, i]
     write_load_derivative(model, s, ahead, s.load_derivative[1])

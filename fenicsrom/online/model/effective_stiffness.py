@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.compliance import Compliance, form_delassus, is_formed
+from fenicsrom.online.contact.compliance import form_delassus, is_formed
 from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.dense import lu_factor, lu_solve
+from fenicsrom.online.model.workspace import Workspace
 
 
 @kernel
@@ -20,12 +21,10 @@ def factorise_effective(
     velocity_coefficient: float,
     tangent: Array,
     tangent_coefficient: float,
-    factor: Array,
-    pivots: NDArray[np.int64],
-    key: Array,
+    work: Workspace,
 ) -> None:
     """Write the factors of S of `ReducedModel.solve_effective`, unless a linear model has them."""
-    n = mass.shape[0]
+    n, factor, key = mass.shape[0], work.factor, work.key
     if (
         linear
         and key[0] == mass_coefficient
@@ -40,33 +39,26 @@ def factorise_effective(
         for i in range(n):
             for j in range(n):
                 factor[i, j] += velocity_coefficient * velocity_matrix[i, j]
-    key[0] = mass_coefficient if lu_factor(factor, pivots, n) else np.nan
+    key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
     key[1] = velocity_coefficient
     key[2] = tangent_coefficient
 
 
 @kernel
 def write_effective_solution(
-    rows: Array,
-    directions: NDArray[np.int64],
-    d: int,
-    residual: Array,
-    factor: Array,
-    pivots: NDArray[np.int64],
-    key: Array,
-    compliance: Compliance,
+    rows: Array, directions: NDArray[np.int64], d: int, residual: Array, work: Workspace
 ) -> None:
     """Write the solutions of `ReducedModel.solve_effective` to `compliance`, y behind Z."""
-    n, r = residual.size, directions.size
+    n, r, compliance = residual.size, directions.size, work.compliance
     unit, delassus = compliance.unit, compliance.delassus
     for i in range(n):
         unit[i, r] = -residual[i]
         for j in range(r):
             unit[i, j] = rows[directions[j], i]
-    if np.isnan(key[0]):
+    if np.isnan(work.key[0]):
         unit[:] = np.nan
     else:
-        lu_solve(factor, pivots, unit, n, 1 + r)
+        lu_solve(work.factor, work.pivots, unit, n, 1 + r)
     if is_formed(compliance, r):
         form_delassus(rows, compliance, directions)
         return

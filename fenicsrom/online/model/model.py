@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,18 +151,7 @@ class ReducedModel(NamedTuple):
     ) -> tuple[Array, Tangent]:
         """Mean elastic force over a step and its derivative by dq."""
         coefficient = elastic_mean(
-            self.elastic,
-            self.work.columns,
-            self.work.points,
-            self.work.products,
-            start,
-            q0,
-            dq,
-            start_weight,
-            points,
-            weights,
-            self.work.force,
-            self.work.tangent,
+            self.elastic, self.work, start, q0, dq, start_weight, points, weights
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure(self.pressure, self.work, q0, dq, points, weights)
@@ -223,20 +212,10 @@ class ReducedModel(NamedTuple):
             velocity_coefficient,
             tangent.matrix,
             tangent.coefficient,
-            work.factor,
-            work.pivots,
-            work.key,
+            work,
         )
-        write_effective_solution(
-            self.contact_rows,
-            directions,
-            self.points.frame.shape[2],
-            residual,
-            work.factor,
-            work.pivots,
-            work.key,
-            work.compliance,
-        )
+        d = self.points.frame.shape[2]
+        write_effective_solution(self.contact_rows, directions, d, residual, work)
         return unit[:, directions.size], unit[:, : directions.size], work.compliance
 
     def negative_directions(self, tangent: Tangent) -> int:
@@ -303,48 +282,32 @@ def reduced_model(
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
     turning = no_turning() if turning is None else turning
-    arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
-    tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
-    coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
-    where = ContactPoints(
-        np.ascontiguousarray(points.contact, dtype=np.int64), *map(np.ascontiguousarray, points[1:])
-    )
+    elastic, contact_rows = _tidy(elastic), np.ascontiguousarray(contact_rows, np.float64)
     return ReducedModel(
-        tidy[0],
+        np.ascontiguousarray(mass, np.float64),
         float(damping),
-        coefficients,
-        tidy[1],
+        elastic,
+        np.ascontiguousarray(loads, np.float64),
         load_histories,
-        where,
-        tidy[2],
-        tidy[3],
-        tidy[4],
-        tidy[5],
-        tidy[6],
-        PressurePolynomial(
-            np.ascontiguousarray(pressure.numbers, dtype=np.int64),
-            np.ascontiguousarray(pressure.linear, dtype=np.float64),
-            np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
-        ),
-        turning._replace(
-            inertia=float(turning.inertia),
-            **{
-                name: np.ascontiguousarray(array, dtype=np.float64)
-                for name, array in turning._asdict().items()
-                if name != "inertia"
-            },
-        ),
+        _tidy(points, "contact"),
+        contact_rows,
+        np.ascontiguousarray(contact_offset, np.float64),
+        np.ascontiguousarray(probe, np.float64),
+        np.ascontiguousarray(probe_offset, np.float64),
+        np.ascontiguousarray(velocity_matrix, np.float64),
+        _tidy(pressure, "numbers"),
+        _tidy(turning)._replace(inertia=float(turning.inertia)),
         work=Workspace(
-            columns=np.ascontiguousarray(coefficients.quadratic.T),
+            columns=np.ascontiguousarray(elastic.quadratic.T),
             points=np.zeros((2, n)),
-            products=np.zeros((3, 2, coefficients.cubic.shape[0])),
+            products=np.zeros((3, 2, elastic.cubic.shape[0])),
             force=np.zeros(n),
             tangent=np.zeros((n, n)),
             factor=np.zeros((n, n)),
             pivots=np.zeros(n, dtype=np.int64),
             key=np.full(3, np.nan),
-            compliance=compliance_of(tidy[2]),
-            contact_columns=np.ascontiguousarray(tidy[2].T),
+            compliance=compliance_of(contact_rows),
+            contact_columns=np.ascontiguousarray(contact_rows.T),
             contact=np.zeros(m),
             mass_product=np.zeros(n),
             velocity_product=np.zeros(n),
@@ -354,8 +317,16 @@ def reduced_model(
             pressure_vectors=np.zeros((2, n)),
             pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
             speeds=np.zeros(3),
-            velocity=np.zeros_like(tidy[6]),
+            velocity=np.zeros(velocity_matrix.shape),
         ),
+    )
+
+
+def _tidy(values: Any, integers: str = "") -> Any:
+    """A named tuple with its arrays in C order, of float64 but for the one of integers."""
+    return values._make(
+        np.ascontiguousarray(array, np.int64 if name == integers else np.float64)
+        for name, array in values._asdict().items()
     )
 
 

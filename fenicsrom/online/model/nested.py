@@ -63,4 +63,5 @@ def _nested_turning(turning: Turning, at: NDArray[np.int64]) -> Turning:
         coriolis=turning.coriolis[np.ix_(at, at)],
         euler=turning.euler[at],
         moments=turning.moments[:, np.concatenate([[0], 1 + at])],
+        rest=turning.rest[:, np.concatenate([np.arange(3), 3 + at])],
     )

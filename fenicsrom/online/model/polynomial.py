@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compiled import compiled, kernel, part
 from fenicsrom.online.kernels.dense import add_combined_rows
+from fenicsrom.online.model.workspace import Workspace
 
 
 class ElasticPolynomial(NamedTuple):
@@ -113,39 +114,31 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
 @kernel
 def elastic_mean(
     elastic: ElasticPolynomial,
-    columns: Array,
-    states: Array,
-    products: Array,
+    work: Workspace,
     start: Array,
     q0: Array,
     dq: Array,
     start_weight: float,
     points: Array,
     weights: Array,
-    mean: Array,
-    tangent: Array,
 ) -> float:
     """Write the mean force (n,) of `ReducedModel.elastic_over_step` and its derivative (n, n).
 
     Args:
         elastic: the coefficients.
-        columns: (n, p) the columns of the quadratic ones.
-        states: (2, n) scratch.
-        products: (3, 2, p) scratch.
+        work: the arrays of the model; out: `force` and `tangent`.
         start: the arguments of `elastic_over_step` from here to `weights`.
         q0: (n,).
         dq: (n,).
         start_weight: of the force `start`.
         points: (g,) in [0, 1].
         weights: (g,) their weights.
-        mean: (n,) out.
-        tangent: (n, n) out.
 
     Returns:
         sum of w_g s_g: the coefficient of the stiffness in the tangent.
     """
-    n, count = q0.size, points.size
-    q = states[:count]
+    n, count, mean, tangent = q0.size, points.size, work.force, work.tangent
+    q = work.points[:count]
     total, moved = 0.0, 0.0
     for g in range(count):
         total += weights[g]
@@ -160,8 +153,8 @@ def elastic_mean(
         mean[i] = value
     if elastic.cubic.shape[0] == 0:
         return moved
-    s, a, b = products[0, :count], products[1, :count], products[2, :count]
-    elastic_products(columns, elastic.cubic, q, s, a, b)
+    s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
+    elastic_products(work.columns, elastic.cubic, q, s, a, b)
     for g in range(count):
         weight, lever = weights[g], weights[g] * points[g]
         row = 0

@@ -26,6 +26,8 @@ class Problem(NamedTuple):
         period: period of the loads, s; None runs for `time.duration`.
         drift: derivatives of the data by the parameter of a family of problems, a
             `online.derivative.sensitivity.Drift`; None of a problem by itself.
+        rest: (n,) coordinates of a state near which the model moves, from which the variables of a
+            periodic motion are measured; None of q = 0.
     """
 
     model: Any
@@ -33,6 +35,7 @@ class Problem(NamedTuple):
     time: Any
     period: Any
     drift: Any = None
+    rest: Any = None
 
     @classmethod
     def of(cls, model: Any, scene: Any) -> Problem:

@@ -16,6 +16,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pairs
 
+COLUMNS = 256
+"""Columns of paired coefficients that are multiplied at once."""
+
 
 def shifted(elastic: ElasticPolynomial, q0: Array) -> ElasticPolynomial:
     """The polynomial (1) about q0 (n,), with Z = I."""
@@ -48,14 +51,34 @@ def projected(elastic: ElasticPolynomial, z: Array) -> ElasticPolynomial:
         return ElasticPolynomial(force, stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
     first, second = pairs(len(z))
     k, m = pairs(z.shape[1])
-    by_pairs = z[first][:, k] * z[second][:, m]  # products of two columns of Z by pairs of rows
-    mixed = first != second
-    by_pairs[mixed] += z[second[mixed]][:, k] * z[first[mixed]][:, m]
-    quadratic = by_pairs.T @ elastic.quadratic @ z
-    by_pairs_twice = by_pairs * np.where(mixed, 1.0, 2.0)[:, None]  # the columns i = j are halved
-    cubic = (by_pairs.T @ elastic.cubic) @ by_pairs_twice
-    cubic *= np.where(k == m, 0.5, 1.0)
-    return ElasticPolynomial(force, stiffness, quadratic, cubic)
+    quadratic = _times_pairs(z, elastic.quadratic @ z)
+    cubic = _times_pairs(z, elastic.cubic)
+    cubic *= np.where(first == second, 2.0, 1.0)  # the columns i = j are halved
+    return ElasticPolynomial(
+        force, stiffness, quadratic, _times_pairs(z, cubic.T).T * np.where(k == m, 0.5, 1.0)
+    )
+
+
+def _times_pairs(z: Array, block: Array) -> Array:
+    """The sum over i and j of z_ik z_jm times the row of the pair i, j, for each pair k <= m.
+
+    One index after the other takes fewer products than a matrix of all pairs.
+
+    Args:
+        z: (n, k).
+        block: (p, r) of the p pairs of n indices.
+    """
+    n, count = z.shape
+    first, second = pairs(n)
+    index = np.zeros((n, n), dtype=np.int64)
+    index[first, second] = index[second, first] = np.arange(first.size)
+    k, m = pairs(count)
+    found = np.empty((k.size, block.shape[1]))
+    for start in range(0, block.shape[1], COLUMNS):
+        part = block[:, start : start + COLUMNS][index]
+        once = np.tensordot(z, part, axes=(0, 0))
+        found[:, start : start + COLUMNS] = np.matmul(z.T, once)[k, m]
+    return found
 
 
 def subspace_model(

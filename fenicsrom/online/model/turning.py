@@ -48,8 +48,8 @@ class Turning(NamedTuple):
         inertia: J0, kg m^2.
         moments: (loads, 1 + n) moment of each unit load about the axis at q = 0, and its derivative
             by q, m.
-        rest: (k, 3) Omega^2, ascending, Pi(q_Omega, Omega) and its derivative by Omega^2; a cubic
-            between two of them. It is only a reference.
+        rest: (k, 3 + n) Omega^2, ascending, Pi(q_Omega, Omega) and its derivative by Omega^2, a
+            cubic between two of them, and q_Omega. It is only a reference.
     """
 
     history: Array
@@ -69,10 +69,11 @@ def no_turning() -> Turning:
 
 
 def rest_row(turning: Turning, elastic: ElasticPolynomial, square: float, q: Array) -> Array:
-    """A row (3,) of `Turning.rest`: Omega^2 and its equilibrium q (n,)."""
+    """A row (3 + n,) of `Turning.rest`: Omega^2 and its equilibrium q (n,)."""
     force, tangent = np.empty(q.size), np.empty((q.size, q.size))
     half = 0.5 * added_inertia(turning, q)
-    return np.array([square, elastic_force(elastic, q, force, tangent) - square * half, -half])
+    energy = elastic_force(elastic, q, force, tangent) - square * half
+    return np.concatenate([[square, energy, -half], q])
 
 
 @kernel

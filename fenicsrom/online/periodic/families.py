@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.derivative.sensitivity import Drift, no_drift
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.turning import no_turning
 
 Family = Callable[[float], Problem]
 """The problem at a value of the parameter; its `drift` holds the derivatives by the parameter."""
@@ -47,7 +49,53 @@ def frequency_family(
         return _with_sines(problem, sines)._replace(
             contacts=moved,
             period=1.0 / frequency,
-            drift=Drift(by_contacts, by_sines, 0.0, -1.0 / frequency),
+            drift=nothing._replace(contacts=by_contacts, sines=by_sines, period=-1.0 / frequency),
+        )
+
+    return at
+
+
+def speed_family(problem: Problem, speed: float, displaced: NDArray[np.bool_]) -> Family:
+    """Problems by the speed of rotation in rev/min, which all loads and surfaces follow.
+
+    The model at a speed Omega has the elastic force f(q) - Omega^2 (c + Q q) and the forces
+    (D + Omega G) v of `fenicsrom.online.model.turning`.
+
+    Args:
+        problem: the problem at one speed, whose model has the data of a varying speed.
+        speed: this speed, rev/min.
+        displaced: as `frequency_family`.
+    """
+    by_frequency = frequency_family(problem, spin=True, displaced=displaced)
+    model, unit, ratio = problem.model, np.pi / 30.0, 1.0 / (problem.period * speed)
+    turning = model.turning
+    rest = CubicSpline(turning.rest[:, 0], turning.rest[:, 3:])
+
+    def at(rpm: float) -> Problem:
+        found, omega = by_frequency(ratio * rpm), unit * rpm
+        drift, square, by_rpm = found.drift, omega**2, 2.0 * unit * omega
+        elastic = model.elastic._replace(
+            force=model.elastic.force - square * turning.centrifugal,
+            stiffness=model.elastic.stiffness - square * turning.softening,
+        )
+        velocity = model.velocity_matrix + omega * turning.coriolis
+        slower = drift.contacts._replace(spin=ratio * drift.contacts.spin)
+        return found._replace(
+            model=found.model._replace(
+                elastic=elastic,
+                velocity_matrix=velocity if velocity.any() else np.zeros((0, 0)),
+                turning=no_turning(),
+            ),
+            drift=drift._replace(
+                contacts=slower,
+                sines=ratio * drift.sines,
+                period=ratio * drift.period,
+                force=-by_rpm * turning.centrifugal,
+                stiffness=-by_rpm * turning.softening,
+                velocity=unit * turning.coriolis,
+                rest=by_rpm * rest(square, 1),
+            ),
+            rest=rest(square),
         )
 
     return at

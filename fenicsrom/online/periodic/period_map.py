@@ -6,11 +6,14 @@ contact points. The discrete gradient has no accelerations. The normal component
 a plane has no meaning and is left out. The derivative is carried over the recorded steps
 (`online.derivative.period_sensitivity`), so that one march gives the end and its derivatives by z
 and by one parameter.
+
+Where a problem has a `rest`, q and w are measured from it: a static displacement that follows the
+parameter, and is larger than the motion, would hide the motion.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,6 +99,13 @@ class PeriodMap:
         parts = [q, v, a][: self.blocks]
         return np.concatenate([*parts, sliders.reshape(-1)[self.memory]])
 
+    def origin(self, problem: Problem) -> Array:
+        """The variables (N,) of the rest of a problem, from which z is measured."""
+        if problem.rest is None:
+            return np.zeros(self.size)
+        nothing, x = np.zeros(self.n), problem.model.contact_displacement(problem.rest)
+        return self.pack(problem.rest, nothing, nothing, x)
+
     def coordinates(self, z: Array) -> Array:
         """Coordinates, velocities and accelerations (3, n) of variables z."""
         found = np.zeros((3, self.n))
@@ -130,6 +140,8 @@ class PeriodMap:
         Returns:
             The status (DONE, or why the march stopped) and the end.
         """
+        origin = self.origin(problem)
+        z = z + origin
         s, sliders = self._sensitivity, self.sliders(z)
         model, contacts = problem.model, problem.contacts
         plan = self.plan._replace(damping=float(model.damping))
@@ -137,8 +149,8 @@ class PeriodMap:
         if derive:
             self._begin_derivatives()
         status, count = self._march(problem, plan)
+        drift = problem.drift or no_drift(contacts, model.load_histories)
         if derive and status == DONE:
-            drift = problem.drift or no_drift(contacts, model.load_histories)
             s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
             model.work.key[:] = np.nan
             if not carry_derivatives(
@@ -155,7 +167,12 @@ class PeriodMap:
                 s,
             ):
                 status = SINGULAR
-        return status, self._end(count, derive=derive)
+        end = self._end(count, origin, derive=derive)
+        if derive and drift.rest.size:
+            nothing, x = np.zeros(self.n), model.contact_rows @ drift.rest
+            moved = self.pack(drift.rest, nothing, nothing, x)
+            end = replace(end, by_parameter=end.by_parameter + end.matrix @ moved - moved)
+        return status, end
 
     def _begin(
         self,
@@ -203,14 +220,14 @@ class PeriodMap:
                 break
         return status, count
 
-    def _end(self, count: int, *, derive: bool) -> PeriodEnd:
-        """The end of a period of `count` steps."""
+    def _end(self, count: int, origin: Array, *, derive: bool) -> PeriodEnd:
+        """The end of a period of `count` steps, measured from `origin` (N,)."""
         s, state = self._sensitivity, self._state
         derivative: Array = np.zeros((0, 1))
         if derive:
             derivative = np.concatenate([*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]])
         return PeriodEnd(
-            self.pack(state.q, state.v, state.a, state.contact.slider),
+            self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
             derivative[:, : self.size],
             derivative[:, -1],
             Record._make(array[:count].copy() for array in self._record),

@@ -225,7 +225,8 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
     if isinstance(start, Checkpoint):
         state = start.state
         shooting.guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
-        return pmap.pack(state.q, state.v, state.a, state.contact.slider)
+        found = pmap.pack(state.q, state.v, state.a, state.contact.slider)
+        return found - pmap.origin(shooting.problem)
     if isinstance(start, tuple):
         q, v, sliders = start
         return pmap.pack(q, v, np.zeros_like(q), sliders)

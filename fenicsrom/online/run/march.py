@@ -122,7 +122,7 @@ def integrate(
         Interrupted: `stop` returned True; `partial` holds the motion so far.
     """
     problem = problem.with_own_wear(None if resume is None else resume.worn)
-    model, contacts, settings, period, _ = problem
+    model, contacts, settings, period = problem[:4]
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
     run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)

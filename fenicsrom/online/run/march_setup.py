@@ -176,7 +176,7 @@ def set_up_run(
     keep_coordinates: bool,
 ) -> MarchRun:
     """The run before its first step; arguments as those of `integrate`."""
-    model, contacts, settings, period, _ = problem
+    model, contacts, settings, period = problem[:4]
     horizon = float(period if period is not None else settings.duration)
     tolerance = settings.tolerance or 0.0
     step = settings.step

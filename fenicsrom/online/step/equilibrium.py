@@ -22,7 +22,12 @@ from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.online.contact.compliance import delassus_of
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.problem import solve_contact
-from fenicsrom.online.contact.state import Interval, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.state import (
+    ContactStep,
+    Interval,
+    contact_scratch,
+    zero_contact_state,
+)
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.loads import largest
@@ -119,7 +124,7 @@ class _Statics:
         zero, one = np.zeros_like(q0), np.ones(1)
         self._close(q0, contacts)
         self.end.x[:] = self.start.x
-        interval = Interval(0.0, 0.0, 0.0, False)
+        step = ContactStep(contacts, Interval(0.0, 0.0, 0.0, False), self.start, self.end, scratch)
 
         def correct(dq: Array) -> Correction | None:
             elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
@@ -131,16 +136,7 @@ class _Statics:
             free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
             if not np.all(np.isfinite(free)):
                 return None
-            if before.size and not solve_contact(
-                contacts,
-                interval,
-                scratch.candidates,
-                compliance,
-                free,
-                self.start,
-                self.end,
-                scratch,
-            ):
+            if before.size and not solve_contact(step, scratch.candidates, compliance, free):
                 return None
             change = y - unit @ scratch.mean_force.reshape(-1)
             contact_work = float(np.sum(scratch.mean_force * (self.end.x - before)))

@@ -287,7 +287,7 @@ class RangeModel:
             further |= _named(vectors[:, count:], kind[0].upper(), count)
         free = np.zeros((n, 0))
         z, labels, count = _orthonormalised(model.mass, free, free.T, first | further, len(first))
-        damping = np.zeros((n, n)) + self.velocity_matrix(0.0)
+        damping = model.velocity_matrix if model.velocity_matrix.size else np.zeros((n, n))
         whole = self._on(z, q0, shifted(model.elastic, q0), damping)
         turning = self._turning(history, q0, z)
         rest = []
@@ -301,13 +301,14 @@ class RangeModel:
 
     def _turning(self, history: Array, q0: Array, z: Array) -> Turning:
         """The data of a varying speed in q = q0 + Z y, without the energies at rest."""
-        turned, softened = 0.5 * self.coriolis @ q0, self.softening @ q0
+        coriolis = self.coriolis if self.coriolis.size else np.zeros_like(self.softening)
+        turned, softened = 0.5 * coriolis @ q0, self.softening @ q0
         moments = self.moments
         return Turning(
             history,
             z.T @ (self.centrifugal + softened),
             z.T @ self.softening @ z,
-            z.T @ self.coriolis @ z,
+            z.T @ coriolis @ z,
             z.T @ (self.euler + turned),
             float(self.inertia[0] + (2.0 * self.centrifugal + softened) @ q0),
             np.column_stack([moments[:, 0] + moments[:, 1:] @ q0, moments[:, 1:] @ z]),

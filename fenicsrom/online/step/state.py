@@ -201,31 +201,11 @@ class Checkpoint(NamedTuple):
 
 def no_state(n: int, points: int, dimension: int) -> State:
     """A state of zeros, of n coordinates and P contact points."""
-    trial = Trial(
-        dq=np.zeros(n),
-        change=np.zeros(n),
-        residual=np.zeros(n),
-        inertia_offset=np.zeros(n),
-        external_force=np.zeros(n),
-        vector=np.zeros(n),
-        contact=zero_contact_state(points, dimension),
-        displacement_before=np.zeros((points, dimension)),
-        free_displacement=np.zeros((points, dimension)),
-        scratch=contact_scratch(points, dimension),
-    )
-    return State(
-        q=np.zeros(n),
-        v=np.zeros(n),
-        a=np.zeros(n),
-        mean_velocity=np.zeros(n),
-        mean_acceleration=np.zeros(n),
-        elastic_force=np.zeros(n),
-        load_vector=np.zeros(n),
-        contact=zero_contact_state(points, dimension),
-        friction_dissipation=np.zeros(points),
-        scalars=np.zeros(SCALARS),
-        trial=trial,
-    )
+    contact, scratch = zero_contact_state(points, dimension), contact_scratch(points, dimension)
+    trial = Trial._make([*np.zeros((6, n)), contact, *np.zeros((2, points, dimension)), scratch])
+    contact = zero_contact_state(points, dimension)
+    sums = np.zeros(points), np.zeros(SCALARS)
+    return State._make([*np.zeros((7, n)), contact, *sums, trial])
 
 
 def no_record(

@@ -14,13 +14,9 @@ import numpy as np
 
 from fenicsrom.online.contact.candidates import add_candidates, choose_candidates, keep_open
 from fenicsrom.online.contact.coating import is_coated, wear
-from fenicsrom.online.contact.law import (
-    commit_contact_state,
-    contact_energy,
-    implicit_blending,
-)
+from fenicsrom.online.contact.law import commit_contact_state, contact_energy, implicit_blending
 from fenicsrom.online.contact.problem import solve_contact
-from fenicsrom.online.contact.state import Interval
+from fenicsrom.online.contact.state import ContactStep, Interval
 from fenicsrom.online.kernels.compiled import also_compiled, kernel, part
 from fenicsrom.online.kernels.dense import combine, copy_to_points, copy_vector, subtract_contact
 from fenicsrom.online.step.state import (
@@ -166,25 +162,22 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
     """
     trial, af = state.trial, scheme.alpha_f
     interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
+    step = ContactStep(contacts, interval, state.contact, trial.contact, trial.scratch)
     coefficients = step_coefficients(scheme, h)
     model.set_interval(interval.begin, interval.end)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
     guess_step(model, state, h)
-    count = choose_candidates(
-        contacts, interval, scheme.all_points, state.contact, trial.contact, trial.scratch
-    )
+    count = choose_candidates(step, scheme.all_points)
     iterations = 0
     while True:
-        converged, more = iterate(model, contacts, scheme, state, interval, coefficients, count)
+        converged, more = iterate(model, scheme, state, step, coefficients, count)
         iterations += more
         if not converged or count == trial.contact.x.shape[0]:
             return converged, iterations
         combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
         copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
-        found = add_candidates(
-            contacts, interval, trial.free_displacement, trial.contact, trial.scratch
-        )
+        found = add_candidates(step, trial.free_displacement)
         if found == count:
             return True, iterations
         count = found
@@ -201,19 +194,15 @@ def guess_step(model, state, h):  # type: ignore[no-untyped-def]
 
 
 @also_compiled
-def iterate(model, contacts, scheme, state, interval, coefficients, count):  # type: ignore[no-untyped-def]
+def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no-untyped-def]
     """Newton's method for a step from its first guess, with so many contact candidates.
 
     Returns:
         Whether it converged, and the number of iterations.
     """
     trial, scratch, q0, d = state.trial, state.trial.scratch, state.q, state.contact.x.shape[1]
-    x, candidates, directions = (
-        trial.contact.x,
-        scratch.candidates[:count],
-        scratch.directions[: count * d],
-    )
-    first, last = 0.0, 0.0
+    x, first, last = trial.contact.x, 0.0, 0.0
+    candidates, directions = scratch.candidates[:count], scratch.directions[: count * d]
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, tangent = model.elastic_over_step(
             state.elastic_force, q0, trial.dq, scheme.start_weight, scheme.points, scheme.weights
@@ -227,19 +216,8 @@ def iterate(model, contacts, scheme, state, interval, coefficients, count):  # t
             combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
             copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
             if iteration == 1:
-                implicit_blending(
-                    contacts, interval, candidates, compliance.delassus, state.contact, scratch
-                )
-            if not solve_contact(
-                contacts,
-                interval,
-                candidates,
-                compliance,
-                trial.free_displacement,
-                state.contact,
-                trial.contact,
-                scratch,
-            ):
+                implicit_blending(step, candidates, compliance.delassus)
+            if not solve_contact(step, candidates, compliance, trial.free_displacement):
                 return False, iteration
         subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
@@ -307,12 +285,10 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
 def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
     """Write the contact points at the end of a step into the state, and their energies."""
     s, trial, contact, end = state.scalars, state.trial, state.contact, state.trial.contact
-    points, d = trial.free_displacement.shape
-    for p in range(points):
+    step, d = ContactStep(contacts, interval, contact, end, trial.scratch), contact.x.shape[1]
+    for p in range(contact.x.shape[0]):
         if trial.scratch.is_candidate[p]:
-            dissipated, surface, impact = commit_contact_state(
-                contacts, interval, p, contact, end, trial.scratch
-            )
+            dissipated, surface, impact = commit_contact_state(step, p)
             s[FRICTION_DISSIPATION] += dissipated
             state.friction_dissipation[p] += dissipated
             s[WORK] += surface

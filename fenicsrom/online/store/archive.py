@@ -72,7 +72,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.contact.turning import history_of
+from fenicsrom.online.contact.turning import history_of, speed_history
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -81,7 +81,7 @@ from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
-from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
+from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
@@ -288,10 +288,28 @@ class StoredModel:
         assert whole is not None and scene.rotation is not None
         history, omega = history_of(scene.rotation), scene.rotation.omega
         if history.size:
-            found = whole.over(history, omega)
-        else:
-            interface_modes = isinstance(scene.basis.masters, int)
-            found = whole.at(omega, interface_modes, scene.geometrically_nonlinear)
+            return self._with_coordinates(whole.over(history, omega))
+        interface_modes = isinstance(scene.basis.masters, int)
+        return self._with_coordinates(
+            whole.at(omega, interface_modes, scene.geometrically_nonlinear)
+        )
+
+    def over_speeds(self, first: float, last: float) -> StoredModel:
+        """The model for all speeds between two in rev/min, from that for the range.
+
+        Its `model.turning` says how it depends on the speed, as that of a model for a speed that
+        varies (`fenicsrom.online.periodic.families.speed_family`).
+
+        Raises:
+            ConvergenceError: there is no equilibrium at a speed.
+        """
+        whole, rotation = self.whole, self.scene.rotation
+        assert whole is not None and rotation is not None
+        history = speed_history([[0.0, np.pi / 30.0 * first], [1.0, np.pi / 30.0 * last]])
+        return self._with_coordinates(whole.over(history, rotation.omega))
+
+    def _with_coordinates(self, found: AtSpeed) -> StoredModel:
+        """The model with other coordinates, in the order of those of this model if they are."""
         made = replace(
             self,
             model=found.model,

@@ -11,11 +11,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.style import Axes, Figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
 PIXELS = 74  # of an inch of a figure

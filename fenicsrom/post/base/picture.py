@@ -6,16 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.chart import chart
 from fenicsrom.post.base.optional import missing_module, missing_renderer
+from fenicsrom.post.base.style import Figure
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.progress import tracked
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.style import Figure
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_rows, write_summary
 from fenicsrom.scene import Scene, scene_heading
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LONG = 20  # rows of a table that is folded
 
@@ -58,32 +57,40 @@ class Report:
     Attributes:
         name: name of the numbers, such as "campbell": `campbell.csv` and `campbell.json`.
         title: what the report shows, after the heading of the scene.
-        scene: the scene, which says whether pictures are drawn.
+        found: the record of the command. Its scene says whether pictures are drawn.
         sentences: what was found.
-        warnings: warnings for the user; a picture that cannot be drawn adds one.
         sections: the tables.
         rows: rows of the CSV file.
-        summary: gives the content of the JSON file, with the warnings.
+        summary: the content of the JSON file, without what `_json` adds.
         pictures: the pictures.
         notes: paragraphs below the sentences, on the page only.
         varied: keys of the scene that its heading leaves out.
         more_rows: rows of other CSV files, by the name of the file.
-        failure: why the results are not complete, or None.
     """
 
     name: str
     title: str
-    scene: Scene
+    found: Any
     sentences: Sequence[str]
-    warnings: list[str]
     sections: Sequence[Section]
     rows: Sequence[Mapping[str, Any]]
-    summary: Callable[[], Mapping[str, Any]]
+    summary: Mapping[str, Any]
     pictures: Sequence[Picture] = ()
     notes: Sequence[str] = ()
     varied: Collection[str] = ()
     more_rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
-    failure: Exception | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the record."""
+        scene: Scene = self.found.scene
+        return scene
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """Warnings for the user; a picture that cannot be drawn adds one."""
+        warnings: list[str] = getattr(self.found, "warnings", [])
+        return warnings
 
     def write_numbers(self, folder: Path) -> list[Path]:
         """Write `NAME.csv`, `NAME.json` and the other CSV files.
@@ -93,9 +100,22 @@ class Report:
         """
         return [
             write_rows(folder / f"{self.name}.csv", self.rows),
-            write_summary(folder / f"{self.name}.json", self.summary()),
+            write_summary(folder / f"{self.name}.json", self._json()),
             *(write_rows(folder / name, rows) for name, rows in self.more_rows.items()),
         ]
+
+    def _json(self) -> dict[str, Any]:
+        """The content of the JSON file: the scene, the summary, and how the computation ended."""
+        found, ended = self.found, {}
+        for name in ("seconds", "interrupted"):
+            if hasattr(found, name):
+                ended[name] = getattr(found, name)
+        if hasattr(found, "unfinished"):
+            ended["unfinished"] = str(found.unfinished) if found.unfinished else None
+        if hasattr(found, "mesh_check"):
+            ended["estimated_mesh_error"] = asdict(found.mesh_check)
+        last = {"warnings": self.warnings, "provenance": provenance()}
+        return {"scene": self.scene.source, **self.summary, **ended, **last}
 
     def write(self, folder: Path) -> list[Path]:
         """Write the numbers, the pictures and `report.html`.
@@ -123,7 +143,7 @@ class Report:
     @property
     def verdict(self) -> str:
         """Whether the results can be trusted, in one line."""
-        return verdict_of(self.warnings, self.failure)
+        return verdict_of(self.warnings, getattr(self.found, "unfinished", None))
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
@@ -175,19 +195,6 @@ class Report:
             return text_table(item, section.keys)
         shown = text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
-
-
-def ending(found: Any) -> dict[str, Any]:
-    """The last entries of the JSON file of curves and diagrams: how the computation ended."""
-    interrupted = {"interrupted": found.interrupted} if hasattr(found, "interrupted") else {}
-    return {
-        "seconds": found.seconds,
-        **interrupted,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "estimated_mesh_error": asdict(found.mesh_check),
-        "warnings": found.warnings,
-        "provenance": provenance(),
-    }
 
 
 def _is_long(section: Section) -> bool:

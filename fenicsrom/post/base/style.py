@@ -16,7 +16,10 @@ import numpy as np
 from fenicsrom.online.motion.measures import STATE_NAMES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any  # types only: see above
 
 # Ratio of displacement and length of the body from which displacements are drawn to scale.
 TRUE_SCALE = 0.03

@@ -8,15 +8,13 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.files import atomic_write
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from fenicsrom.post.base.style import Figure
 
 PICTURE_DPI = 130
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import magnification, scale_text, styled
+from fenicsrom.post.base.style import Axes, Figure, magnification, scale_text, styled
 from fenicsrom.post.body.body_view import (
+    PolyData,
     View,
     areas,
     face_on,
@@ -20,11 +20,6 @@ from fenicsrom.post.body.body_view import (
     view_of,
 )
 from fenicsrom.post.body.rendering import body_figure, colour_bar, coloured, drawn_lines
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pyvista import PolyData
 
 SHAPE = 0.15
 """Largest displacement of a mode shape in a picture, relative to the size of the body."""

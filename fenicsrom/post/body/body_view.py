@@ -15,8 +15,8 @@ from fenicsrom.post.paraview.vtk import Grid, grid_of, in_space, unknowns_of
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
-    from pyvista import PolyData
 
+PolyData = Any  # of pyvista, which is imported only where a body is drawn
 
 BROAD = 1.5
 """Ratio of the areas seen from two sides from which one of them is the broad side."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.post.base.style import STATES, magnification, new_panels, scale_text, styled
+from fenicsrom.post.base.style import STATES, Figure, magnification, new_panels, scale_text, styled
 from fenicsrom.post.body.body_figures import OUTLINE, SIZE
-from fenicsrom.post.body.body_view import View, form_edges, frame_of
+from fenicsrom.post.body.body_view import PolyData, View, form_edges, frame_of
 from fenicsrom.post.body.rendering import (
     FINE,
     Part,
@@ -26,10 +26,6 @@ from fenicsrom.post.body.rendering import (
     window_of,
 )
 from fenicsrom.progress import tracked
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pyvista import PolyData
 
 FILM_SECONDS = 2.5
 """Duration of an animation, s."""

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.body.body_view import END_ON, frame_of, is_flat, is_seen, view_of
 from fenicsrom.post.body.rendering import GREY, Part, painted, show, write_names
 from fenicsrom.post.body.turning_view import named_page
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MORE_COLOURS = (*COLOURS[:-1], "#8C510A", "#542788", "#7FBC41", "#B2182B", "#35978F", "#F1B6DA")
 """Colours of the groups."""

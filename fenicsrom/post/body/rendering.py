@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import new_panels
+from fenicsrom.post.base.style import Axes, Figure, new_panels
 from fenicsrom.post.base.writers import PICTURE_DPI
-from fenicsrom.post.body.body_view import View
+from fenicsrom.post.body.body_view import PolyData, View
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pyvista import Plotter, PolyData
+    from pyvista import Plotter
 
 TRIAD = 0.18
 """Size of the arrows of the global axes in the lower left corner, relative to the body."""

@@ -8,18 +8,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, scale_text
 from fenicsrom.post.body.body_figures import SHAPE
-from fenicsrom.post.body.body_view import NODE, View, form_edges, frame_of
+from fenicsrom.post.body.body_view import NODE, PolyData, View, form_edges, frame_of
 from fenicsrom.post.body.rendering import Part
-
-if TYPE_CHECKING:
-    from pyvista import PolyData
 
 MOST_TRIANGLES = 6000
 """Largest number of triangles of the body in a page."""

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section, ending
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.response_figures import contact_columns
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
@@ -48,10 +44,9 @@ def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
 
 
 def summary(found: Backbone) -> dict[str, Any]:
-    """The contents of `backbone.json`."""
+    """What `backbone.json` has of a nonlinear mode."""
     table = found.table
     return {
-        "scene": found.scene.source,
         "mode": table.mode,
         "linear_frequency_Hz": found.mode.omega / (2.0 * np.pi),
         "linear_damping_ratio": found.mode.damping_ratio,
@@ -84,7 +79,6 @@ def summary(found: Backbone) -> dict[str, Any]:
             }
             for peak in found.peaks
         ],
-        **ending(found),
     }
 
 
@@ -152,15 +146,13 @@ def report(found: Backbone) -> Report:
     return Report(
         "backbone",
         f"nonlinear mode {found.table.mode}",
-        found.scene,
+        found,
         sentences(found),
-        found.warnings,
         [Section("Peaks of the forced response", [peak_table(found)])],
         rows(found),
-        lambda: summary(found),
+        summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
         [AMPLITUDES_NOTE],
-        failure=found.unfinished,
     )
 
 

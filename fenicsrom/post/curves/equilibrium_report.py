@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section, ending
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.response_figures import STABLE, UNSTABLE, stretches
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 ENDS = {
     "end of the range": "The path reached the end of the range of the load factor.",
@@ -49,11 +45,10 @@ def _row(point: Equilibrium) -> dict[str, Any]:
 
 
 def summary(found: EquilibriumPath) -> dict[str, Any]:
-    """The contents of `equilibria.json`."""
+    """What `equilibria.json` has of a path."""
     table = found.scene.statics
     strained = extremes([point.deformation for point in found.points])
     return {
-        "scene": found.scene.source,
         "unknowns": found.unknowns,
         "loads": table.loads,
         "points": len(found.points),
@@ -63,7 +58,6 @@ def summary(found: EquilibriumPath) -> dict[str, Any]:
         "largest_stable_load_factor": largest_stable(found).load_factor,
         "largest_compressive_strain": 1.0 - strained.smallest_stretch,
         "largest_tensile_strain": strained.largest_stretch - 1.0,
-        **ending(found),
     }
 
 
@@ -121,14 +115,12 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
     return Report(
         "equilibria",
         "equilibria",
-        found.scene,
+        found,
         sentences(found),
-        found.warnings,
         [Section("Limit points and bifurcations", [special_table(found)])],
         rows(found),
-        lambda: summary(found),
+        summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
-        failure=found.unfinished,
     )
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.forced_peak import ForcedPeak
-from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.style import Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.curves.backbone_report import WIDE
 from fenicsrom.post.curves.response_figures import colour_of, curve_name, family, key_label
 from fenicsrom.scene.reading.units import column_name, in_words, unit_of
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from fenicsrom.assess.curves.response_results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.post.base.style import (
     COLOURS,
+    Axes,
+    Figure,
     new_figure,
     new_panels,
     state_colours,
@@ -29,11 +31,6 @@ from fenicsrom.post.curves.response_figures import (
     shown_curves,
     style_handles,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 # thin and bright: seen on the dots that lie on it

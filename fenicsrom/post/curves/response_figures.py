@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +17,9 @@ from fenicsrom.online.model.support_motion import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 from fenicsrom.scene import parameter_of
 from fenicsrom.scene.reading.units import unit_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MARKERS = {
     "fold": "o",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve, curve_title
@@ -34,11 +34,8 @@ from fenicsrom.post.curves.response_figures import (
 from fenicsrom.post.curves.response_rows import full_rows, rows, summary
 from fenicsrom.post.paraview.fields import write_last_period
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE
+from fenicsrom.records import Study
 from fenicsrom.scene.reading.units import in_words
-
-if TYPE_CHECKING:
-    from fenicsrom.records import Study
-
 
 CHECKS_NOTE = (
     "Each row compares one motion of a curve: that of the largest amplitude, a fold, the first and "
@@ -70,9 +67,8 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     return Report(
         "response",
         "response curves",
-        found.scene,
+        found,
         response_tables.sentences(found),
-        found.warnings,
         [
             Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
             Section("Special points", [response_tables.event_table(found)], keys=keys),
@@ -86,7 +82,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
             Section("Effort", [response_tables.run_table(found)], terminal=False),
         ],
         rows(found),
-        lambda: summary(found),
+        summary(found),
         [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
             *([Picture(PEAKS, "peaks.png", lambda: peak_figure(found))] if peaks else []),
@@ -100,7 +96,6 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
             Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
         ],
         varied=response_tables.varied_keys(found),
-        failure=found.unfinished,
         more_rows={name: listed for name, listed in more.items() if listed},
     )
 

@@ -13,7 +13,6 @@ from fenicsrom.assess.curves.response_results import (
     judged_multiplier,
 )
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.post.base.report import ending
 from fenicsrom.post.curves.peak_tables import optimum_summary
 from fenicsrom.post.curves.response_figures import (
     contact_columns,
@@ -73,10 +72,9 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
 
 
 def summary(found: Response) -> dict[str, Any]:
-    """The contents of `response.json`."""
+    """What `response.json` has of the curves."""
     table = found.table
     return {
-        "scene": found.scene.source,
         "parameter": table.parameter,
         "first": table.first,
         "last": table.last,
@@ -84,7 +82,6 @@ def summary(found: Response) -> dict[str, Any]:
         "coordinates": found.size,
         "steps_per_period": found.steps,
         "curves": [_curve_summary(found, curve) for curve in found.curves],
-        **ending(found),
     }
 
 

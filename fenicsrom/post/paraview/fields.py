@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,8 @@ from fenicsrom.online.model.support_motion import moves_supports, support_displa
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.paraview.paraview import array_name, cell_groups, joined, notes, stress_fields
 from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
-
-if TYPE_CHECKING:
-    from fenicsrom.records import Study
-    from fenicsrom.scene import Scene
+from fenicsrom.records import Study
+from fenicsrom.scene import Scene
 
 DISPLACEMENT, STATE = "displacement_m", "contact_state"
 ABSOLUTE = "absolute_displacement_m"

@@ -18,11 +18,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online.stress.stress import principal, von_mises
 from fenicsrom.post.paraview.vtk import Attached, linear_grid, write_blocks, write_series, write_vtu
+from fenicsrom.records import Study
 from fenicsrom.scene import Elasticity, GroupMaterial, scene_heading
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
-    from fenicsrom.records import Study
 
 INDEX = "results.pvd"
 BLOCKS = "results"  # folder of the lists of blocks, one per instant

@@ -16,7 +16,7 @@ from fenicsrom.online.stress.stress_peaks import Peak, Stresses
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
-from fenicsrom.post.body.body_view import NODE, View, largest_of, surface_of
+from fenicsrom.post.body.body_view import NODE, PolyData, View, largest_of, surface_of
 from fenicsrom.post.body.film import Film
 from fenicsrom.post.paraview.fields import (
     DISPLACEMENT,
@@ -31,13 +31,11 @@ from fenicsrom.post.paraview.fields import (
 from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.setup.setup_figure import held_points, setup_figure, setup_view, symbols
 from fenicsrom.post.setup.setup_marks import Mark, gathered_marks
+from fenicsrom.records import Study
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:
-    from pyvista import PolyData
-
     from fenicsrom.fem.solid.solid import Solid
-    from fenicsrom.records import Study
 
 ROWS_PER_FRAME = 2
 """An animation shows every second of the instants that ParaView gets."""

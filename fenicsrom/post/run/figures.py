@@ -6,31 +6,27 @@ import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.sizing import NestedSize
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact, point_summaries
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import plain_names
 from fenicsrom.post.base.style import (
     STATES,
+    Axes,
+    Figure,
     line_styles,
     new_figure,
     new_panels,
     state_handles,
     styled,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from fenicsrom.assess.errors.sizing import NestedSize
-    from fenicsrom.online.motion.motion import Motion
-
 
 LOADS = "the loads"
 LOADS_AND_SURFACES = "the loads and of moving surfaces"

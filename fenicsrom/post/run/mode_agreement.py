@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.errors.mode_agreement import ModeAgreement
-from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.style import Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SAME = 0.99
 """Modes of a larger MAC count as the same."""

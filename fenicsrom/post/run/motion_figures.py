@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,17 @@ from fenicsrom.assess.errors.signals import (
 )
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.directions import plain_names
-from fenicsrom.post.base.style import new_figure, new_panels, state_colours, state_handles, styled
+from fenicsrom.post.base.style import (
+    Figure,
+    new_figure,
+    new_panels,
+    state_colours,
+    state_handles,
+    styled,
+)
 from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from fenicsrom.online.motion.motion import Motion
 
 WINDOWS = 100  # largest number of windows of an envelope
 SWINGS = 1.2  # least length of a window in periods of the strongest frequency

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,7 @@ from fenicsrom.online.motion.measures import has_contact, point_summaries, respo
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.directions import in_order, millimetres
 from fenicsrom.post.base.tables import table_of, text_table
-
-if TYPE_CHECKING:
-    from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
 PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
+from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
+from fenicsrom.post.base.style import Figure
 from fenicsrom.post.body.body_view import is_flat, is_slender
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.run.body_pictures import (
@@ -48,16 +50,9 @@ from fenicsrom.post.run.motion_figures import (
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
 from fenicsrom.post.run.run_up import run_up_pictures
 from fenicsrom.post.run.wear import plot_wear
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from fenicsrom.assess.errors.sizing import Sized
-    from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.records import Rerun, Study
-
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 NO_FREQUENCIES = np.zeros(0)

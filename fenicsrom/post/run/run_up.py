@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.rotation.run_up import RunUp
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import new_figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from fenicsrom.post.base.style import Figure, new_figure, styled
 
 RUN_UP = "run_up.csv"
 ROWS = ("time", "speed", "amplitude", "peak_force", "friction", "torque", "power")

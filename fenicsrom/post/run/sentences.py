@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import has_contact, has_settled, out_of_reach, search_summary
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
@@ -21,14 +24,9 @@ from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
 from fenicsrom.post.run.wear import wear_sentence
 from fenicsrom.records import Rerun, Study
+from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.step_size import refined, step_key
 from fenicsrom.words import counted, two_digits
-
-if TYPE_CHECKING:
-    from fenicsrom.assess.errors.estimates import MotionErrors
-    from fenicsrom.assess.errors.sizing import Sized
-    from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.scene import Scene
 
 MULTIPLIER_NOTE = (
     "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "

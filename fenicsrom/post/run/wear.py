@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import Wear, wear_of
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.style import Figure, new_figure, styled
 from fenicsrom.post.base.writers import write_rows
 from fenicsrom.scene import Scene
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WEAR = "wear.csv"
 FEW_RINGS = 4  # rings that have a line each; more rings are a map

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import styled
+from fenicsrom.post.base.style import Figure, styled
 from fenicsrom.post.body.body_view import (
     NODE,
+    PolyData,
     View,
     areas,
     cell_edges,
@@ -38,11 +39,6 @@ from fenicsrom.post.body.rendering import (
 )
 from fenicsrom.post.paraview.vtk import Grid
 from fenicsrom.post.setup.setup_marks import ARROW, CLAMPED, Mark
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pyvista import PolyData
-
 
 OVERVIEW = 0.32
 """Width of the second panel, relative to the picture of the body."""

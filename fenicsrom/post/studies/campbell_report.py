@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.rotation.campbell import Campbell
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section, ending
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.report import Report, Section
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SMOOTH = 201  # points of a curve between the computed frequencies
 LEGEND_COLUMNS = 4
 
 
 def summary(found: Campbell) -> dict[str, Any]:
-    """The contents of `campbell.json`."""
+    """What `campbell.json` has of a diagram."""
     rotation = found.scene.rotation
     assert rotation is not None
     return {
-        "scene": found.scene.source,
         "dofs": found.unknowns,
         "coriolis": rotation.coriolis,
         "speeds_rpm": found.speeds_rpm,
@@ -40,7 +35,6 @@ def summary(found: Campbell) -> dict[str, Any]:
         "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
         "margins": found.margins,
         "complex_change": found.change,
-        **ending(found),
     }
 
 
@@ -194,16 +188,14 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     return Report(
         "campbell",
         "Campbell diagram",
-        found.scene,
+        found,
         sentences(found),
-        found.warnings,
         [
             Section("Critical speeds", [critical_table(found)]),
             Section("Margins at the speed of operation", [margin_table(found)]),
             Section("Frequencies", [frequency_table(found)]),
         ],
         [dict(zip(columns, map(float, row), strict=True)) for row in numbers],
-        lambda: summary(found),
+        summary(found),
         [Picture("Campbell diagram", "campbell.png", lambda: figure(found)), *more],
-        failure=found.unfinished,
     )

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.errors.agreement import pareto_front
 from fenicsrom.assess.studies.compare import Comparison, Outcome
 from fenicsrom.post.base.directions import error_names
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
 SHORT = {"rubin": "R", "craig-bampton": "CB"}

@@ -7,7 +7,6 @@ from typing import Any
 from fenicsrom.assess.full.full_cache import machine
 from fenicsrom.assess.studies.compare import REPEATS, Comparison
 from fenicsrom.online.motion.measures import response_summary
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
@@ -63,7 +62,7 @@ def rows(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
-    """Collect the contents of `comparison.json`."""
+    """Collect what `comparison.json` has of a comparison."""
     combinations = []
     for outcome, row in zip(comparison.outcomes, rows(comparison), strict=True):
         entry = {
@@ -80,7 +79,6 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         combinations.append(entry)
     full = comparison.full
     return {
-        "scene": comparison.scene.source,
         "dofs": comparison.unknowns,
         "full": {"seconds": full.seconds, **comparison.full_run, "response": response_summary(full)}
         if full
@@ -92,8 +90,6 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "compilation_seconds": comparison.compilation,
         "combinations": combinations,
         "machine": machine(),
-        "warnings": comparison.warnings,
-        "provenance": provenance(),
     }
 
 
@@ -248,14 +244,13 @@ def report(comparison: Comparison) -> Report:
     return Report(
         "comparison",
         "error against run time",
-        comparison.scene,
+        comparison,
         sentences(comparison) or ["There is no full model to compare with."],
-        comparison.warnings,
         [
             Section("All combinations", [whole], keys=whole[0].index("size")),
             Section("Timing", timing_note(comparison), terminal=False),
         ],
         rows(comparison),
-        lambda: summary(comparison),
+        summary(comparison),
         pictures(comparison),
     )

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +18,8 @@ from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.html_page import verdict_of, write_report
 from fenicsrom.post.base.origin import SCENE_FILE
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import COLOURS, new_panels, styled
+from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of, text_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FILES = {"run": "summary.json", "response": "response.json", "backbone": "backbone.json"}
 """The kinds of results, and the file that tells them."""

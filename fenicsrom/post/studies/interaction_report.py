@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
 from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, Line
 from fenicsrom.files import atomic_write
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_figure, styled
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
 VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_"}
@@ -136,21 +131,15 @@ def sentences(found: InteractionMap) -> list[str]:
 
 
 def summary(found: InteractionMap) -> dict[str, Any]:
-    """The contents of `map.json`."""
+    """What `map.json` has of a map."""
     names = ("mode", "engine_order", "free_rpm", "closed_rpm")
     return {
-        "scene": found.scene.source,
         "coordinates": found.size,
         "steps_per_revolution": found.steps,
         "excited_orders": list(found.excited),
         "onsets": [dict(zip(names, onset, strict=True)) for onset in found.onsets()],
         "speeds": rows(found),
         "reused": found.reused,
-        "interrupted": found.interrupted,
-        "seconds": found.seconds,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "warnings": found.warnings,
-        "provenance": provenance(),
     }
 
 
@@ -284,19 +273,17 @@ def report(found: InteractionMap) -> Report:
     return Report(
         "map",
         "interaction map",
-        found.scene,
+        found,
         sentences(found),
-        found.warnings,
         [
             Section("Speeds of resonance", [onset_table(found)], keys=2, most=20),
             Section("Speeds", [speed_table(found)], most=20),
         ],
         rows(found),
-        lambda: summary(found),
+        summary(found),
         [
             Picture("Interaction map", "map.png", lambda: figure(found)),
             Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
         ],
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
-        failure=found.unfinished,
     )

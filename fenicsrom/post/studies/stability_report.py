@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import new_panels, styled
@@ -135,9 +134,8 @@ def report(matrix: Matrix) -> Report:
     return Report(
         "stability",
         "stability",
-        matrix.scene,
+        matrix,
         sentences(matrix),
-        [],
         [
             *(
                 Section(verdict.capitalize(), [found], terminal=False)
@@ -146,13 +144,10 @@ def report(matrix: Matrix) -> Report:
             Section("Left out", matrix.left_out),
         ],
         rows,
-        lambda: {
-            "scene": matrix.scene.source,
+        {
             "verdicts": {verdict.value: matrix.count(verdict) for verdict in Verdict},
-            "seconds": matrix.seconds,
             "left_out": matrix.left_out,
             "runs": rows,
-            "provenance": provenance(),
         },
         [Picture("Verdicts", "stability.png", lambda: figure(matrix))],
         [HOW],

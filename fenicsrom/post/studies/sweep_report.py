@@ -5,22 +5,18 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
-from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.style import line_styles, new_panels, styled
+from fenicsrom.post.base.style import Figure, line_styles, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.scene.reading.units import column_name, given_unit_of
 from fenicsrom.words import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Column(NamedTuple):
@@ -110,16 +106,12 @@ def _is_done(row: dict[str, Any]) -> bool:
 
 
 def summary(found: Sweep) -> dict[str, Any]:
-    """The contents of `sweep.json`."""
+    """What `sweep.json` has of a sweep."""
     return {
-        "scene": found.scene.source,
         "axes": [{"keys": axis.keys, "values": axis.values} for axis in found.axes],
         "models": found.models,
         "reused": found.reused,
-        "interrupted": found.interrupted,
-        "seconds": found.seconds,
         "runs": found.rows,
-        "provenance": provenance(),
     }
 
 
@@ -131,15 +123,14 @@ def report(found: Sweep) -> Report:
     return Report(
         "sweep",
         "sweep",
-        found.scene,
+        found,
         sentences(found),
-        [],
         [
             Section("Doubtful and failed runs, and warnings", remarks(found)),
             Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
         ],
         [{names.get(key, key): value for key, value in row.items()} for row in found.rows],
-        lambda: summary(found),
+        summary(found),
         [Picture("Results", "sweep.png", lambda: figure(found))] if drawn else [],
         varied=keys,
     )

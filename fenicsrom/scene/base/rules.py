@@ -10,10 +10,10 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.words import counted
@@ -49,6 +49,30 @@ class Where:
         kind = ErrorKind.MISSING if missing else kind
         sentence = f"{self.source}: {self.key} {what}: {allowed}"
         return SceneError(sentence, kind=kind, key=self.key, source=self.source)
+
+    def require_none(self, problems: Iterable[Problem]) -> None:
+        """Raise the error of the first problem, whose key is below this place."""
+        for problem in problems:
+            raise self.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+
+
+class Problem(NamedTuple):
+    """A key that does not agree with the others.
+
+    Attributes:
+        key: the dotted key.
+        value: its value, or `MISSING`.
+        allowed: what is allowed, in words.
+        kind: the kind of the error; a missing value has its own kind.
+    """
+
+    key: str
+    value: object
+    allowed: str
+    kind: ErrorKind = ErrorKind.CONFLICT
+
+
+Problems = Iterator[Problem]
 
 
 def show(value: object, width: int = 60) -> str:
@@ -175,53 +199,40 @@ def choice(*options: str | int) -> Rule:
     return Rule(read, {"enum": list(options)}, words)
 
 
-def _read_flag(value: Any, where: Where) -> bool:
-    if not isinstance(value, bool):
-        raise where.refuse(value, "must be true or false", ErrorKind.TYPE)
-    return value
+def _plain(
+    kind: type,
+    words: str,
+    schema: Mapping[str, Any],
+    allowed: str = "",
+    accepts: Callable[[Any], Any] = lambda value: True,
+) -> Rule:
+    """Make the rule of a value of a type that stays as it is, described in `words`."""
+
+    def read(value: Any, where: Where) -> Any:
+        if not isinstance(value, kind):
+            raise where.refuse(value, f"must be {words}", ErrorKind.TYPE)
+        if not accepts(value):
+            raise where.refuse(value, f"must be {words}")
+        return value
+
+    return Rule(read, schema, allowed or words)
 
 
-flag = Rule(_read_flag, {"type": "boolean"}, "true or false")
-
-
-def _read_text(value: Any, where: Where) -> str:
-    if not isinstance(value, str):
-        raise where.refuse(value, "must be a text in quotes", ErrorKind.TYPE)
-    return value
-
-
-text = Rule(_read_text, {"type": "string"}, "text")
-
-
-def _read_name(value: Any, where: Where) -> str:
-    if not isinstance(value, str):
-        raise where.refuse(value, "must be a name in quotes", ErrorKind.TYPE)
-    if not value.strip():
-        raise where.refuse(value, "must be a name in quotes")
-    return value
+def text_like(pattern: str, words: str, allowed: str = "") -> Rule:
+    """Make the rule of a text that matches a pattern."""
+    schema = {"type": "string", "pattern": pattern}
+    return _plain(str, words, schema, allowed, lambda value: re.fullmatch(pattern, value))
 
 
 NAME_SCHEMA = {"type": "string", "pattern": r"\S"}
-name = Rule(_read_name, NAME_SCHEMA, "name")
-
-
-def text_like(pattern: str, allowed: str) -> Rule:
-    """Make the rule of a text that matches a pattern."""
-
-    def read(value: Any, where: Where) -> str:
-        if not isinstance(value, str) or not re.fullmatch(pattern, value):
-            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-            raise where.refuse(value, f"must be {allowed}", kind)
-        return value
-
-    return Rule(read, {"type": "string", "pattern": pattern}, allowed)
-
-
+flag = _plain(bool, "true or false", {"type": "boolean"})
+text = _plain(str, "a text in quotes", {"type": "string"}, "text")
+name = _plain(str, "a name in quotes", NAME_SCHEMA, "name", str.strip)
 mesh_change = text_like(
     r"^geometry\.[^=]+=.*$", 'KEY=VALUE with a key of [geometry], such as "geometry.degree=1"'
 )
 
-path = Rule(lambda value, where: Path(_read_name(value, where)), NAME_SCHEMA, "path of a file")
+path = Rule(lambda value, where: Path(name(value, where)), NAME_SCHEMA, "path of a file")
 
 
 def _read_vector(value: Any, where: Where) -> tuple[float, ...]:
@@ -327,7 +338,7 @@ harmonics = Rule(
 def _read_series(value: Any, where: Where) -> Path | tuple[tuple[float, float], ...]:
     """Give a function of time: the path of a file that is read later, or its rows."""
     if isinstance(value, str):
-        return Path(_read_name(value, where))
+        return Path(name(value, where))
     if not is_sequence(value):
         allowed = "must be the name of a file, or rows [time, factor]"
         raise where.refuse(value, allowed, ErrorKind.TYPE)
@@ -380,7 +391,11 @@ def either(one: Rule, other: Rule) -> Rule:
     return Rule(read, {"oneOf": [one.schema, other.schema]}, allowed, one.unit)
 
 
-LABEL = r"([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])"
+LABEL = r"^([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])$"
+_TWO_MODES = 'two modes such as "1V1V" or "1V2S"'
+_label_as_given = text_like(
+    LABEL, f"{_TWO_MODES}: a number from 1, then V (normal) or S (static)", _TWO_MODES
+)
 
 
 def _read_label(value: Any, where: Where) -> str:
@@ -388,16 +403,9 @@ def _read_label(value: Any, where: Where) -> str:
 
     The label 1S2V becomes 2V1S.
     """
-    match = re.fullmatch(LABEL, value) if isinstance(value, str) else None
-    if match is None:
-        allowed = (
-            'must be two modes such as "1V1V" or "1V2S": '
-            "a number from 1, then V (normal) or S (static)"
-        )
-        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-        raise where.refuse(value, allowed, kind)
-    pair = sorted([("VS".index(match[2]), int(match[1])), ("VS".index(match[4]), int(match[3]))])
-    return "".join(f"{count}{'VS'[kind]}" for kind, count in pair)
+    first, second = re.findall(r"([0-9]+)([VS])", _label_as_given(value, where))
+    pair = sorted((first, second), key=lambda mode: ("VS".index(mode[1]), int(mode[0])))
+    return "".join(count + kind for count, kind in pair)
 
 
 BY_MOTION = ("principal", "mmi", "mmi-nls")
@@ -430,11 +438,7 @@ def list_of(rule: Rule, least: int = 1, most: int | None = None, distinct: bool 
 
 masters = either(choice("all", "normal"), integer(1, 1000))
 modes = either(choice("auto"), integer(0, 1000))
-_label = Rule(
-    _read_label,
-    {"type": "string", "pattern": f"^{LABEL}$"},
-    'two modes such as "1V1V" or "1V2S"',
-)
+_label = replace(_label_as_given, read=_read_label)
 derivatives = either(choice(*SELECTIONS), list_of(_label, least=0))
 
 

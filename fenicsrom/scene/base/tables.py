@@ -39,10 +39,20 @@ class OneOf:
         """Store the alternatives."""
         self.tags, self.otherwise = tags, otherwise
 
+    @classmethod
+    def by_keys(cls, otherwise: type, *kinds: type) -> OneOf:
+        """Alternatives each of which any of its keys chooses."""
+        return cls(otherwise, **{key: kind for kind in kinds for key in key_names(kind)})
+
     @property
     def kinds(self) -> list[type]:
         """The alternatives, each once."""
         return list(dict.fromkeys(self.tags.values()))
+
+    @property
+    def every(self) -> list[type]:
+        """The alternatives, with the one that no key chooses."""
+        return [*self.kinds, *([self.otherwise] if self.otherwise else [])]
 
     def chosen(self, table: Mapping[str, Any], where: Where) -> type:
         """Give the alternative that a table describes.
@@ -106,7 +116,7 @@ def keys(kind: type) -> Iterator[tuple[str, Rule, str, Any]]:
     for name, (entry, instead) in entries(kind).items():
         if isinstance(entry, OneOf):
             seen: dict[str, tuple[str, Rule, str, Any]] = {}
-            for each in [*entry.kinds, *([entry.otherwise] if entry.otherwise else [])]:
+            for each in entry.every:
                 for key in keys(each):
                     seen.setdefault(key[0], key)
             yield from seen.values()

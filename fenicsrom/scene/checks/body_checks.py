@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING
 
-from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.base.rules import Problem, Problems
 from fenicsrom.scene.keys.places import AXES
 from fenicsrom.scene.keys.schema import Scene
 

@@ -11,8 +11,7 @@ from operator import mul
 from typing import Any
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.problem import Problem, Problems
-from fenicsrom.scene.base.rules import POINT_SCHEMA, Rule
+from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule
 from fenicsrom.scene.base.tables import entries, plain
 from fenicsrom.scene.checks.body_checks import (
     attachment_problems,
@@ -26,20 +25,11 @@ from fenicsrom.scene.checks.curve_checks import (
     statics_problems,
 )
 from fenicsrom.scene.checks.material_checks import material_problems
+from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import Place, Region
 from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
-from fenicsrom.scene.keys.times import (
-    GENERALISED_ALPHA,
-    Duration,
-    EquilibriumOnly,
-    FixedStep,
-    NoStep,
-    Periodic,
-    StepsPerPeriod,
-    StepsPerRevolution,
-)
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
@@ -156,11 +146,15 @@ def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
     if contact.gap and contact.preload:
         allowed = "not allowed with a preload, which is the force at the undeformed position"
         yield Problem(f"{key}.gap", contact.gap, allowed)
-    times = [time for time, _ in contact.approach]
-    if any(later <= sooner for sooner, later in pairwise(times)):
-        yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
+    yield from _order_problems(f"{key}.approach", [time for time, _ in contact.approach])
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _order_problems(key: str, instants: list[float]) -> Problems:
+    """Yield instants that do not increase."""
+    if any(later <= sooner for sooner, later in pairwise(instants)):
+        yield Problem(key, instants, "times must increase", ErrorKind.RANGE)
 
 
 def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
@@ -292,11 +286,10 @@ def _rotation_problems(scene: Scene) -> Problems:
 
 def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
     """Yield what a run at a varying speed needs."""
-    key, times = "rotation.history", [time for time, _ in rotation.history]
-    if times[0] != 0.0:
-        yield Problem(f"{key}[0]", times[0], "the first time must be 0", ErrorKind.RANGE)
-    if any(later <= sooner for sooner, later in pairwise(times)):
-        yield Problem(key, times, "times must increase", ErrorKind.RANGE)
+    key, instants = "rotation.history", [time for time, _ in rotation.history]
+    if instants[0] != 0.0:
+        yield Problem(f"{key}[0]", instants[0], "the first time must be 0", ErrorKind.RANGE)
+    yield from _order_problems(key, instants)
     speeds = [speed for _, speed in rotation.history]
     if rotation.speeds_rpm is None:
         allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
@@ -309,7 +302,7 @@ def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
                 yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
     if not rotation.coriolis:
         yield Problem("rotation.coriolis", False, "must be true with rotation.history")
-    if isinstance(scene.time.stepping, StepsPerRevolution) and min(speeds) <= 0.0:
+    if isinstance(scene.time.stepping, times.StepsPerRevolution) and min(speeds) <= 0.0:
         steps = scene.time.steps_per_revolution
         allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
         yield Problem("time.steps_per_revolution", steps, allowed)
@@ -382,8 +375,8 @@ def _basis_problems(scene: Scene) -> Problems:
 
 def _time_problems(scene: Scene) -> Problems:
     time = scene.time
-    if time.spectral_radius is not None and time.scheme != GENERALISED_ALPHA:
-        allowed = f'only allowed with scheme = "{GENERALISED_ALPHA}"'
+    if time.spectral_radius is not None and time.scheme != times.GENERALISED_ALPHA:
+        allowed = f'only allowed with scheme = "{times.GENERALISED_ALPHA}"'
         yield Problem("time.spectral_radius", time.spectral_radius, allowed)
     if scene.period is None:
         yield from _duration_problems(scene)
@@ -399,27 +392,27 @@ def _duration_problems(scene: Scene) -> Problems:
     varies = scene.rotation is not None and bool(scene.rotation.history)
     if varies:
         why = "the speed of rotation varies"
-    if isinstance(time.span, Periodic):
+    if isinstance(time.span, times.Periodic):
         given = ("steady_tolerance", "steady")
-        default = Periodic()
+        default = times.Periodic()
         name = next((n for n in given if getattr(time, n) != getattr(default, n)), "periods")
         yield Problem(f"time.{name}", getattr(time, name), f"use duration, because {why}")
-    if isinstance(time.span, EquilibriumOnly):
-        if not scene.static_only or not isinstance(time.stepping, NoStep):
+    if isinstance(time.span, times.EquilibriumOnly):
+        if not scene.static_only or not isinstance(time.stepping, times.NoStep):
             yield Problem("time.duration", MISSING, f"must be a number above 0, because {why}")
         return
     duration = time.duration or 0.0
     match time.stepping:
-        case NoStep():
+        case times.NoStep():
             allowed = f"a step (number above 0) or a tolerance must be given, because {why}"
             yield Problem("time.step", MISSING, allowed)
-        case StepsPerPeriod(steps_per_period=steps):
+        case times.StepsPerPeriod(steps_per_period=steps):
             allowed = f"use step or tolerance, because {why}"
             yield Problem("time.steps_per_period", steps, allowed)
-        case StepsPerRevolution(steps_per_revolution=steps) if not varies:
+        case times.StepsPerRevolution(steps_per_revolution=steps) if not varies:
             allowed = "only allowed with rotation.history"
             yield Problem("time.steps_per_revolution", steps, allowed)
-        case FixedStep(step=step):
+        case times.FixedStep(step=step):
             if step > duration:
                 allowed = f"must be at most the duration of {duration:g}"
                 yield Problem("time.step", step, allowed)
@@ -429,9 +422,9 @@ def _period_problems(scene: Scene) -> Problems:
     """Yield the problems of the times and frequencies of a scene with a period."""
     time = scene.time
     why = "because the loads repeat"
-    if isinstance(time.span, Duration):
+    if isinstance(time.span, times.Duration):
         yield Problem("time.duration", time.span.duration, f"use periods, {why}")
-    if isinstance(time.stepping, FixedStep | StepsPerRevolution):
+    if isinstance(time.stepping, times.FixedStep | times.StepsPerRevolution):
         key = fields(time.stepping)[0].name
         allowed = f"use steps_per_period or tolerance, {why}"
         yield Problem(f"time.{key}", getattr(time, key), allowed)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.problem import Problem, Problems
-from fenicsrom.scene.keys.response import Response, parameter_of
+from fenicsrom.scene.base.rules import Problem, Problems
+from fenicsrom.scene.keys.curves import Response, parameter_of
+from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.keys.unit_system import REGIONAL
 from fenicsrom.words import counted
@@ -33,6 +34,8 @@ def response_problems(scene: Scene) -> Problems:
             yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
             return
     yield from _peak_problems(scene, response)
+    if response.parameter == "rotation.speed_rpm":
+        yield from _speed_problems(scene, response)
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
         present = len(getattr(scene, table))
@@ -52,6 +55,27 @@ def response_problems(scene: Scene) -> Problems:
     if table == "contacts" and name == "gap" and _has_radius(scene, index):
         allowed = "not allowed with surface.radius, which determines the gap"
         yield Problem("response.parameter", response.parameter, allowed)
+
+
+def _speed_problems(scene: Scene, response: Response) -> Problems:
+    """Yield what a curve over the speed of rotation needs."""
+    key, name = "response.parameter", response.parameter
+    if scene.speeds_rpm is None:
+        yield Problem(key, name, "needs rotation.speeds_rpm, one model for all speeds")
+        return
+    first, *_, last = scene.speeds_rpm
+    for end in ("first", "last"):
+        value = getattr(response, end)
+        if not first <= value <= last:
+            allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
+            yield Problem(f"response.{end}", value, allowed, ErrorKind.RANGE)
+    for k, load in enumerate(scene.loads):
+        if load.frequency is not None and not isinstance(load.frequency, OrderFrequency):
+            allowed = f"needs an engine_order for loads[{k}]: its frequency must follow the speed"
+            yield Problem(key, name, allowed)
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is not None and contact.surface.spin:
+            yield Problem(key, name, f"not allowed with contacts[{k}].surface.spin")
 
 
 def keys_over(scene: Scene, over: str) -> list[str]:

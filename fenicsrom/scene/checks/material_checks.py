@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.base.rules import Problem, Problems
 from fenicsrom.scene.keys.materials import Elasticity
 from fenicsrom.scene.keys.schema import Scene
 

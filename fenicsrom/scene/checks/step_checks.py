@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fenicsrom.scene.base.problem import Problem, Problems
+from fenicsrom.scene.base.rules import Problem, Problems
 from fenicsrom.scene.keys.excitation import excitations
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod, StepsPerRevolution

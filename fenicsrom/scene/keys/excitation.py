@@ -80,7 +80,7 @@ def _at_ends_of_steps(rows: Rows, step: float) -> bool:
     return all(abs(math.remainder(time, step)) < ON_STEP * step for time, _ in rows)
 
 
-def shortest_period(load: Load) -> float:
+def shortest_period(load: Load, small: float = SMALL_SWING) -> float:
     """The shortest period of a load in s: twice an impact, or twice the shortest swing of a table.
 
     It is infinite for a load that does not swing.
@@ -96,7 +96,7 @@ def shortest_period(load: Load) -> float:
         case Pulse(pulse=pulse):
             return 2.0 * pulse.duration
         case Table() as history:
-            return 2.0 * shortest_swing(history.rows)
+            return 2.0 * shortest_swing(history.rows, small)
     return math.inf
 
 
@@ -110,15 +110,9 @@ def highest_frequency(scene: Scene) -> float:
     """
     found = [0.0]
     for load in scene.loads:
-        if load.size == 0.0:
-            continue
-        match load.history:
-            case Pulse(pulse=pulse):
-                found.append(1.0 / pulse.duration)
-            case Table() as history:
-                found.append(0.5 / shortest_swing(history.rows, LARGE_SWING))
-            case _:
-                found.append(1.0 / shortest_period(load))
+        if load.size != 0.0:
+            faster = 2.0 if isinstance(load.history, Pulse) else 1.0
+            found.append(faster / shortest_period(load, LARGE_SWING))
     for contact in scene.contacts:
         if contact.approach:
             found.append(0.5 / shortest_swing(contact.approach, LARGE_SWING))

@@ -29,15 +29,12 @@ from fenicsrom.scene.base.rules import (
     rows_of,
 )
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
-from fenicsrom.scene.keys.attachments import Attachment
-from fenicsrom.scene.keys.backbone import Backbone
+from fenicsrom.scene.keys.curves import Backbone, Response, Statics
 from fenicsrom.scene.keys.damping import Damping
 from fenicsrom.scene.keys.loads import Load
 from fenicsrom.scene.keys.materials import GroupMaterial, Material
 from fenicsrom.scene.keys.meshing import Meshing
-from fenicsrom.scene.keys.places import Place, Support
-from fenicsrom.scene.keys.response import Response
-from fenicsrom.scene.keys.statics import Statics
+from fenicsrom.scene.keys.places import Attachment, Place, Support
 from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief
@@ -83,6 +80,10 @@ class Geometry:
         return self.mesh.suffix.lower() in (".step", ".stp")
 
 
+_ORDER = {"type": "integer", "minimum": 1}
+_WAVES = rows_of("order", "height", "phase", unit="–, m, rad", first=_ORDER)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Surface:
     """A round rigid surface.
@@ -107,16 +108,7 @@ class Surface:
     inside: Annotated[bool, flag] = True
     radius: Annotated[float | None, number(above=0.0, unit="m")] = None
     spin: Annotated[float | None, number(unit="rad/s")] = None
-    waves: Annotated[
-        tuple[tuple[float, ...], ...],
-        rows_of(
-            "order",
-            "height",
-            "phase",
-            unit="–, m, rad",
-            first={"type": "integer", "minimum": 1},
-        ),
-    ] = ()
+    waves: Annotated[tuple[tuple[float, ...], ...], _WAVES] = ()
     angle_from: Annotated[tuple[float, ...] | None, rules.direction] = None
 
 

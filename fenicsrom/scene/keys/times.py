@@ -102,20 +102,8 @@ class NoStep:
 
 Span = Periodic | Duration | EquilibriumOnly
 Stepping = FixedStep | StepsPerPeriod | StepsPerRevolution | Tolerance | NoStep
-SPANS = OneOf(
-    EquilibriumOnly,
-    duration=Duration,
-    periods=Periodic,
-    steady_tolerance=Periodic,
-    steady=Periodic,
-)
-STEPPINGS = OneOf(
-    NoStep,
-    step=FixedStep,
-    steps_per_period=StepsPerPeriod,
-    steps_per_revolution=StepsPerRevolution,
-    tolerance=Tolerance,
-)
+SPANS = OneOf.by_keys(EquilibriumOnly, Duration, Periodic)
+STEPPINGS = OneOf.by_keys(NoStep, FixedStep, StepsPerPeriod, StepsPerRevolution, Tolerance)
 
 
 @dataclass(frozen=True, kw_only=True)

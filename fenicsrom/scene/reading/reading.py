@@ -15,17 +15,10 @@ from fenicsrom.scene.base.tables import plain, read_table
 from fenicsrom.scene.base.toml import parse_toml
 from fenicsrom.scene.checks.checks import default_masters, problems
 from fenicsrom.scene.checks.step_checks import step_problems
+from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
 from fenicsrom.scene.keys.meshing import Refinement
 from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
-from fenicsrom.scene.keys.times import (
-    GENERALISED_ALPHA,
-    EquilibriumOnly,
-    NoStep,
-    Periodic,
-    StepsPerPeriod,
-    Time,
-)
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.scene.reading.headings import titled
 from fenicsrom.scene.reading.overrides import Overrides, override_table
@@ -137,8 +130,7 @@ def parse_scene(
     if not (scene.units.is_si or scene.units.si):
         scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
     scene = _complete(scene, folder, folder if mesh else None)
-    for problem in step_problems(scene):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    where.require_none(step_problems(scene))
     return scene
 
 
@@ -149,8 +141,7 @@ def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
         SceneError: a key or value is not allowed.
     """
     scene = read_table(Scene, _with_frequencies(table, where), where)
-    for problem in problems(scene, unloaded):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    where.require_none(problems(scene, unloaded))
     return replace(scene, source=where.source)
 
 
@@ -249,16 +240,16 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
     return geometry
 
 
-def _complete_time(time: Time, periodic: bool) -> Time:
-    if time.scheme == GENERALISED_ALPHA and time.spectral_radius is None:
+def _complete_time(time: times.Time, periodic: bool) -> times.Time:
+    if time.scheme == times.GENERALISED_ALPHA and time.spectral_radius is None:
         time = replace(time, spectral_radius=0.8)
     if not periodic:
         return time
-    if isinstance(time.stepping, NoStep):
-        time = replace(time, stepping=StepsPerPeriod(steps_per_period=200))
-    if isinstance(time.span, EquilibriumOnly):
-        time = replace(time, span=Periodic())
-    if isinstance(time.span, Periodic) and time.span.steady_tolerance is None:
+    if isinstance(time.stepping, times.NoStep):
+        time = replace(time, stepping=times.StepsPerPeriod(steps_per_period=200))
+    if isinstance(time.span, times.EquilibriumOnly):
+        time = replace(time, span=times.Periodic())
+    if isinstance(time.span, times.Periodic) and time.span.steady_tolerance is None:
         tolerance = max(1e-5, time.tolerance or 0.0)
         time = replace(time, span=replace(time.span, steady_tolerance=tolerance))
     return time

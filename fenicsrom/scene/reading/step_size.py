@@ -10,14 +10,8 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
+from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.schema import Scene
-from fenicsrom.scene.keys.times import (
-    FixedStep,
-    Stepping,
-    StepsPerPeriod,
-    StepsPerRevolution,
-    Tolerance,
-)
 from fenicsrom.scene.reading.overrides import override_table
 from fenicsrom.scene.reading.reading import parse_scene, scene_table
 
@@ -50,17 +44,17 @@ def refined(scene: Scene, factor: float = 2) -> Scene:
     With a factor below 1 the step is longer; no step exceeds the duration, and a period has at
     least two.
     """
-    stepping: Stepping
+    stepping: times.Stepping
     match scene.time.stepping:
-        case Tolerance(tolerance=tolerance):
-            stepping = Tolerance(tolerance=tolerance / factor**3)
-        case StepsPerPeriod(steps_per_period=steps):
-            stepping = StepsPerPeriod(steps_per_period=max(int(steps * factor), 2))
-        case StepsPerRevolution(steps_per_revolution=steps):
-            stepping = StepsPerRevolution(steps_per_revolution=max(int(steps * factor), 2))
-        case FixedStep(step=step):
+        case times.Tolerance(tolerance=tolerance):
+            stepping = times.Tolerance(tolerance=tolerance / factor**3)
+        case times.StepsPerPeriod(steps_per_period=steps):
+            stepping = times.StepsPerPeriod(steps_per_period=max(int(steps * factor), 2))
+        case times.StepsPerRevolution(steps_per_revolution=steps):
+            stepping = times.StepsPerRevolution(steps_per_revolution=max(int(steps * factor), 2))
+        case times.FixedStep(step=step):
             assert scene.time.duration is not None
-            stepping = FixedStep(step=min(step / factor, scene.time.duration))
+            stepping = times.FixedStep(step=min(step / factor, scene.time.duration))
         case other:
             stepping = other
     return replace(scene, time=replace(scene.time, stepping=stepping))

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import Where, choice, integer, list_of, number
+from fenicsrom.scene.base.rules import Problem, Problems, Where, choice, integer, list_of, number
 from fenicsrom.scene.base.tables import read_table, tables_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.reading.reading import parse_scene, read_toml
@@ -139,14 +139,19 @@ def parse_superelement_scene(
         SceneError: a key or value is not allowed.
     """
     where = Where(source)
-    for name in EXCLUDED:
-        if name in table:
-            allowed = "not allowed in the scene of a superelement"
-            raise where.at(name).refuse(table[name], allowed, ErrorKind.CONFLICT)
+    where.require_none(
+        Problem(name, table[name], "not allowed in the scene of a superelement")
+        for name in EXCLUDED
+        if name in table
+    )
     body = read_table(Superelement, table.get("superelement", {}), where.at("superelement"))
     nodes = read_table(_Nodes, {"nodes": table.get("nodes", [])}, where).nodes
     for index, node in enumerate(nodes):
-        _check_node(node, body.dimension, where.at("nodes").at(index))
+        place = where.at("nodes").at(index)
+        place.require_none(_node_problems(node, body.dimension))
+        if (node.coordinates is None) == (node.grid is None):
+            reason = "one of coordinates and grid must be given"
+            raise refuse(source, reason, ErrorKind.CONFLICT, f"{place.key}.coordinates")
     rest = {key: value for key, value in table.items() if key not in ("superelement", "nodes")}
     geometry: dict[str, Any] = {"mesh": matrices.name, "dimension": body.dimension}
     if body.dimension == 2:
@@ -161,39 +166,34 @@ def parse_superelement_scene(
         "geometrically_nonlinear": False,
     }
     scene = parse_scene(full, source, folder, mesh=False)
-    for index, load in enumerate(scene.loads):
-        if load.kind != "force":
-            place = where.at("loads").at(index).at(load.kind)
-            raise place.refuse(load.size, "must be a force on interface nodes", ErrorKind.CONFLICT)
-    for index, support in enumerate(scene.supports):
-        for name in ("components", "normal"):
-            if (value := getattr(support, name)) is not None:
-                place = where.at("supports").at(index).at(name)
-                allowed = "not allowed in the scene of a superelement, whose nodes are clamped"
-                raise place.refuse(list(value), allowed, ErrorKind.CONFLICT)
-    if scene.output.stresses != "none":
-        place = where.at("output").at("stresses")
-        raise place.refuse(scene.output.stresses, 'must be "none"', ErrorKind.CONFLICT)
+    where.require_none(_problems(scene))
     return SuperelementScene(scene, nodes, clamped)
 
 
-def _check_node(node: InterfaceNode, dimension: int, where: Where) -> None:
-    """Check the lengths of the lists of a node.
+def _problems(scene: Scene) -> Problems:
+    """Yield what a superelement cannot do."""
+    for k, load in enumerate(scene.loads):
+        if load.kind != "force":
+            allowed = "must be a force on interface nodes"
+            yield Problem(f"loads[{k}].{load.kind}", load.size, allowed)
+    for k, support in enumerate(scene.supports):
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None:
+                allowed = "not allowed in the scene of a superelement, whose nodes are clamped"
+                yield Problem(f"supports[{k}].{name}", value, allowed)
+    if scene.output.stresses != "none":
+        yield Problem("output.stresses", scene.output.stresses, 'must be "none"')
 
-    Raises:
-        SceneError: a list has another length, or not exactly one of `coordinates` and `grid` is
-            given.
-    """
+
+def _node_problems(node: InterfaceNode, dimension: int) -> Problems:
+    """Yield lists of a node with another length, and coordinates that occur twice."""
     for key in ("position", "coordinates", "offset"):
         value = getattr(node, key)
         if value is not None and len(value) != dimension:
             allowed = f"must have {dimension} entries with superelement.dimension = {dimension}"
-            raise where.at(key).refuse(list(value), allowed, ErrorKind.CONFLICT)
+            yield Problem(key, value, allowed)
     coordinates = node.coordinates or ()
     for index, entry in enumerate(coordinates):
         if entry and entry in coordinates[:index]:
-            place = where.at("coordinates").at(index)
-            raise place.refuse(entry, "must occur only once in the list")
-    if (node.coordinates is None) == (node.grid is None):
-        reason = "one of coordinates and grid must be given"
-        raise refuse(where.source, reason, ErrorKind.CONFLICT, f"{where.key}.coordinates")
+            allowed = "must occur only once in the list"
+            yield Problem(f"coordinates[{index}]", entry, allowed, ErrorKind.RANGE)

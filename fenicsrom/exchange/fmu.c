@@ -1,12 +1,4 @@
-"""The C source of a Functional Mock-up Unit for model exchange (FMI 2.0).
-
-The source declares what it needs of the interface itself, and needs the standard library alone. A
-unit has no events. Its variables are numbered as in its table of blocks.
-"""
-
-from __future__ import annotations
-
-SOURCE = r"""/* A reduced model as a Functional Mock-up Unit for model exchange, FMI 2.0. */
+/* A reduced model as a Functional Mock-up Unit for model exchange, FMI 2.0. */
 
 #include <stdlib.h>
 #include <string.h>
@@ -225,5 +217,3 @@ EXPORT Int fmi2GetDirectionalDerivative(void *c, const Ref out[], size_t outs, c
     (void)c, (void)out, (void)outs, (void)in, (void)ins, (void)seed, (void)values;
     return ERROR;
 }
-"""
-"""The source; `@DATA@` stands for the sizes and arrays of a model."""

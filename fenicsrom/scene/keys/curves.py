@@ -1,4 +1,4 @@
-"""The table [response]: curves of periodic motions over a parameter of the scene."""
+"""The tables of the curves: [response] of periodic motions, [backbone] and [statics]."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from fenicsrom.scene.keys.loads import ACTIONS
 LOAD_SIZES = tuple(ACTIONS.tags)
 CONTACT_NUMBERS = ("preload", "gap", "normal_stiffness", "tangential_stiffness", "friction")
 PATTERN = (
-    r"^(frequency|material\.mass_damping"
+    r"^(frequency|material\.mass_damping|rotation\.speed_rpm"
     rf"|loads\.[0-9]{{1,6}}\.({'|'.join(LOAD_SIZES)})"
     rf"|contacts\.[0-9]{{1,6}}\.({'|'.join(CONTACT_NUMBERS)}))$"
 )
 ALLOWED = (
-    '"frequency", "material.mass_damping", the size of a load such as "loads.0.force", or '
-    f"contacts.N. and one of {', '.join(CONTACT_NUMBERS)}"
+    '"frequency", "material.mass_damping", "rotation.speed_rpm", the size of a load such as '
+    f'"loads.0.force", or contacts.N. and one of {", ".join(CONTACT_NUMBERS)}'
 )
 OVER_NUMBERS = tuple(name for name in CONTACT_NUMBERS if name != "gap")
 OVER_PATTERN = (
@@ -34,7 +34,7 @@ class Parameter(NamedTuple):
     """A number of the scene that a response curve follows.
 
     Attributes:
-        table: "loads", "contacts", "material", or "" for the frequency.
+        table: "loads", "contacts", "material", "rotation", or "" for the frequency.
         number: number of the load or contact; 0 for other parameters.
         name: the key in the table.
     """
@@ -73,7 +73,8 @@ class Response:
     Attributes:
         parameter: number of the scene that changes along a curve; "frequency" is the lowest
             frequency of the loads in Hz, and the frequencies of all loads and of the waves of
-            surfaces change in proportion to it.
+            surfaces change in proportion to it. "rotation.speed_rpm" needs `rotation.speeds_rpm`:
+            the body and all frequencies follow the speed.
         first: value of the parameter at which a curve starts.
         last: value of the parameter at which a curve ends, above or below `first`.
         points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
@@ -125,3 +126,48 @@ class Response:
             part = (self.last - self.first) / self.full
             return tuple(self.first + (k + 0.5) * part for k in range(self.full))
         return self.full or ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Backbone:
+    """The nonlinear mode of `fenicsrom backbone`.
+
+    Attributes:
+        mode: number of the linear mode in which the nonlinear mode begins; mode 1 has the lowest
+            frequency. Linear modes are those of small motions about the equilibrium, in which
+            contact points that touch stick.
+        first: smallest amplitude. Amplitudes are those of the linear mode at the probe, in the
+            direction in which the mode moves the probe most; the results also give the amplitudes
+            of the nonlinear motion.
+        last: largest amplitude, above `first`.
+        points: largest number of points.
+        load_factors: ascending factors of all harmonic loads; for each factor the run finds the
+            largest amplitude of the forced motion over the frequency.
+    """
+
+    mode: Annotated[int, integer(1, 1000)] = 1
+    first: Annotated[float, number(above=0.0, unit="m")]
+    last: Annotated[float, number(above=0.0, unit="m")]
+    points: Annotated[int, integer(2, 100_000)] = 500
+    load_factors: Annotated[tuple[float, ...], list_of(number(above=0.0), least=0)] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statics:
+    """The equilibrium path of `fenicsrom statics`.
+
+    Attributes:
+        last: load factor at which the path ends. The factor multiplies the static loads.
+        lowest: load factor below zero at which the path ends too; by default minus `last`.
+        displacement: displacement of the probe at which the path ends; by default no displacement
+            ends the path.
+        points: largest number of points.
+        loads: numbers of the static loads that the factor multiplies, from 0, such as [1] for
+            loads.1; the other static loads are constant. By default it multiplies all of them.
+    """
+
+    last: Annotated[float, number(above=0.0)] = 1.0
+    lowest: Annotated[float | None, number(most=0.0)] = None
+    displacement: Annotated[float | None, number(above=0.0, unit="m")] = None
+    points: Annotated[int, integer(2, 100_000)] = 500
+    loads: Annotated[tuple[int, ...] | None, list_of(integer(0, 1000), least=1)] = None
