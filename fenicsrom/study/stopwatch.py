@@ -88,6 +88,7 @@ class Stopwatch:
 
         def report(fraction: float, change: float) -> None:
             nonlocal count
+            assert time.periods is not None
             count += 1
             now = working_time()
             if now - self._last > PROGRESS_INTERVAL:

@@ -8,8 +8,9 @@ monodromy matrix. The march tends to the motion if it stays near the linear moti
 in the scaled norm of `fenicsrom.online.periodic.shooting.Shooting`, or if |d| is below `CLOSE` of
 the motion. The first states of a march may be too far from z*, so (1) is tried from each of them.
 
-The march ends after a number of periods, which is doubled while it comes nearer to z* at half the
-rate of the largest multiplier or faster: from afar, (1) may need longer to hold.
+The march ends after a number of periods, which is doubled while it comes nearer to z* at a part
+`APPROACH` of the rate of the largest multiplier: from afar, where (1) does not hold yet, contacts
+that open and close may keep the motion large for hundreds of periods.
 
 K periods show whether the slow motions are linear: each part of d with a multiplier mu must have
 turned `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One
@@ -41,6 +42,7 @@ CLOSE = 1e-6  # |d| relative to the motion, below which rounding decides about (
 TURNS = 2.0
 DECAYED = 0.1
 SIGNIFICANT = 0.01  # parts of d below this part of |d| do not count
+APPROACH = 0.1  # a motion that does not settle would have to come as near by chance
 # Change of the state in a period, relative to the state, below which Newton's method starts: where
 # the contacts still change from period to period, it needs many iterations.
 CALM = 1e-2
@@ -88,12 +90,12 @@ class MarchedPath:
     def comes_nearer(self, motion: PeriodicMotion) -> bool:
         """Whether a motion is stable, and the later half of the states nearer to it.
 
-        The median distance must have fallen at half the rate of the largest multiplier at least.
+        The median distance must have fallen at `APPROACH` of the rate of the largest multiplier.
         """
         earlier, later = np.array_split(self.distances(motion), 2)
         rate = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
         return motion.stable and bool(
-            np.median(later) <= rate ** (0.5 * earlier.size) * np.median(earlier)
+            np.median(later) <= rate ** (APPROACH * earlier.size) * np.median(earlier)
         )
 
     def tends_to(self, motion: PeriodicMotion, periods: int, longest: int = 0) -> bool:
