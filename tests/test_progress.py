@@ -17,6 +17,7 @@ from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import CLEAR, refuse
 from fenicsrom.online.kernels.compilation import Compilations
 from fenicsrom.progress import duration, listening, tell, time_left, tracked
+from fenicsrom.scene import Time
 from fenicsrom.study import stopwatch
 
 
@@ -56,8 +57,8 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
         for _ in tracked(range(10)):
             now += 2.0
     assert lines[0] == "derivatives .."
-    ends = ["30 %, about 14 s left", "60 %, about 8 s left", "90 %, about 2 s left"]
-    assert lines[1:] == [f"  derivatives: {end} at most" for end in ends]
+    ends = ["30 %, at most 14 s left", "60 %, at most 8 s left", "90 %, at most 2 s left"]
+    assert lines[1:] == [f"  derivatives: {end}" for end in ends]
     assert watch.seconds["derivatives"] == 20.0
 
 
@@ -72,10 +73,10 @@ def test_time_left_of_a_stage_of_several_motions_is_that_of_each(
             for k in range(100):
                 now += seconds
                 tell((k + 1) / 100)
-    assert lines[1] == "  size: 51 % of this motion, about 5 s left at most"
+    assert lines[1] == "  size: 51 % of motion 1, at most 5 s left"
     assert lines[-2:] == [
-        "  size: 95 % of this motion, about 10 s left at most",
-        "  size: 98 % of this motion, about 4 s left at most",
+        "  size: 95 % of motion 2, at most 10 s left",
+        "  size: 98 % of motion 2, at most 4 s left",
     ]
 
 
@@ -87,8 +88,8 @@ def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatc
     with heard(lines.append), stopwatch.Stopwatch()("linear transient"):
         for k in tracked(range(1000)):
             now += 0.1 if k else 60.0
-    assert lines[1] == "  linear transient: 0 %, about 100 s left at most"
-    assert lines[-1].startswith("  linear transient: 9") and lines[-1].endswith(" s left at most")
+    assert lines[1] == "  linear transient: 0 %, at most 100 s left"
+    assert lines[-1].startswith("  linear transient: 9") and lines[-1].endswith(" s left")
 
 
 def test_time_left_does_not_count_kernels_that_are_compiled_later(
@@ -105,7 +106,7 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
     event: Any = SimpleNamespace(data={"dispatcher": function}, is_failed=False)
     lines: list[str] = []
     watch = stopwatch.Stopwatch()
-    motion = watch.progress("reduced", None)
+    motion = watch.progress("reduced", Time.of(periods=2))
     with heard(lines.append), watch("selection"):
         for k in tracked(range(10)):
             if k == 1:
@@ -116,7 +117,7 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
     now += 4.0
     with heard(lines.append):
         motion(0.5, 1e-3)
-    assert lines[1] == "  selection: 30 %, about 14 s left at most"
+    assert lines[1] == "  selection: 30 %, at most 14 s left"
     assert lines[-1].endswith("at most 24 s left")
     assert watch.seconds["selection"] == pytest.approx(20.0)
 
@@ -125,11 +126,18 @@ def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.Mo
     now = 100.0
     monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
     lines: list[str] = []
-    report = stopwatch.Stopwatch().progress("full", 1e-5)
+    report = stopwatch.Stopwatch().progress("full", Time.of(periods=10))
+    resumed = stopwatch.Stopwatch().progress("full", Time.of(periods=10))
     now += 3.0
     with heard(lines.append):
         report(0.1, 1e-2)
-    assert "period 1" in lines[0] and "at most 27 s left" in lines[0]
+        resumed(0.7, 1e-2)
+        resumed(0.8, 1e-2)
+        now += 2.5
+        resumed(0.9, 1e-2)
+    assert "period 1 of at most 10" in lines[0] and "at most 27 s left" in lines[0]
+    assert "period 7 of at most 10" in lines[1] and "at most 9 s left" in lines[1]
+    assert "period 9 of at most 10" in lines[2] and "at most 2 s left" in lines[2]
 
 
 def test_stages_are_logged(caplog: pytest.LogCaptureFixture) -> None:

@@ -72,7 +72,7 @@ def integrated(
 
     if isinstance(options.get("resume"), Motion):
         return options["resume"], None
-    progress = watch.progress(name, scene.time.steady_tolerance)
+    progress = watch.progress(name, scene.time)
     try:
         return simulate(model, scene, progress=progress, **options), None
     except (AccuracyError, ConvergenceError) as error:

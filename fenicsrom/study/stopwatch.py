@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from fenicsrom.progress import duration, listening, log, time_left, working_time
+from fenicsrom.progress import duration, listening, log, working_time
+from fenicsrom.scene import Time
 
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
@@ -49,22 +50,22 @@ class Stopwatch:
         log.info(f"{stage} ..")
         work = self._last = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
-        last = 0.0
+        last, motion = 0.0, 1
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
-            nonlocal known, last
+            nonlocal known, last, motion
             now = working_time()
             if fraction < last:  # another motion
-                known = now, fraction
+                known, motion = (now, fraction), motion + 1
             last = fraction
             if known is None:
                 known = (work, 0.0) if fraction > FIRST_STEP else (now, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
-                of_it = " of this motion" if stage in IN_PARTS else ""
-                log.info(f"  {stage}: {100.0 * fraction:.0f} %{of_it}, {left} at most")
+                rest = (now - known[0]) * (1.0 - fraction) / (fraction - known[1])
+                of_it = f" of motion {motion}" if stage in IN_PARTS else ""
+                log.info(f"  {stage}: {100.0 * fraction:.0f} %{of_it}{_at_most(rest)}")
 
         try:
             with listening(report):
@@ -73,29 +74,36 @@ class Stopwatch:
             self.stage = outer
         self.seconds[stage] = working_time() - work
 
-    def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:
+    def progress(self, model: str, time: Time) -> Callable[[float, float], None]:
         """Make a callback for `simulate` that reports the progress every two seconds.
 
         The time that is left is an upper bound, because a steady motion ends the run.
 
         Args:
             model: name of the model.
-            steady: change per period at which the motion counts as steady.
+            time: the time integration of the run.
         """
-        begin = working_time()
+        begin, steady = working_time(), time.steady_tolerance
         count = 0
 
         def report(fraction: float, change: float) -> None:
             nonlocal count
+            assert time.periods is not None
             count += 1
             now = working_time()
             if now - self._last > PROGRESS_INTERVAL:
                 self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                left = duration((now - begin) * (1.0 - fraction) / fraction)
+                done = round(fraction * time.periods)
+                rest = (now - begin) / count * (time.periods - done)  # a resumed run has done some
                 log.info(
-                    f"  {model}: period {count}, {100.0 * fraction:.0f} % of the largest number, "
-                    f"change {change:.1e}{goal}, at most {left} left"
+                    f"  {model}: period {done} of at most {time.periods}, change {change:.1e}{goal}"
+                    f"{_at_most(rest)}"
                 )
 
         return report
+
+
+def _at_most(seconds: float) -> str:
+    """The end of a line: the longest time that is left, or "" where it is below a second."""
+    return f", at most {duration(seconds)} left" if seconds >= 1.0 else ""

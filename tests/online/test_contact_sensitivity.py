@@ -10,13 +10,23 @@ from contact_cases import RUB, SURFACES, casing
 
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.state import STICK, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.surfaces import Contacts, planes
 from fenicsrom.online.derivative.contact_sensitivity import (
     PARAMETERS,
+    ComplexInterval,
+    differentiate_along,
+    differentiate_law,
     is_constant,
+    law_derivative,
     perturb,
     state_of,
 )
 from fenicsrom.online.kernels.complex_step import as_complex
+
+
+def no_change(base: Contacts) -> Contacts:
+    """Derivatives of the parameters of contacts that are zero."""
+    return base._replace(**{name: np.zeros_like(getattr(base, name)) for name in PARAMETERS})
 
 
 def test_every_parameter_of_a_contact_is_perturbed() -> None:
@@ -53,15 +63,43 @@ def test_state_of_sticking_point_is_that_of_a_point_at_rest(surface: Any, d: int
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_law_depends_on_each_parameter_that_changes(name: str) -> None:
     base = casing(3, waves=True)._replace(times=np.zeros(0), approach=np.zeros((1, 0)))
-    nothing = base._replace(**{each: np.zeros_like(getattr(base, each)) for each in PARAMETERS})
+    nothing = no_change(base)
     assert is_constant(base, nothing, 0)
     changed = nothing._replace(**{name: np.ones_like(getattr(base, name))})
     assert is_constant(base, changed, 0) == (name == "approach")  # there is none
 
 
 def test_law_of_a_surface_that_moves_depends_on_the_period() -> None:
-    nothing = RUB._replace(**{each: np.zeros_like(getattr(RUB, each)) for each in PARAMETERS})
+    nothing = no_change(RUB)
     assert is_constant(RUB, nothing, 0)
     assert not is_constant(RUB._replace(spin=np.ones(1)), nothing, 0)
     approaching = RUB._replace(times=np.array([0.0]), approach=np.array([[1e-3]]))
     assert not is_constant(approaching, nothing._replace(approach=np.zeros((1, 1))), 0)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("discrete_gradient", [True, False])
+@pytest.mark.parametrize(("stretch", "sticks"), [(2e-6, True), (2e-5, False)])
+def test_law_before_a_plane_has_the_derivatives_of_complex_steps(
+    stretch: float, sticks: bool, discrete_gradient: bool, d: int
+) -> None:
+    preload, kn, kt, mu = (np.array([value]) for value in (3.0, 2e5, 1e5, 0.3))
+    contacts = planes(preload, np.zeros(1), kn, kt, mu, d)
+    nothing = contacts._replace(
+        **{name: np.zeros_like(getattr(contacts, name)) for name in PARAMETERS}
+    )
+    law, along, rng = law_derivative(contacts, 1, d), [], np.random.default_rng(3)
+    blending = 0.2 if discrete_gradient else 0.0
+    step = ComplexInterval(0j, 1e-4 + 0j, 0.5 if discrete_gradient else 0.3, discrete_gradient)
+    w0, x0, x1 = (rng.uniform(-1e-6, 1e-6, d) for _ in range(3))
+    x0[1:] += 0.5 * stretch
+    x1[1:] += stretch
+    perturb(law.contacts, 0, contacts, nothing, 0.0)
+    for c in range(3 * d + 1 if discrete_gradient else 3 * d):
+        if c != 2 * d:  # the normal component of the slider, which has no effect
+            differentiate_along(law, step, 0, c, x0, x1, w0, blending, False)
+        along.append((law.force[0, :, c].copy(), law.slider[0, :, c].copy()))
+    assert differentiate_law(law, contacts, nothing, step, 0, x0, x1, w0, blending, False) == sticks
+    for c, (force, slider) in enumerate(along):
+        np.testing.assert_allclose(law.force[0, :, c], force, rtol=1e-12, atol=1e-10)
+        np.testing.assert_allclose(law.slider[0, :, c], slider, rtol=1e-12, atol=1e-14)

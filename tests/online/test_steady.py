@@ -16,6 +16,8 @@ from support import beam_scene, first, linear_model, one_contact, oscillator
 
 from fenicsrom.assess.errors.estimates import check_motion, step_errors
 from fenicsrom.assess.errors.multiplicity import free_slider_sentence
+from fenicsrom.assess.errors.verdicts import check_settled
+from fenicsrom.errors import AccuracyError
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel, reduced_model
@@ -29,6 +31,7 @@ from fenicsrom.online.motion.measures import (
     response_summary,
 )
 from fenicsrom.online.motion.motion import Interrupted, Motion
+from fenicsrom.online.periodic import steady
 from fenicsrom.online.periodic.steady import _Search, fractions_of
 from fenicsrom.online.periodic.tendency import horizon_by_distance
 from fenicsrom.online.run.march import integrate
@@ -175,6 +178,37 @@ def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
     assert tolerance < 0.1 or marched.periods < 5
     assert amplitude(marched)[0] < 0.9 * amplitude(long)[0]
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=1e-6)
+
+
+@pytest.mark.parametrize("force", [4.4e-3, 14.6e-3])
+def test_march_that_comes_nearer_for_long_ends_in_its_motion(force: float) -> None:
+    """The frequency depends on the amplitude: 160 periods show too little of the slow decay."""
+    model, period = duffing(0.002, 1.0, 0.1, force, 1.005 if force < 0.01 else 1.02)
+    motion = run(model, period, periods=100)
+    marched = run(model, period, periods=4000, steady="march", steady_tolerance=1e-13)
+    assert motion.steady and motion.newton_from is not None
+    np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
+
+
+def test_march_on_its_way_is_refused_with_the_periods_that_it_needs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(steady, "LONGEST_LOOK_AHEAD", 1)
+    model, period = duffing(0.002, 1.0, 0.1, 14.6e-3, 1.02)
+    motion = run(model, period, periods=100)
+    scene: Any = SimpleNamespace(time=Time.of(steady_tolerance=1e-5))
+    with pytest.raises(AccuracyError) as caught:
+        check_settled(scene, motion)
+    assert caught.value.key == "time.periods"
+    needed = int(str(caught.value).rsplit("time.periods = ", 1)[1])
+    assert response_summary(motion)["periodic_motion"]["relative_distance"] > 0.01
+    marched = run(model, period, periods=needed, steady="march", steady_tolerance=1e-13)
+    early = run(model, period, periods=needed // 2, steady="march", steady_tolerance=1e-13)
+    long = run(model, period, periods=6000, steady="march", steady_tolerance=1e-13)
+    np.testing.assert_allclose(amplitude(marched), amplitude(long), rtol=3e-5)
+    assert np.max(np.abs(amplitude(early) - amplitude(long))) > 1e-4 * np.max(amplitude(long))
+    check_settled(scene, replace(motion, steady=True))
+    check_settled(scene, long)
 
 
 def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(

@@ -73,8 +73,10 @@ def estimate_errors(
             the numbers of these coordinates in the run, -1 for others; None if there are none.
 
     Raises:
-        AccuracyError: an estimate is above its limit.
+        AccuracyError: an estimate is above its limit, or the motion has not come to the periodic
+            motion that it nears; there are no estimates then.
     """
+    check_settled(scene, motion)
     unsteady = is_unsteady(motion)
     errors["time step"] = step_errors(model, scene, motion)
     if basis is None and candidates is not None:
@@ -90,6 +92,32 @@ def estimate_errors(
         check_basis_error(scene, basis.largest, unsteady)
     if meshes is not None:
         check_mesh_error(scene, errors["mesh"].largest, unsteady)
+
+
+def check_settled(scene: Scene, motion: Motion) -> None:
+    """Refuse a motion that comes nearer to a stable periodic motion without having reached it.
+
+    The largest multiplier mu tells how many periods k are missing: mu^k times the distance is the
+    tolerance.
+
+    Raises:
+        AccuracyError: the motion is on its way.
+    """
+    search = motion.search
+    if motion.steady or search is None or not np.isfinite(search.away):
+        return
+    rate, tolerance = float(abs(search.multipliers[0])), float(scene.time.steady_tolerance or 0.0)
+    missing = np.log(tolerance / search.away) / np.log(min(rate, 1.0 - 1e-9))
+    needed = search.marched + search.periods * max(int(np.ceil(missing)), 1)
+    raise AccuracyError(
+        f"time.periods = {motion.periods}: too few for this motion to settle: after "
+        f"{search.marched} periods it was {in_percent(search.away)} away from the stable periodic "
+        f"motion that Newton's method found, and with the largest Floquet multiplier {rate:.6g} it "
+        f"needs about {needed} periods to reach it to time.steady_tolerance = {tolerance:g}: set "
+        f"time.periods = {needed}",
+        kind=ErrorKind.CONVERGENCE,
+        key="time.periods",
+    )
 
 
 def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:

@@ -16,7 +16,7 @@ from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
 from fenicsrom.online.derivative.step_sensitivity import share_of_step
 from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.complex_step import STEP
-from fenicsrom.online.kernels.dense import copy_vector, lu_solve_transposed
+from fenicsrom.online.kernels.dense import add_combined_rows, copy_vector, lu_solve_transposed
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force_with
 from fenicsrom.online.step.scheme import Scheme
@@ -55,8 +55,6 @@ def differentiate_blending(
     p: int,
     place: int,
     behind: complex,
-    h: float,
-    last_step: float,
     by_mass: complex,
     by_velocity: complex,
 ) -> None:
@@ -96,14 +94,17 @@ def differentiate_blending(
         copy_vector(v, u)  # type: ignore[no-untyped-call]
     else:
         lu_solve_transposed(model.work.factor, model.work.pivots, v)
+    for a in range(n):
+        direction[a] = 0.0
     for i in range(d):
         along = 0.0
         for a in range(n):
             along += model.contact_rows[row + i, a] * (u[a] + v[a])
         s.blending[p, last] += along * point.gradient[i].imag / STEP
         for j in range(d):
-            for c in range(k):
-                s.blending[p, c] += 2.0 * along * bend[i, j].real * s.x[row + j, c]
+            for a in range(n):
+                direction[a] += 2.0 * along * bend[i, j].real * model.contact_rows[row + j, a]
+    add_combined_rows(s.blending_vectors[2:3], s.q, s.blending[p : p + 1])
     product = 0.0
     for a in range(n):
         for b in range(n):
@@ -119,11 +120,11 @@ def differentiate_blending(
     if not scheme.linear:
         for a in range(n):
             direction[a] = 0.5 * (u[a] + v[a])
-        add_elastic_blending(model, drift, s, p, h, last_step, 1.0)
+        add_elastic_blending(model, s, p, 1.0)
         if not symmetric:
             for a in range(n):
                 direction[a] = 0.5 * (u[a] - v[a])
-            add_elastic_blending(model, drift, s, p, h, last_step, -1.0)
+            add_elastic_blending(model, s, p, -1.0)
     for c in range(k):
         s.blending[p, c] *= by_flexibility
     stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
@@ -131,22 +132,13 @@ def differentiate_blending(
 
 
 @kernel
-def add_elastic_blending(
-    model: ReducedModel,
-    drift: Drift,
-    s: Sensitivity,
-    p: int,
-    h: float,
-    last_step: float,
-    factor: float,
-) -> None:
+def add_elastic_blending(model: ReducedModel, s: Sensitivity, p: int, factor: float) -> None:
     """Subtract a factor times the elastic part of u^T dS u, with S of the first guess of the step.
 
     The direction u is `s.blending_vectors[2]`, and the result is added to s.blending. As the force
     is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give the part exactly.
     """
-    n, k = s.q.shape
-    last, work = k - 1, model.work
+    n, work = s.q.shape[0], model.work
     u, scaled, force = s.blending_vectors[2], s.vectors[0], s.vectors[1]
     by_start, by_step = s.blending_vectors[3], s.blending_vectors[4]
     q0, guess = s.before[0], s.before[5]
@@ -157,7 +149,7 @@ def add_elastic_blending(
     if length == 0.0:
         return
     scale = np.sqrt(max(size, 1e-12) / length)
-    ahead, behind = s.by_start, s.tangent
+    ahead, behind = s.tangents[0], s.tangents[1]
     for sign in range(2):
         for i in range(n):
             scaled[i] = scale * u[i] if sign == 0 else -scale * u[i]
@@ -178,13 +170,7 @@ def add_elastic_blending(
             quadratic += 0.5 * (ahead[i, j] - behind[i, j]) / scale * u[j]
             at_start += both * (0.5 * q0[j] + guess[j] / 3.0)
             at_step += both * (q0[j] / 3.0 + 0.25 * guess[j])
-        by_start[i] = 0.5 * quadratic + at_start
-        by_step[i] = quadratic / 3.0 + at_step
-    growth = 0.5 * h * (h + last_step)
-    for i in range(n):
-        for c in range(k):
-            moved = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
-            change = by_start[i] * s.q[i, c] + by_step[i] * moved
-            s.blending[p, c] -= factor * change
-        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
-        s.blending[p, last] -= factor * by_step[i] * drift.period * moved
+        by_start[i] = -factor * (0.5 * quadratic + at_start)
+        by_step[i] = -factor * (quadratic / 3.0 + at_step)
+    add_combined_rows(s.blending_vectors[3:4], s.q, s.blending[p : p + 1])
+    add_combined_rows(s.blending_vectors[4:5], s.guess, s.blending[p : p + 1])

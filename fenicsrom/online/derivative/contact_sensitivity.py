@@ -1,5 +1,7 @@
 """Derivative of the contact law over a step, by complex steps through the law itself.
 
+Only a point that sticks to a plane has a closed form, which most steps of most motions need.
+
 Over a step from x0 to x1 the law gives the mean force F of a point and its slider w1 at the end,
 as functions of (x0, x1, w0, blending, parameter). What else the law reads of the start of the step
 follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
@@ -12,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.coating import is_coated
 from fenicsrom.online.contact.friction import positive
 from fenicsrom.online.contact.law import (
     commit_contact_state,
@@ -19,6 +22,7 @@ from fenicsrom.online.contact.law import (
     trial_normal_force,
 )
 from fenicsrom.online.contact.state import (
+    STICK,
     ContactScratch,
     ContactState,
     ContactStep,
@@ -164,6 +168,63 @@ def is_constant(contacts: Contacts, drift: Contacts, p: int) -> bool:
     return found
 
 
+@part
+def sticks(law: LawDerivative, contacts: Contacts, p: int) -> bool:
+    """Whether point p, at which the law was evaluated, sticks to a plane during the whole step."""
+    start, end, scratch = law.start, law.end, law.scratch
+    found = contacts.kind[p] == PLANE and not is_coated(contacts, p)
+    found = found and start.trial_normal_force[p] > 0.0 and end.trial_normal_force[p] > 0.0
+    found = found and scratch.mode[p] == STICK and end.state[p] == STICK
+    for k in range(len(scratch.space)):
+        found = found and scratch.slider_motion[p, k].real == 0.0
+    return found
+
+
+@kernel
+def write_sticking(
+    law: LawDerivative, contacts: Contacts, p: int, start_weight: float, blending: float
+) -> None:
+    """Write the derivatives of a point that sticks to a plane: springs between x and w0."""
+    d, force, start, end = len(law.scratch.space), law.force[p], law.start, law.end
+    share, stiffness = start_weight * (1.0 - blending), contacts.normal_stiffness[p]
+    change = end.trial_normal_force[p].real - start.trial_normal_force[p].real
+    force[0, 3 * d] = (1.0 - start_weight) * change
+    for k in range(d):
+        force[k, k], force[k, d + k] = share * stiffness, (1.0 - share) * stiffness
+        if k > 0:
+            force[k, 2 * d + k], law.slider[p, k, 2 * d + k] = -stiffness, 1.0
+        share, stiffness = start_weight, contacts.tangential_stiffness[p]
+
+
+@kernel
+def differentiate_along(
+    law: LawDerivative,
+    step: ComplexInterval,
+    p: int,
+    c: int,
+    x0: Array,
+    x1: Array,
+    w0: Array,
+    blending: float,
+    follows: bool,
+) -> None:
+    """Write column c of law.force and law.slider; arguments as `differentiate_law`."""
+    d, start, finish, scratch = x0.size, law.start, law.end, law.scratch
+    for k in range(d):
+        start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
+        finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
+        moved = c == k if follows else c == 2 * d + k
+        start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
+    scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
+    state_of(law.contacts, p, step.begin, start, scratch)
+    whole = ContactStep(law.contacts, step, start, finish, scratch)
+    contact_force(whole, p, False)
+    commit_contact_state(whole, p)
+    for k in range(d):
+        law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
+        law.slider[p, k, c] = finish.slider[p, k].imag / STEP
+
+
 @kernel
 def differentiate_law(
     law: LawDerivative,
@@ -176,12 +237,13 @@ def differentiate_law(
     w0: Array,
     blending: float,
     follows: bool,
-) -> None:
+) -> bool:
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
     A slider that follows the point has no derivative of its own: the law has a kink at w0 = x0.
     The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero. Before a plane, the
-    normal component of the slider has no effect.
+    normal component of the slider has no effect, and the law does not see a shift of x0, x1 and w0
+    along the plane: the derivatives by w0 follow from those by x0 and x1.
 
     A step of zero length, begin = end = 0 with a = 0, is the state that `at_rest` accepts: its
     derivative by x is the sum of those by x0 and x1.
@@ -197,41 +259,34 @@ def differentiate_law(
         w0: (d,) slider at the start, m.
         blending: weight of the normal force at the end of the step.
         follows: whether the slider follows the point at the start: open, or without friction.
+
+    Returns:
+        Whether the point sticks to a plane during the whole step: its slider rests.
     """
-    d = x0.size
-    start, finish, scratch = law.start, law.end, law.scratch
+    d, force, slider = x0.size, law.force[p], law.slider[p]
+    a, is_plane = step.start_weight, contacts.kind[p] == PLANE
+    for k in range(d):
+        for c in range(3 * d + 2):
+            force[k, c], slider[k, c] = 0.0, 0.0
     perturb(law.contacts, p, contacts, drift, 0.0)
-    interval = ComplexInterval(
-        complex(step.begin.real, 0.0),
-        complex(step.end.real, 0.0),
-        step.start_weight,
-        step.discrete_gradient,
-    )
-    for c in range(3 * d + 2):
-        plane = c == 2 * d and contacts.kind[p] == PLANE
-        without_effect = 2 * d <= c < 3 * d and (follows or plane)
-        if (
-            without_effect
-            or (c == 3 * d and not blending > BLENDING_RESOLVED)
-            or (c == 3 * d + 1 and is_constant(contacts, drift, p))
-        ):
-            for k in range(d):
-                law.force[p, k, c] = 0.0
-                law.slider[p, k, c] = 0.0
-            continue
-        if c == 3 * d + 1:
-            perturb(law.contacts, p, contacts, drift, STEP)
-            interval = step
-        for k in range(d):
-            start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
-            finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
-            moved = (c == 2 * d + k and not follows) or (c == k and follows)
-            start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
-        scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
-        state_of(law.contacts, p, interval.begin, start, scratch)
-        whole = ContactStep(law.contacts, interval, start, finish, scratch)
-        contact_force(whole, p, False)
-        commit_contact_state(whole, p)
-        for k in range(d):
-            law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
-            law.slider[p, k, c] = finish.slider[p, k].imag / STEP
+    begin, end = complex(step.begin.real, 0.0), complex(step.end.real, 0.0)
+    interval = ComplexInterval(begin, end, a, step.discrete_gradient)
+    differentiate_along(law, interval, p, 0, x0, x1, w0, blending, follows)
+    rests = sticks(law, contacts, p)
+    if rests:
+        write_sticking(law, contacts, p, a, blending)
+    else:
+        for c in range(1, 2 * d if is_plane or follows else 3 * d):
+            differentiate_along(law, interval, p, c, x0, x1, w0, blending, follows)
+        if is_plane and not follows:
+            for j in range(1, d):
+                for k in range(d):
+                    force[k, 2 * d + j] = -force[k, j] - force[k, d + j]
+                    slider[k, 2 * d + j] = -slider[k, j] - slider[k, d + j]
+                slider[j, 2 * d + j] += 1.0
+        if blending > BLENDING_RESOLVED:
+            differentiate_along(law, interval, p, 3 * d, x0, x1, w0, blending, follows)
+    if not is_constant(contacts, drift, p):
+        perturb(law.contacts, p, contacts, drift, STEP)
+        differentiate_along(law, step, p, 3 * d + 1, x0, x1, w0, blending, follows)
+    return rests

@@ -29,7 +29,9 @@ from fenicsrom.online.derivative.step_sensitivity import (
     add_structure,
     advance_derivatives,
     advance_extrapolation,
-    advance_sliders,
+    advance_slider,
+    differentiate_guess,
+    let_slider_follow,
     solve_step,
     write_load_derivative,
 )
@@ -65,20 +67,15 @@ def start_derivatives(
             s.mean_velocity[i, c] = 0.0
             s.mean_acceleration[i, c] = 0.0
             s.a[i, c] = 1.0 if with_a and c == 2 * n + i else 0.0
+            s.dq[i, c] = 0.0
+        for p in range(points):
+            s.blending[p, c] = 0.0
         for r in range(points * d):
-            s.x[r, c] = model.contact_rows[r, c] if c < n else 0.0
-            s.force[r, c] = 0.0
+            s.w[r, c] = 0.0
     for c in range(memory.size):
-        s.force[memory[c], first + c] = 1.0
+        s.w[memory[c], first + c] = 1.0
     for p in range(points):
-        by = s.law.slider[p]
-        for i in range(d):
-            for c in range(k):
-                value = by[i, 3 * d + 1] if c == k - 1 else 0.0
-                for j in range(d):
-                    by_x, by_w = by[i, j] + by[i, d + j], by[i, 2 * d + j]
-                    value += by_x * s.x[p * d + j, c] + by_w * s.force[p * d + j, c]
-                s.w[p * d + i, c] = value
+        advance_slider(model, s, p)
     write_load_derivative(model, s, 0j, s.load_derivative[1])
 
 
@@ -169,6 +166,7 @@ def carry_derivatives(
         by_mass, by_velocity = add_structure(model, scheme, drift, moved, behind, ahead, s)
         if blends and is_resolved(record.blending[row : row + 1]):
             solve_at_guess(model, scheme, s, h, directions)
+            differentiate_guess(drift.period, h, last_step, s)
         for place in range(count):
             p = touching[place]
             for c in range(s.q.shape[1]):
@@ -183,21 +181,26 @@ def carry_derivatives(
                     p,
                     place,
                     behind,
-                    h,
-                    last_step,
                     by_mass,
                     by_velocity,
                 )
             follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
             x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]
-            differentiate_law(law, contacts, by, step, p, x0, x1, w0, s.weight[p], follows)
+            s.rests[p] = differentiate_law(
+                law, contacts, by, step, p, x0, x1, w0, s.weight[p], follows
+            )
             add_contact(model, s, p)
         if not solve_step(s):
             return False
+        for place in range(count):
+            if not s.rests[touching[place]]:
+                advance_slider(model, s, touching[place])
         advance_derivatives(scheme, moved, s)
-        if blends:
+        if blends and not scheme.linear:
             advance_extrapolation(drift.period, h, last_step, s)
-        advance_sliders(model, s)
         end_step(record, row, h, last_step, s)
         begin, last_step = record.time[row], h
+    for p in range(points):
+        if s.is_open[p]:
+            let_slider_follow(model, s, p)
     return True

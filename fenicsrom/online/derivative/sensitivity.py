@@ -50,12 +50,13 @@ class Sensitivity(NamedTuple):
         q: (n, k) of the coordinates.
         v: (n, k) of the velocities.
         a: (n, k) of the accelerations.
-        x: (m, k) of the contact displacements.
-        w: (m, k) of the sliders.
+        w: (m, k) of the sliders of the points that touch.
         dq: (n, k) of the step; before it is solved for, the right-hand side.
-        force: (m, k) of the mean contact force without the part by the end of the step.
+        law_rows: (d, 2 n + k) of a force or a slider of one point: by q0, by dq, and the rest.
+        contact: (n, 2 n + k) the same of the contact forces on all coordinates.
         mean_velocity: (n, k) of the mean velocity of the last step.
         mean_acceleration: (n, k) of its growth.
+        guess: (n, k) of the first guess of the step.
         blending: (P, k) of the weight of the implicit blending.
         combined: (n, k) sum of velocities and accelerations to be multiplied by a matrix.
         before: (6, n) at the start of the step: q, v, a, mean velocity of the last step, its
@@ -66,6 +67,7 @@ class Sensitivity(NamedTuple):
         w0: (P, d) sliders at its start.
         normal_force: (P,) at its start, N.
         is_open: (P,) whether a point is open during the whole step.
+        rests: (P,) whether its slider rests, as it sticks to a plane during the whole step.
         weight: (P,) of the implicit blending.
         load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
         factors: (loads,) complex time factors of the loads.
@@ -73,11 +75,9 @@ class Sensitivity(NamedTuple):
         histories: complex load histories.
         by_start: (n, n) derivative of the mean elastic force by q0.
         by_step: (n, n) by dq; then the matrix S of the step.
-        tangent: (n, n) tangent at a point of the step.
+        tangents: (2, n, n) at points of the step.
         shares: (2, 2) weights of the tangents at two points, for `by_start` and `by_step`.
         vectors: (2, n) scratch.
-        rows: (m, n) of the contact displacements, weighted.
-        column: (d,) scratch.
         blending_vectors: (5, n) scratch.
         pivots: (n,)
         law: derivative of the contact law.
@@ -86,12 +86,13 @@ class Sensitivity(NamedTuple):
     q: Array
     v: Array
     a: Array
-    x: Array
     w: Array
     dq: Array
-    force: Array
+    law_rows: Array
+    contact: Array
     mean_velocity: Array
     mean_acceleration: Array
+    guess: Array
     blending: Array
     combined: Array
     before: Array
@@ -101,6 +102,7 @@ class Sensitivity(NamedTuple):
     w0: Array
     normal_force: Array
     is_open: NDArray[np.bool_]
+    rests: NDArray[np.bool_]
     weight: Array
     load_derivative: Array
     factors: Array
@@ -108,11 +110,9 @@ class Sensitivity(NamedTuple):
     histories: LoadHistories
     by_start: Array
     by_step: Array
-    tangent: Array
+    tangents: Array
     shares: Array
     vectors: Array
-    rows: Array
-    column: Array
     blending_vectors: Array
     pivots: NDArray[np.int64]
     law: LawDerivative
@@ -139,17 +139,18 @@ def no_sensitivity(
         dimension: d, of space.
     """
     points = contacts.preload.size
-    state, contact, point = (n, columns), (points * dimension, columns), (points, dimension)
+    state, point = (n, columns), (points, dimension)
     return Sensitivity(
         q=np.zeros(state),
         v=np.zeros(state),
         a=np.zeros(state),
-        x=np.zeros(contact),
-        w=np.zeros(contact),
+        w=np.zeros((points * dimension, columns)),
         dq=np.zeros(state),
-        force=np.zeros(contact),
+        law_rows=np.zeros((dimension, 2 * n + columns)),
+        contact=np.zeros((n, 2 * n + columns)),
         mean_velocity=np.zeros(state),
         mean_acceleration=np.zeros(state),
+        guess=np.zeros(state),
         blending=np.zeros((points, columns)),
         combined=np.zeros(state),
         before=np.zeros((6, n)),
@@ -159,6 +160,7 @@ def no_sensitivity(
         w0=np.zeros(point),
         normal_force=np.zeros(points),
         is_open=np.zeros(points, dtype=np.bool_),
+        rests=np.zeros(points, dtype=np.bool_),
         weight=np.zeros(points),
         load_derivative=np.zeros((2, n)),
         factors=np.zeros(histories.spans.shape[0], dtype=np.complex128),
@@ -166,11 +168,9 @@ def no_sensitivity(
         histories=as_complex(histories, ("sines",)),
         by_start=np.zeros((n, n)),
         by_step=np.zeros((n, n)),
-        tangent=np.zeros((n, n)),
+        tangents=np.zeros((2, n, n)),
         shares=np.zeros((2, 2)),
         vectors=np.zeros((2, n)),
-        rows=np.zeros((points * dimension, n)),
-        column=np.zeros(dimension),
         blending_vectors=np.zeros((5, n)),
         pivots=np.zeros(n, dtype=np.int64),
         law=law_derivative(contacts, points, dimension),

@@ -26,7 +26,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
 from fenicsrom.online.kernels.compiled import kernel, part
 from fenicsrom.online.kernels.complex_step import STEP
-from fenicsrom.online.kernels.dense import add_combined_rows, lu_factor, lu_solve
+from fenicsrom.online.kernels.dense import (
+    add_combined_columns,
+    add_combined_rows,
+    lu_factor,
+    lu_solve,
+)
 from fenicsrom.online.model.loads import write_factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import write_tangents
@@ -109,7 +114,7 @@ def add_pressure(
     """Add the follower pressures to by_start, by_step and the right-hand side of a step."""
     q0, dq, pressure, work = s.before[0], s.step, model.pressure, model.work
     n, last = q0.size, s.q.shape[1] - 1
-    q, force, tangent = s.vectors[0], s.vectors[1], s.tangent
+    q, force, tangent = s.vectors[0], s.vectors[1], s.tangents[0]
     start, end = s.pressure_factors[0], s.pressure_factors[1]
     write_factors(s.histories, behind, start)
     write_factors(s.histories, ahead, end)
@@ -236,9 +241,10 @@ def add_structure(
     for i in range(n):
         for c in range(k):
             s.dq[i, c] = 0.0
+        for c in range(s.contact.shape[1]):
+            s.contact[i, c] = 0.0
     if model.pressure.numbers.shape[0] > 0:
         add_pressure(model, scheme, behind, ahead, s)
-    add_combined_rows(s.by_start, s.q, s.dq)
     add_term(model.mass, g.mass, g.inertia_v, g.inertia_a, with_a, s)
     if scheme.velocity_forces:
         add_term(
@@ -262,38 +268,61 @@ def add_structure(
 
 
 @kernel
-def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
-    """Add the mean contact force of point p to S and to the right-hand side."""
+def write_law(model: ReducedModel, by: Array, p: int, s: Sensitivity) -> None:
+    """Write what a force or a slider of point p takes from q0, dq and the columns to s.law_rows.
+
+    Args:
+        model: the model.
+        by: (d, 3 d + 2) `s.law.force[p]` or `s.law.slider[p]`.
+        p: the point.
+        s: the arrays.
+    """
     n, k = s.q.shape
     d = s.x0.shape[1]
-    force, row, last = s.law.force[p], p * d, k - 1
     for i in range(d):
-        for c in range(k):
-            s.force[row + i, c] = force[i, 3 * d] * s.blending[p, c]
-        s.force[row + i, last] += force[i, 3 * d + 1]
-        for j in range(d):
-            by_x, by_w = force[i, j] + force[i, d + j], force[i, 2 * d + j]
-            for c in range(k):
-                s.force[row + i, c] += by_x * s.x[row + j, c] + by_w * s.w[row + j, c]
-        for b in range(n):
-            s.rows[row + i, b] = 0.0
-            for j in range(d):
-                s.rows[row + i, b] += force[i, d + j] * model.contact_rows[row + j, b]
-    for i in range(d):
+        by_start, by_step = s.law_rows[i, :n], s.law_rows[i, n : 2 * n]
+        columns = s.law_rows[i, 2 * n :]
         for a in range(n):
-            factor = model.contact_rows[row + i, a]
-            if factor == 0.0:
-                continue
-            for b in range(n):
-                s.by_step[a, b] += factor * s.rows[row + i, b]
-            for c in range(k):
-                s.dq[a, c] += factor * s.force[row + i, c]
+            by_start[a], by_step[a] = 0.0, 0.0
+        for c in range(k):
+            columns[c] = by[i, 3 * d] * s.blending[p, c]
+        columns[k - 1] += by[i, 3 * d + 1]
+        for j in range(d):
+            row = model.contact_rows[p * d + j]
+            in_step, by_slider = by[i, d + j], by[i, 2 * d + j]
+            at_start = by[i, j] + in_step
+            for a in range(n):
+                by_start[a] += at_start * row[a]
+                by_step[a] += in_step * row[a]
+            if by_slider != 0.0:
+                for c in range(k):
+                    columns[c] += by_slider * s.w[p * d + j, c]
+
+
+@kernel
+def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
+    """Add the mean contact force of point p to s.contact."""
+    d = s.x0.shape[1]
+    write_law(model, s.law.force[p], p, s)
+    add_combined_columns(model.contact_rows[p * d : (p + 1) * d], s.law_rows, s.contact)
 
 
 @kernel
 def solve_step(s: Sensitivity) -> bool:
-    """Solve S d(dq) = -s.dq in place; False if S is singular."""
+    """Solve S d(dq) = -(s.by_start s.q + s.dq) with s.contact, in place; False if S is singular."""
     n, k = s.q.shape
+    for i in range(n):
+        by_start, by_step, columns = (
+            s.contact[i, :n],
+            s.contact[i, n : 2 * n],
+            s.contact[i, 2 * n :],
+        )
+        for j in range(n):
+            s.by_start[i, j] += by_start[j]
+            s.by_step[i, j] += by_step[j]
+        for c in range(k):
+            s.dq[i, c] += columns[c]
+    add_combined_rows(s.by_start, s.q, s.dq)
     for i in range(n):
         for c in range(k):
             s.dq[i, c] = -s.dq[i, c]
@@ -325,43 +354,44 @@ def advance_derivatives(scheme: Scheme, h: complex, s: Sensitivity) -> None:
 
 
 @kernel
-def advance_sliders(model: ReducedModel, s: Sensitivity) -> None:
-    """Carry the derivatives of the sliders and of the contact displacements over the step.
+def advance_slider(model: ReducedModel, s: Sensitivity, p: int) -> None:
+    """Carry the derivatives of the slider of a point that touches over the step of `s.dq`."""
+    n, k = s.q.shape
+    d = s.x0.shape[1]
+    write_law(model, s.law.slider[p], p, s)
+    for i in range(d):
+        columns = s.law_rows[i, 2 * n :]
+        for a in range(n):
+            at_start, in_step = s.law_rows[i, a], s.law_rows[i, n + a]
+            for c in range(k):
+                columns[c] += at_start * s.q[a, c] + in_step * s.dq[a, c]
+    for i in range(d):
+        columns = s.law_rows[i, 2 * n :]
+        for c in range(k):
+            s.w[p * d + i, c] = columns[c]
 
-    A point that is open all the time forgets its slider, which follows the point.
-    """
-    k = s.q.shape[1]
-    points, d = s.x0.shape
-    last, x1 = k - 1, s.force
-    for r in range(points * d):
+
+@kernel
+def let_slider_follow(model: ReducedModel, s: Sensitivity, p: int) -> None:
+    """Write the derivatives of the displacement of point p, which is open, to its slider."""
+    d = s.x0.shape[1]
+    slider = s.w[p * d : (p + 1) * d]
+    for i in range(d):
+        for c in range(slider.shape[1]):
+            slider[i, c] = 0.0
+    add_combined_rows(model.contact_rows[p * d : (p + 1) * d], s.q, slider)
+
+
+@kernel
+def differentiate_guess(period_drift: float, h: float, last_step: float, s: Sensitivity) -> None:
+    """Write the derivatives of the first guess of a step of size h: s.guess."""
+    n, k = s.q.shape
+    growth = 0.5 * h * (h + last_step)
+    for i in range(n):
         for c in range(k):
-            x1[r, c] = 0.0
-    add_combined_rows(model.contact_rows, s.q, x1)
-    for p in range(points):
-        row = p * d
-        if s.is_open[p]:
-            for i in range(d):
-                for c in range(k):
-                    s.w[row + i, c] = x1[row + i, c]
-            continue
-        by = s.law.slider[p]
-        for c in range(k):
-            for i in range(d):
-                value = by[i, 3 * d] * s.blending[p, c]
-                for j in range(d):
-                    value += (
-                        by[i, j] * s.x[row + j, c]
-                        + by[i, d + j] * x1[row + j, c]
-                        + by[i, 2 * d + j] * s.w[row + j, c]
-                    )
-                s.column[i] = value
-            for i in range(d):
-                s.w[row + i, c] = s.column[i]
-        for i in range(d):
-            s.w[row + i, last] += by[i, 3 * d + 1]
-    for r in range(points * d):
-        for c in range(k):
-            s.x[r, c] = x1[r, c]
+            s.guess[i, c] = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
+        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
+        s.guess[i, k - 1] += period_drift * moved
 
 
 @kernel
@@ -372,10 +402,8 @@ def advance_extrapolation(period_drift: float, h: float, last_step: float, s: Se
     for i in range(n):
         for c in range(k):
             rate = s.dq[i, c] / h
-            if c == last:
-                rate -= period_drift * s.step[i] / h
-            change = rate - s.mean_velocity[i, c]
-            if c == last:
-                change -= period_drift * (s.step[i] / h - s.before[3, i])
-            s.mean_acceleration[i, c] = factor * change
+            s.mean_acceleration[i, c] = factor * (rate - s.mean_velocity[i, c])
             s.mean_velocity[i, c] = rate
+        rate = s.step[i] / h
+        s.mean_acceleration[i, last] -= factor * period_drift * (2.0 * rate - s.before[3, i])
+        s.mean_velocity[i, last] -= period_drift * rate

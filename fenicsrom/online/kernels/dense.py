@@ -111,6 +111,22 @@ def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
 
 
 @kernel
+def add_combined_columns(weights: Array, rows: Array, out: Array) -> None:
+    """Add weights^T @ rows to out; (r, k), (r, n), (k, n). Three rows are added at a time."""
+    count, n = rows.shape
+    whole = count - count % 3
+    for c in range(weights.shape[1]):
+        for r in range(0, whole, 3):
+            first, second, third = weights[r, c], weights[r + 1, c], weights[r + 2, c]
+            for j in range(n):
+                out[c, j] += first * rows[r, j] + second * rows[r + 1, j] + third * rows[r + 2, j]
+        for r in range(whole, count):
+            factor = weights[r, c]
+            for j in range(n):
+                out[c, j] += factor * rows[r, j]
+
+
+@kernel
 def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
     """Factorise the leading (n, n) part of a matrix in place, PA = LU with partial pivoting.
 
@@ -134,11 +150,12 @@ def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
             for j in range(n):
                 a[k, j], a[row, j] = a[row, j], a[k, j]
         inverse = 1.0 / a[k, k]
+        upper = a[k, k + 1 : n]
         for i in range(k + 1, n):
             a[i, k] *= inverse
-            factor = a[i, k]
-            for j in range(k + 1, n):
-                a[i, j] -= factor * a[k, j]
+            factor, below = a[i, k], a[i, k + 1 : n]
+            for j in range(upper.size):  # from 0, which the compiler turns into vector arithmetic
+                below[j] -= factor * upper[j]
     return True
 
 

@@ -293,7 +293,9 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         `largest_multiplier` (absolute value), `floquet_multipliers` (the largest, as pairs of real
         and imaginary part), `free_sliders` (components that are not unique; the multipliers are
         those without these), `at_yield` (only if true: the motion presses an abradable layer just
-        to its yield stress, so the multipliers hold for motions that press it less).
+        to its yield stress, so the multipliers hold for motions that press it less),
+        `relative_distance` (only if the march comes nearer to a stable motion without reaching it:
+        how far it was).
     """
     multipliers = search.multipliers
     return {
@@ -307,6 +309,7 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         "floquet_multipliers": [[float(x.real), float(x.imag)] for x in multipliers],
         "free_sliders": search.free_sliders,
         **({"at_yield": True} if search.at_yield else {}),
+        **({"relative_distance": search.away} if math.isfinite(search.away) else {}),
     }
 
 

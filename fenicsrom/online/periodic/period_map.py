@@ -82,9 +82,8 @@ class PeriodMap:
         self.size = self.blocks * n + self.memory.size
         self._state = no_state(n, points, dimension)
         self._record = no_record(4 * self.fractions.size, points, dimension, 3 * n)
-        self._sensitivity = no_sensitivity(
-            n, self.size + 1, contacts, model.load_histories, dimension
-        )
+        columns = 8 * (self.size // 8 + 1)  # loops over whole vectors of eight numbers are faster
+        self._sensitivity = no_sensitivity(n, columns, contacts, model.load_histories, dimension)
         # (first, last) instant of each run of equal intervals
         intervals = np.diff(self.fractions)
         changes = np.flatnonzero(np.abs(np.diff(intervals)) > EQUAL * intervals[1:]) + 1
@@ -229,7 +228,7 @@ class PeriodMap:
             derivative = np.concatenate([*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]])
         return PeriodEnd(
             self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
-            derivative[:, :-1],
+            derivative[:, : self.size],
             derivative[:, -1],
             Record._make(array[:count].copy() for array in self._record),
             np.array([state.mean_velocity, state.mean_acceleration]),

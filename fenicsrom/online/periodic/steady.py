@@ -58,6 +58,7 @@ RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state r
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
 LOOK_AHEAD = 160  # least number of periods in which (1) must be shown
 LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
+LONGEST_LOOK_AHEAD = 16  # times these periods, while the march comes nearer to the motion
 NEAR_YIELD = 1e-6  # part of the yield stress that a motion at yield lacks at most
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
@@ -192,6 +193,8 @@ class _Search:
             multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
             free_sliders=motion.free_sliders,
         )
+        if not search.tends and path.comes_nearer(motion):
+            search = search._replace(away=float(path.distances(motion)[0]))
         if self._wears(shooting, motion):
             search = search._replace(verdict="wears")
         elif self._wears(shooting, motion, NEAR_YIELD):
@@ -203,7 +206,8 @@ class _Search:
         m = path.shooting.m
         if m > 1 and not self._lasts_several_periods(path.shooting.scaled(motion.z)):
             return False
-        return path.tends_to(motion, max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // m)
+        periods = max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // m
+        return path.tends_to(motion, periods, LONGEST_LOOK_AHEAD * periods)
 
     def _wears(self, shooting: Shooting, motion: PeriodicMotion, weaker: float = 0.0) -> bool:
         """Whether a motion, found with layers that stay as they are, would wear them.

@@ -8,6 +8,10 @@ monodromy matrix. The march tends to the motion if it stays near the linear moti
 in the scaled norm of `fenicsrom.online.periodic.shooting.Shooting`, or if |d| is below `CLOSE` of
 the motion. The first states of a march may be too far from z*, so (1) is tried from each of them.
 
+The march ends after a number of periods, which is doubled while it comes nearer to z* at a part
+`APPROACH` of the rate of the largest multiplier: from afar, where (1) does not hold yet, contacts
+that open and close may keep the motion large for hundreds of periods.
+
 K periods show whether the slow motions are linear: each part of d with a multiplier mu must have
 turned `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One
 period would not be enough: a lightly damped motion changes so little in a period that any d
@@ -22,7 +26,12 @@ from collections.abc import Callable
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, Shooting
+from fenicsrom.online.periodic.shooting import (
+    STABLE_WITHIN,
+    PeriodicMotion,
+    Shooting,
+    largest_multiplier,
+)
 
 # Part of |A^k d| that (1) may miss. The linear map A then describes the march to 30 %: z is in the
 # region where the periodic motion attracts, not only near the border to another motion.
@@ -33,6 +42,7 @@ CLOSE = 1e-6  # |d| relative to the motion, below which rounding decides about (
 TURNS = 2.0
 DECAYED = 0.1
 SIGNIFICANT = 0.01  # parts of d below this part of |d| do not count
+APPROACH = 0.1  # a motion that does not settle would have to come as near by chance
 # Change of the state in a period, relative to the state, below which Newton's method starts: where
 # the contacts still change from period to period, it needs many iterations.
 CALM = 1e-2
@@ -72,8 +82,31 @@ class MarchedPath:
                 return self.states[k]
         return self.states[-1]
 
-    def tends_to(self, motion: PeriodicMotion, periods: int) -> bool:
-        """Whether the path tends to a motion by (1), shown within so many periods of the motion."""
+    def distances(self, motion: PeriodicMotion) -> Array:
+        """Distances of the states from a motion, relative to it."""
+        found = self.shooting.scaled(motion.z)
+        return np.linalg.norm(np.array(self.states) - found, axis=1) / np.linalg.norm(found)
+
+    def comes_nearer(self, motion: PeriodicMotion) -> bool:
+        """Whether a motion is stable, and the later half of the states nearer to it.
+
+        The median distance must have fallen at `APPROACH` of the rate of the largest multiplier.
+        """
+        earlier, later = np.array_split(self.distances(motion), 2)
+        rate = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
+        return motion.stable and bool(
+            np.median(later) <= rate ** (APPROACH * earlier.size) * np.median(earlier)
+        )
+
+    def tends_to(self, motion: PeriodicMotion, periods: int, longest: int = 0) -> bool:
+        """Whether the path tends to a motion by (1).
+
+        Args:
+            motion: the motion.
+            periods: number of its periods within which (1) must be shown. The number is doubled
+                while the path comes nearer to the motion.
+            longest: largest number of periods; by default it is not doubled.
+        """
         found = self.shooting.scaled(motion.z)
         size = float(np.linalg.norm(found))
         matrix = self.shooting.scaled_matrix(motion.end.matrix)
@@ -82,7 +115,11 @@ class MarchedPath:
         linear: Array = np.zeros((found.size, 0))
         ages: Array = np.zeros(0)
         horizons: Array = np.zeros(0)
-        for k in range(periods):
+        for k in range(max(periods, longest)):
+            if k == periods:
+                if not self.comes_nearer(motion):
+                    return False
+                periods *= 2
             d = self.states[k] - found
             if float(np.linalg.norm(d)) <= CLOSE * size:
                 return True

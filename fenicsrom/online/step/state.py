@@ -149,6 +149,8 @@ class PeriodicSearch(NamedTuple):
         free_sliders: number of slider components that are not unique.
         at_yield: whether the motion presses an abradable layer just to its yield stress; the
             verdict then holds for motions that press it less.
+        away: distance of the marched state from the motion, relative to it, if the march comes
+            nearer to the motion without being seen to tend to it; otherwise infinite.
     """
 
     verdict: str
@@ -161,6 +163,7 @@ class PeriodicSearch(NamedTuple):
     multipliers: NDArray[np.complex128]
     free_sliders: int
     at_yield: bool = False
+    away: float = np.inf
 
     @property
     def accepted(self) -> bool:

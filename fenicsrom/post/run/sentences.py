@@ -348,7 +348,9 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
                 f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
                 f"surface still moves until {contact.approach[-1][0]:.6g} s"
             )
-    if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
+    on_its_way = motion.search is not None and np.isfinite(motion.search.away)  # the error says so
+    asked = scene.period is not None and scene.time.steady_tolerance
+    if not motion.steady and asked and not on_its_way:
         found.append(unsteady_sentence(name, motion, scene))
     return found
 
