@@ -119,7 +119,7 @@ def test_cluster_runs_the_jobs_of_a_killed_worker_again(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
         ) as cluster,
         distributed.Client(cluster) as client,
         client.get_executor(pure=False) as executor,

@@ -274,7 +274,9 @@ def test_cluster_gives_rows_of_one_process(model: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     over = ["loads.0.force=[10, 20, 30]"]
     one = swept(model, tmp_path / "one", over)
-    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    )
     with cluster:
         words = ["sweep", "--from", str(model), "--over", over[0]]
         words += ["--scheduler", cluster.scheduler_address, "--output", str(tmp_path / "two")]
