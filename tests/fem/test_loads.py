@@ -385,7 +385,7 @@ def test_static_scene_ends_with_its_equilibrium(
     )
     assert "1V  3.2" in capsys.readouterr().out
     assert main(["compare", str(scene), "--output", str(tmp_path / "compare")]) == 2
-    assert "all loads are static" in capsys.readouterr().err
+    assert "loads: all are static" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
