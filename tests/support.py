@@ -366,7 +366,7 @@ def excited_stiffness(damping: float, coupling: float, load: LoadHistories) -> R
     return reduced_model(
         np.eye(2),
         damping,
-        ElasticPolynomial(np.zeros(2), np.diag([4.0, 1.0]), np.zeros((2, 3)), cubic),
+        ElasticPolynomial(np.zeros(2), np.diag([4.0, 1.0]), np.zeros((3, 2)), cubic),
         np.array([[1.0], [0.0]]),
         load,
         *first(0, 2),
