@@ -22,7 +22,7 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
 from fenicsrom.post.curves.response_figures import stretches
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE = 0.02, 0.1, 0.02
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.2 / (2.0 * np.pi)
@@ -132,6 +132,41 @@ def test_curve_on_which_nothing_excites_the_body_is_refused() -> None:
         check_response(scene_with('response.families={key="loads.0.force", values=[0.02, 0.0]}'))
     along = ('response.parameter="loads.0.force"', "response.first=0.001", "response.last=0.02")
     check_response(scene_with("loads.0.force=0.0", *along))
+    still = {"direction": [0.0, 1.0], "frequency": LOW, "support_acceleration": 0.0}
+    both = "loads[0].force = 0 and loads[1].support_acceleration = 0: nothing excites"
+    with refusal(ErrorKind.RANGE, "loads[0].force", names=both):
+        check_response(unforced(still))
+
+
+def unforced(load: dict[str, Any], **more: Any) -> Scene:
+    """A scene with a force of zero, another load and other tables."""
+    table = scene_table(scene_with("loads.0.force=0.0")) | more
+    return parse_scene(table | {"loads": [*table["loads"], load]}, "test", None)
+
+
+VARYING = (
+    {"support_acceleration": 1.0, "frequency": LOW},
+    {"support_displacement": 1e-3, "frequency": LOW, "harmonics": [[2, 1.0, 0.0]]},
+    {"acceleration": 9.81, "engine_order": 1},
+)
+
+
+@pytest.mark.parametrize("load", VARYING)
+def test_curve_without_a_force_is_allowed_where_something_else_varies(load: dict[str, Any]) -> None:
+    check_response(unforced(load | {"direction": [0.0, 1.0]}, rotation={"speed_rpm": 12.0}))
+
+
+def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
+    turning = {"kind": "cylinder", "point": [0.0, 0.0], "radius": 2.0, "spin": 1.0}
+    wavy = turning | {"waves": [[1, 1e-3, 0.0]]}
+    stiff = {"normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.1}
+    contact = {"group": "tip", "surface": wavy} | stiff
+    table = scene_table(scene_with()) | {"contacts": [contact]}
+    still = {"group": "load", "direction": [0.0, 1.0], "force": 0.0}
+    check_response(parse_scene(table | {"loads": [still | {"frequency": LOW}]}, "test", None))
+    for loads in ([], [still]):
+        with refusal(ErrorKind.CONFLICT, "response.parameter", names="loads repeat"):
+            parse_scene(table | {"loads": loads}, "test", None)
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:
