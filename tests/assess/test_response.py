@@ -153,7 +153,7 @@ VARYING = (
 
 @pytest.mark.parametrize("load", VARYING)
 def test_curve_without_a_force_is_allowed_where_something_else_varies(load: dict[str, Any]) -> None:
-    check_response(unforced(load | {"direction": [0.0, 1.0]}, rotation={"speed_rpm": 12.0}))
+    check_response(unforced(load | {"direction": [0.0, 1.0]}, rotation={"speed_rpm": 60.0 * LOW}))
 
 
 def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
@@ -164,6 +164,7 @@ def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
     table = scene_table(scene_with()) | {"contacts": [contact]}
     still = {"group": "load", "direction": [0.0, 1.0], "force": 0.0}
     check_response(parse_scene(table | {"loads": [still | {"frequency": LOW}]}, "test", None))
+    table["time"] = {"duration": 10.0, "step": 0.05}
     for loads in ([], [still]):
         with refusal(ErrorKind.CONFLICT, "response.parameter", names="loads repeat"):
             parse_scene(table | {"loads": loads}, "test", None)

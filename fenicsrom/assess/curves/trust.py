@@ -294,10 +294,10 @@ class _Checks:
             step_error=error(finer),
             basis_error=error(motion),
             compared=self._richer is not None and richer,
-            richer_verdict=motion and motion.verdict,
+            richer_verdict=None if motion is None else motion.verdict,
             judged=bifurcation is None,
             richer_multiplier=size_of(motion),
-            finer_verdict=finer and finer.verdict,
+            finer_verdict=None if finer is None else finer.verdict,
             finer_multiplier=size_of(finer),
         )
         self.found.append(check)
