@@ -89,6 +89,14 @@ def test_iteration_ends_before_a_small_step() -> None:
     assert 1e-10 < apart / np.linalg.norm(shooting.scaled(exact.z)) <= 1e-3
 
 
+def test_iteration_ends_after_the_largest_number() -> None:
+    model, contacts, period = rubbing(0.4)
+    shooting = Shooting(Problem(model, contacts, period_steps(100), period))
+    with pytest.raises(ConvergenceError, match="after 3 Newton iterations") as caught:
+        solve(shooting, shooting.scaled(start_variables(shooting, START)), iterations=3)
+    assert len(caught.value.partial) == 3
+
+
 def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:
     model, contacts, period = rubbing(0.4)
     problem = Problem(model, contacts, period_steps(100), period)

@@ -53,7 +53,8 @@ SPREAD = 24  # most points of a curve, evenly over its stable parts, besides tho
 UNSTABLE = 12  # likewise over its unstable parts
 SHARE = 6  # points of a curve for each of these: a richer motion costs as much as several points
 MARCHES = 3  # with derivatives, for a motion near a known one
-FIXED = 3e4  # a march of n coordinates and N variables takes a time of about FIXED + N n^3
+ITERATIONS = 15  # of Newton's method after which such a motion counts as not found
+FIXED = 3e4  # a march takes a time of about FIXED + 4 n^4 + 3 n (N - 2 n) N
 SHORT = 5e7  # some seconds, likewise
 MOVES = 0.01  # of its parameter: the shift of a bifurcation that is no contradiction
 FARTHEST = 0.1  # largest shift that (1) estimates, likewise
@@ -430,12 +431,17 @@ def checks(
 
 
 def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
-    """Number of motions of the richer basis that take as long as the curve and some seconds."""
+    """Number of motions of the richer basis that take as long as the curve and some seconds.
+
+    A march with derivatives of n coordinates and N variables, N - 2 n of them sliders, evaluates
+    the elastic force, 4 n^4, and the contact forces, 3 n (N - 2 n) N.
+    """
     points = [point for piece in pieces for point in [*piece.points, *piece.special]]
     if not points or richer is None:
         return 0
-    sizes, variables = richer.transfer.shape, points[0].z.size
-    other, own = (FIXED + (variables + 2 * (n - sizes[1])) * n**3 for n in sizes)
+    sizes = richer.transfer.shape
+    sliders = points[0].z.size - 2 * sizes[1]
+    other, own = (FIXED + 4 * n**4 + 3 * n * sliders * (sliders + 2 * n) for n in sizes)
     spent = SHORT + own * sum(point.marches[1] for point in points)
     return int(spent / (MARCHES * other))
 
@@ -501,7 +507,7 @@ def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     shooting = Shooting(richer.family(point.parameter), point.periods)
     s = shooting.scaled(richer.start(point, shooting))
     try:
-        return solve(shooting, s, TOLERANCE, step_tolerance=STEP)
+        return solve(shooting, s, TOLERANCE, step_tolerance=STEP, iterations=ITERATIONS)
     except ConvergenceError:
         return None
 

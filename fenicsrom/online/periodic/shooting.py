@@ -309,6 +309,7 @@ def solve(
     tolerance: float = TOLERANCE,
     found: tuple[Array, Array, Array, PeriodEnd] | None = None,
     step_tolerance: float = 0.0,
+    iterations: int = ITERATIONS,
 ) -> PeriodicMotion:
     """Find a periodic motion by Newton's method with bounded steps.
 
@@ -326,6 +327,7 @@ def solve(
         found: `shooting.march(s)`, if the caller has it.
         step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
             ends where the next step would be at most so large.
+        iterations: largest number of iterations.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
@@ -333,7 +335,7 @@ def solve(
     found = shooting.march(s) if found is None else found
     residuals: list[float] = []
     lengths: list[float] = []
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         if found is None:
             break
         residual, matrix, _, end = found
