@@ -162,7 +162,7 @@ def damage(content: bytes, done: list[Damage]) -> bytes:
     return content
 
 
-@drawn(150, 3000, done=DAMAGE)
+@drawn(150, 1500, done=DAMAGE)
 def test_damaged_model_is_refused_or_unchanged(stored: Path, done: list[Damage]) -> None:
     path = stored.with_name("damaged.npz")
     path.write_bytes(damage(stored.read_bytes(), done))
