@@ -125,6 +125,21 @@ def test_curve_over_the_frequency_of_an_engine_order_says_that_the_speed_stays()
     assert "engine order" in warning and f"{60.0 * LOW:g} rpm" in warning
 
 
+def test_lightly_damped_mode_at_a_harmonic_is_named_with_the_stiffness_damping_that_it_lacks() -> (
+    None
+):
+    """Modes of 1 and 5 rad/s: the second has the ratio 0.005 with 2 (0.005) / 5 s."""
+    scene = scene_with("material.mass_damping=0.005")
+    model = linear_model(
+        np.eye(2), np.diag([1.0, 25.0]), damping=0.005, loads=np.ones((2, 1)), masters=0
+    )._replace(load_histories=load_histories(scene))
+    (warning,) = response(
+        StoredModel(model, scene, "rubin", tuple("ab"), 9, np.ones(1), {})
+    ).warnings
+    assert "mode 2 at 0.79577 Hz has a damping ratio of 0.0005 (harmonic 5)" in warning
+    assert "damping.stiffness = 0.002 " in warning
+
+
 def test_curve_on_which_nothing_excites_the_body_is_refused() -> None:
     with refusal(ErrorKind.RANGE, "loads[0].force"):
         check_response(scene_with("loads.0.force=0.0"))
