@@ -22,7 +22,7 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
 from fenicsrom.post.curves.response_figures import stretches
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE = 0.02, 0.1, 0.02
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.2 / (2.0 * np.pi)
@@ -125,6 +125,21 @@ def test_curve_over_the_frequency_of_an_engine_order_says_that_the_speed_stays()
     assert "engine order" in warning and f"{60.0 * LOW:g} rpm" in warning
 
 
+def test_lightly_damped_mode_at_a_harmonic_is_named_with_the_stiffness_damping_that_it_lacks() -> (
+    None
+):
+    """Modes of 1 and 5 rad/s: the second has the ratio 0.005 with 2 (0.005) / 5 s."""
+    scene = scene_with("material.mass_damping=0.005")
+    model = linear_model(
+        np.eye(2), np.diag([1.0, 25.0]), damping=0.005, loads=np.ones((2, 1)), masters=0
+    )._replace(load_histories=load_histories(scene))
+    (warning,) = response(
+        StoredModel(model, scene, "rubin", tuple("ab"), 9, np.ones(1), {})
+    ).warnings
+    assert "mode 2 at 0.79577 Hz has a damping ratio of 0.0005 (harmonic 5)" in warning
+    assert "damping.stiffness = 0.002 " in warning
+
+
 def test_curve_on_which_nothing_excites_the_body_is_refused() -> None:
     with refusal(ErrorKind.RANGE, "loads[0].force"):
         check_response(scene_with("loads.0.force=0.0"))
@@ -132,6 +147,44 @@ def test_curve_on_which_nothing_excites_the_body_is_refused() -> None:
         check_response(scene_with('response.families={key="loads.0.force", values=[0.02, 0.0]}'))
     along = ('response.parameter="loads.0.force"', "response.first=0.001", "response.last=0.02")
     check_response(scene_with("loads.0.force=0.0", *along))
+    still = {"direction": [0.0, 1.0], "frequency": LOW, "support_acceleration": 0.0}
+    both = "loads[0].force = 0 and loads[1].support_acceleration = 0: nothing excites"
+    with refusal(ErrorKind.RANGE, "loads[0].force", names=both):
+        check_response(unforced(still))
+
+
+def unforced(load: dict[str, Any], **more: Any) -> Scene:
+    """A scene with a force of zero, another load and other tables."""
+    table = scene_table(scene_with("loads.0.force=0.0")) | more
+    return parse_scene(table | {"loads": [*table["loads"], load]}, "test", None)
+
+
+VARYING: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
+    ({"support_acceleration": 1.0, "frequency": LOW}, {}),
+    ({"support_displacement": 1e-3, "frequency": LOW, "harmonics": [[2, 1.0, 0.0]]}, {}),
+    ({"acceleration": 9.81, "engine_order": 1}, {"rotation": {"speed_rpm": 60.0 * LOW}}),
+)
+
+
+@pytest.mark.parametrize(("load", "more"), VARYING)
+def test_curve_without_a_force_is_allowed_where_something_else_varies(
+    load: dict[str, Any], more: dict[str, Any]
+) -> None:
+    check_response(unforced(load | {"direction": [0.0, 1.0]}, **more))
+
+
+def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
+    turning = {"kind": "cylinder", "point": [0.0, 0.0], "radius": 2.0, "spin": 1.0}
+    wavy = turning | {"waves": [[1, 1e-3, 0.0]]}
+    stiff = {"normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.1}
+    contact = {"group": "tip", "surface": wavy} | stiff
+    table = scene_table(scene_with()) | {"contacts": [contact]}
+    still = {"group": "load", "direction": [0.0, 1.0], "force": 0.0}
+    check_response(parse_scene(table | {"loads": [still | {"frequency": LOW}]}, "test", None))
+    table["time"] = {"duration": 10.0, "step": 0.05}
+    for loads in ([], [still]):
+        with refusal(ErrorKind.CONFLICT, "response.parameter", names="loads repeat"):
+            parse_scene(table | {"loads": loads}, "test", None)
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:

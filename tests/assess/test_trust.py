@@ -81,6 +81,7 @@ def test_point_beside_a_bifurcation_that_moves_is_no_contradiction(
     (moved,) = (c for c in found if c.quantity == "parameter")
     assert (moved.where, moved.point.parameter) == ("torus", PLACE)
     assert moved.step_error == pytest.approx(abs(shift) / PLACE, rel=1e-9)
+    assert moved.finer_verdict == ("torus" if shift > 0.0 else "stable") and not moved.judged
 
 
 def test_single_point_of_another_stability_widens_the_place_of_its_bifurcation(

@@ -202,7 +202,7 @@ def _light_modes(stored: StoredModel) -> list[str]:
         modes = linear_modes(problem)
     except ConvergenceError:
         return []
-    found = []
+    found, lowest = [], np.inf
     for mode in modes[1:]:
         own = mode.omega / (2.0 * np.pi)
         orders = np.arange(2, HARMONIC + 1)
@@ -212,8 +212,13 @@ def _light_modes(stored: StoredModel) -> list[str]:
                 f"mode {mode.number} at {own:.5g} Hz has a damping ratio of "
                 f"{mode.damping_ratio:.1g} (harmonic {orders[within][0]})"
             )
+            lowest = min(lowest, own)
     stuck = ", with contact points that stick" if scene.contacts else ""
-    advice = "expect narrow resonances, or give each mode its ratio in [damping]."
+    advice = (
+        "expect narrow resonances, each of which takes points of the curve. If joints damp these "
+        f"modes, say so: damping.stiffness = {ENOUGH / (np.pi * lowest):.1g} gives the lowest of "
+        f"them a ratio of {ENOUGH:g}."
+    )
     reason = f"Harmonics of the loads excite lightly damped modes{stuck}"
     return [f"{reason}: {'; '.join(found)}; {advice}"] if found else []
 
@@ -254,6 +259,7 @@ def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
 
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named
+ENOUGH = 5e-3  # damping ratio of the lowest of these modes that is advised
 HARMONIC = 20  # highest harmonic of the loads whose resonance with a higher mode is named
 MOSTLY = 0.5  # part of unstable points of an incomplete curve above which they are named
 AROUND = 0.01  # part of a frequency within which a harmonic excites a mode

@@ -75,17 +75,17 @@ def _check_excitation(scene: Scene, given: Scene) -> None:
         SceneError: all loads that vary are zero, and no surface has waves.
     """
     parameter = response_table(given).parameter
-    varies = [k for k, load in enumerate(scene.loads) if load.frequency is not None]
-    excited = any(scene.loads[k].size for k in varies) or any(
-        contact.surface is not None and contact.surface.waves for contact in scene.contacts
-    )
-    if not excited and not any(parameter == f"loads.{k}.{scene.loads[k].kind}" for k in varies):
-        sizes = " and ".join(f"loads[{k}].{scene.loads[k].kind} = 0" for k in varies)
+    varies = [(k, load) for k, load in enumerate(scene.loads) if not load.static]
+    waves = any(contact.surface and contact.surface.waves for contact in scene.contacts)
+    varied = any(load.size or parameter == f"loads.{k}.{load.kind}" for k, load in varies)
+    if not waves and not varied:
+        keys = [f"loads[{k}].{load.kind}" for k, load in varies]
         raise SceneError(
-            f"{given.source}: {sizes}: nothing excites the body, so a response curve has no "
-            "motion; give a load that varies a size other than zero",
+            f"{given.source}: {' and '.join(f'{key} = 0' for key in keys)}: nothing excites the "
+            "body, so a response curve has no motion; give a load that varies a size other than "
+            "zero",
             kind=ErrorKind.RANGE,
-            key=f"loads[{varies[0]}].{scene.loads[varies[0]].kind}" if varies else "loads",
+            key=keys[0],
             source=given.source,
         )
 

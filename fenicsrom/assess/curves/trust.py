@@ -258,41 +258,50 @@ class _Checks:
         for k, check in enumerate(self.found):
             if check.point is event:
                 return k
-        self._ask()
-        other = _finer(event, self._family)
-        check = Check(event, event.kind, "parameter", bifurcation.shift(other), judged=False)
-        if self._richer is not None and event.kind != FOLD:
-            motion = richer_motion(event, self._richer)
-            verdict = None if motion is None else motion.verdict
-            error = bifurcation.shift(motion)
-            check = replace(check, basis_error=error, compared=True, richer_verdict=verdict)
-        self.found.append(check)
+        self.compare(event.kind, event, richer=event.kind != FOLD, bifurcation=bifurcation)
         return len(self.found) - 1
 
-    def compare(self, where: str, point: CurvePoint, *, richer: bool = True) -> float:
-        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
+    def compare(
+        self,
+        where: str,
+        point: CurvePoint,
+        *,
+        richer: bool = True,
+        bifurcation: Bifurcation | None = None,
+    ) -> Check:
+        """Add the check of a point.
+
+        Args:
+            where: as in `Check`.
+            point: the point.
+            richer: whether to compare with the richer basis, if there is one.
+            bifurcation: the one at this point, if any: its parameter is compared.
+        """
+
+        def error(other: CurvePoint | PeriodicMotion | None) -> float | None:
+            if bifurcation is not None:
+                return bifurcation.shift(other)
+            return None if other is None else change(point.amplitude, other.amplitude)
+
         self._ask()
-        other = _finer(point, self._family)
-        check = Check(point, where, "amplitude", None)
-        if other is not None:
-            check = replace(
-                check,
-                step_error=change(point.amplitude, other.amplitude),
-                finer_verdict=other.verdict,
-                finer_multiplier=size_of(other),
-            )
+        finer, motion = _finer(point, self._family), None
         if self._richer is not None and richer:
-            check = replace(check, compared=True)
             motion = richer_motion(point, self._richer)
-            if motion is not None:
-                check = replace(
-                    check,
-                    basis_error=change(point.amplitude, motion.amplitude),
-                    richer_verdict=motion.verdict,
-                    richer_multiplier=size_of(motion),
-                )
+        check = Check(
+            point,
+            where,
+            "amplitude" if bifurcation is None else "parameter",
+            step_error=error(finer),
+            basis_error=error(motion),
+            compared=self._richer is not None and richer,
+            richer_verdict=None if motion is None else motion.verdict,
+            judged=bifurcation is None,
+            richer_multiplier=size_of(motion),
+            finer_verdict=None if finer is None else finer.verdict,
+            finer_multiplier=size_of(finer),
+        )
         self.found.append(check)
-        return check.richer_multiplier
+        return check
 
     def between(self, a: CurvePoint, b: CurvePoint) -> CurvePoint | None:
         """The stable motion at the mean parameter of two neighbours; None if it was not found."""
@@ -390,7 +399,9 @@ def checks(
             because the curve will be followed again with more coordinates.
     """
     made = _Checks(pieces, family, richer, ask)
-    sizes = {id(point): made.compare(where, point) for where, point in selected(pieces)}
+    sizes = {
+        id(point): made.compare(where, point).richer_multiplier for where, point in selected(pieces)
+    }
     if any((check.basis_error or 0.0) > limit for check in made.found):
         return made.found
     count = sum(len(piece.points) for piece in pieces)
@@ -402,13 +413,17 @@ def checks(
     for k, (name, point) in enumerate(others, 1):
         both = k % every == 0
         if both or not point.stable or size_of(point) > 1.0 - NEAR:
-            size = made.compare(name, point, richer=both)
+            check = made.compare(name, point, richer=both)
             if both:
-                sizes[id(point)] = size
+                sizes[id(point)] = check.richer_multiplier
     if richer is not None:
         most = min(EXTRA, len(sizes) // 2, max(left - len(others), 0))
         divide_gaps(
-            pieces, sizes, made.between, lambda point: made.compare(NEAR_CHANGE, point), most
+            pieces,
+            sizes,
+            made.between,
+            lambda point: made.compare(NEAR_CHANGE, point).richer_multiplier,
+            most,
         )
     made.judge()
     return made.found
@@ -425,8 +440,10 @@ def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
     return int(spent / (MARCHES * other))
 
 
-def size_of(motion: CurvePoint | PeriodicMotion) -> float:
-    """Size of the largest multiplier that decides on the stability."""
+def size_of(motion: CurvePoint | PeriodicMotion | None) -> float:
+    """Size of the largest multiplier that decides on the stability; NaN without a motion."""
+    if motion is None:
+        return np.nan
     return abs(largest_multiplier(motion.multipliers, motion.free_sliders))
 
 

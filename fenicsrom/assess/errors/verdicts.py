@@ -11,8 +11,9 @@ limit:
     mesh         `MESH_ERROR`                               `UNSETTLED_BASIS_ERROR`
 
 A model without a mesh, and a body that is too large for finer elements, have no estimate of the
-mesh error; the run says so. Otherwise it ends with exit code 1; its files are written, and say why.
-The estimates of the largest normal force are printed and do not decide.
+mesh error; the run says so. A run that has not reached the stable periodic motion that Newton's
+method found has no estimates. Otherwise it ends with exit code 1; its files are written, and say
+why. The estimates of the largest normal force are printed and do not decide.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from fenicsrom.assess.errors.estimates import (
 )
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.measures import is_unsteady, misses_motion
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.step_size import refined, step_key
@@ -95,26 +96,38 @@ def estimate_errors(
 
 
 def check_settled(scene: Scene, motion: Motion) -> None:
-    """Refuse a motion that comes nearer to a stable periodic motion without having reached it.
+    """Refuse a motion that has not reached the stable periodic motion that Newton's method found.
 
-    The largest multiplier mu tells how many periods k are missing: mu^k times the distance is the
-    tolerance.
+    Where the march comes nearer, the largest multiplier mu tells how many periods k are missing:
+    mu^k times the distance is the tolerance. Otherwise the motion may be a transient as well as
+    another motion, which does not repeat.
 
     Raises:
-        AccuracyError: the motion is on its way.
+        AccuracyError: the motion is on its way, or not seen to be.
     """
     search = motion.search
-    if motion.steady or search is None or not np.isfinite(search.away):
+    if search is None or not misses_motion(motion):
         return
     rate, tolerance = float(abs(search.multipliers[0])), float(scene.time.steady_tolerance or 0.0)
-    missing = np.log(tolerance / search.away) / np.log(min(rate, 1.0 - 1e-9))
-    needed = search.marched + search.periods * max(int(np.ceil(missing)), 1)
+    if np.isfinite(search.away):
+        missing = np.log(tolerance / search.away) / np.log(min(rate, 1.0 - 1e-9))
+        needed = search.marched + search.periods * max(int(np.ceil(missing)), 1)
+        said = (
+            f"too few for this motion to settle: after {search.marched} periods it was "
+            f"{in_percent(search.away)} away from the stable periodic motion that Newton's method "
+            f"found, and with the largest Floquet multiplier {rate:.6g} it needs about {needed} "
+            f"periods to reach it to time.steady_tolerance = {tolerance:g}: set time.periods = "
+            f"{needed}"
+        )
+    else:
+        said = (
+            "this motion did not settle, and was not seen to come nearer to the stable periodic "
+            f"motion that Newton's method found after {search.marched} periods (largest Floquet "
+            f"multiplier {rate:.6g}): raise time.periods to find out whether it does, or set "
+            "time.steady_tolerance = 0 to accept a motion that does not repeat"
+        )
     raise AccuracyError(
-        f"time.periods = {motion.periods}: too few for this motion to settle: after "
-        f"{search.marched} periods it was {in_percent(search.away)} away from the stable periodic "
-        f"motion that Newton's method found, and with the largest Floquet multiplier {rate:.6g} it "
-        f"needs about {needed} periods to reach it to time.steady_tolerance = {tolerance:g}: set "
-        f"time.periods = {needed}",
+        f"time.periods = {motion.periods}: {said}",
         kind=ErrorKind.CONVERGENCE,
         key="time.periods",
     )

@@ -16,9 +16,14 @@ from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
 from fenicsrom.online.derivative.step_sensitivity import share_of_step
 from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.complex_step import STEP
-from fenicsrom.online.kernels.dense import add_combined_rows, copy_vector, lu_solve_transposed
+from fenicsrom.online.kernels.dense import (
+    add_combined_rows,
+    copy_vector,
+    inner,
+    lu_solve_transposed,
+)
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.polynomial import elastic_force_with
+from fenicsrom.online.model.polynomial import write_tangent_changes
 from fenicsrom.online.step.scheme import Scheme
 from fenicsrom.online.step.step import step_coefficients
 
@@ -37,12 +42,18 @@ def is_resolved(weights: Array) -> bool:
 def solve_at_guess(
     model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float, directions: NDArray[np.int64]
 ) -> None:
-    """Write S^-1 B and G of the first guess of a step of size h to the workspace of the model."""
+    """Write what the derivatives of the weights of a step of size h have in common.
+
+    S^-1 B and G of its first guess go to the workspace of the model, and the derivatives of S by q0
+    and by this guess to `s.tangent_changes`.
+    """
     coefficients, q0, guess = step_coefficients(scheme, h), s.before[0], s.before[5]
     _, tangent = model.elastic_over_step(
         q0, q0, guess, scheme.start_weight, scheme.points, scheme.weights
     )
     model.solve_effective(coefficients.mass, coefficients.velocity_dq, tangent, q0, directions)
+    if not scheme.linear:
+        write_tangent_changes(model.elastic, model.work.columns, q0, guess, s.tangent_changes)
 
 
 @kernel
@@ -68,8 +79,7 @@ def differentiate_blending(
         d(n^T G n) = dn^T B^T (u + v) - v^T dS u
 
     Without gyroscopic forces and follower pressures u = v. The change of the follower pressures is
-    left out. The elastic part of v^T dS u needs the second derivative of the force along u and v,
-    which is the one along (u + v)/2 twice, less the one along (u - v)/2 twice.
+    left out.
     """
     n, k = s.q.shape
     d = s.x0.shape[1]
@@ -104,7 +114,6 @@ def differentiate_blending(
         for j in range(d):
             for a in range(n):
                 direction[a] += 2.0 * along * bend[i, j].real * model.contact_rows[row + j, a]
-    add_combined_rows(s.blending_vectors[2:3], s.q, s.blending[p : p + 1])
     product = 0.0
     for a in range(n):
         for b in range(n):
@@ -118,13 +127,9 @@ def differentiate_blending(
                 product += STEP * v[a] * change * u[b]
     s.blending[p, last] -= product / STEP
     if not scheme.linear:
-        for a in range(n):
-            direction[a] = 0.5 * (u[a] + v[a])
-        add_elastic_blending(model, s, p, 1.0)
-        if not symmetric:
-            for a in range(n):
-                direction[a] = 0.5 * (u[a] - v[a])
-            add_elastic_blending(model, s, p, -1.0)
+        subtract_elastic_change(model, s)
+        add_combined_rows(s.blending_vectors[3:4], s.guess, s.blending[p : p + 1])
+    add_combined_rows(s.blending_vectors[2:3], s.q, s.blending[p : p + 1])
     for c in range(k):
         s.blending[p, c] *= by_flexibility
     stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
@@ -132,45 +137,19 @@ def differentiate_blending(
 
 
 @kernel
-def add_elastic_blending(model: ReducedModel, s: Sensitivity, p: int, factor: float) -> None:
-    """Subtract a factor times the elastic part of u^T dS u, with S of the first guess of the step.
+def subtract_elastic_change(model: ReducedModel, s: Sensitivity) -> None:
+    """Subtract the elastic part of v^T dS u, by q0 and by the first guess of dq.
 
-    The direction u is `s.blending_vectors[2]`, and the result is added to s.blending. As the force
-    is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give the part exactly.
+    The vectors are rows of `s.blending_vectors`: u, v, the factors of dq0, from which the part is
+    subtracted, and those of the first guess, which are written.
     """
-    n, work = s.q.shape[0], model.work
-    u, scaled, force = s.blending_vectors[2], s.vectors[0], s.vectors[1]
-    by_start, by_step = s.blending_vectors[3], s.blending_vectors[4]
-    q0, guess = s.before[0], s.before[5]
-    size, length = 0.0, 0.0
+    u, v = s.blending_vectors[0], s.blending_vectors[1]
+    by_start, by_guess = s.blending_vectors[2], s.blending_vectors[3]
+    n, row, products = u.size, 0, model.work.products[0, 0]
     for i in range(n):
-        size += q0[i] ** 2
-        length += u[i] ** 2
-    if length == 0.0:
-        return
-    scale = np.sqrt(max(size, 1e-12) / length)
-    ahead, behind = s.tangents[0], s.tangents[1]
-    for sign in range(2):
-        for i in range(n):
-            scaled[i] = scale * u[i] if sign == 0 else -scale * u[i]
-        elastic_force_with(
-            model.elastic,
-            work.columns,
-            work.points,
-            work.products,
-            scaled,
-            force,
-            ahead if sign == 0 else behind,
-        )
-    # the mean over the step of s T'(q0 + s dq), and of s^2 T' for the part by dq
+        for j in range(i, n):
+            products[row] = u[i] * v[j] + u[j] * v[i]
+            row += 1
     for i in range(n):
-        quadratic, at_start, at_step = 0.0, 0.0, 0.0
-        for j in range(n):
-            both = (ahead[i, j] + behind[i, j] - 2.0 * model.elastic.stiffness[i, j]) / scale**2
-            quadratic += 0.5 * (ahead[i, j] - behind[i, j]) / scale * u[j]
-            at_start += both * (0.5 * q0[j] + guess[j] / 3.0)
-            at_step += both * (q0[j] / 3.0 + 0.25 * guess[j])
-        by_start[i] = -factor * (0.5 * quadratic + at_start)
-        by_step[i] = -factor * (quadratic / 3.0 + at_step)
-    add_combined_rows(s.blending_vectors[3:4], s.q, s.blending[p : p + 1])
-    add_combined_rows(s.blending_vectors[4:5], s.guess, s.blending[p : p + 1])
+        by_start[i] -= inner(s.tangent_changes[0, i], products)
+        by_guess[i] = -inner(s.tangent_changes[1, i], products)

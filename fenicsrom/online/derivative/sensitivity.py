@@ -78,7 +78,8 @@ class Sensitivity(NamedTuple):
         tangents: (2, n, n) at points of the step.
         shares: (2, 2) weights of the tangents at two points, for `by_start` and `by_step`.
         vectors: (2, n) scratch.
-        blending_vectors: (5, n) scratch.
+        blending_vectors: (4, n) scratch.
+        tangent_changes: (2, n, pairs) see `write_tangent_changes`.
         pivots: (n,)
         law: derivative of the contact law.
     """
@@ -114,6 +115,7 @@ class Sensitivity(NamedTuple):
     shares: Array
     vectors: Array
     blending_vectors: Array
+    tangent_changes: Array
     pivots: NDArray[np.int64]
     law: LawDerivative
 
@@ -171,7 +173,8 @@ def no_sensitivity(
         tangents=np.zeros((2, n, n)),
         shares=np.zeros((2, 2)),
         vectors=np.zeros((2, n)),
-        blending_vectors=np.zeros((5, n)),
+        blending_vectors=np.zeros((4, n)),
+        tangent_changes=np.zeros((2, n, n * (n + 1) // 2)),
         pivots=np.zeros(n, dtype=np.int64),
         law=law_derivative(contacts, points, dimension),
     )

@@ -75,6 +75,13 @@ def inner(x: Array, y: Array) -> float:
     return value
 
 
+@part
+def add_scaled(factor: float, x: Array, out: Array) -> None:
+    """Add factor x to out; two vectors of one size."""
+    for i in range(x.size):
+        out[i] += factor * x[i]
+
+
 @kernel
 def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
     """Add weights @ rows to out; (k, r), (r, n), (k, n), k small.

@@ -320,6 +320,12 @@ def search_verdict(search: PeriodicSearch) -> str:
     return "not reached" if search.verdict == "stable" else f"unstable: {search.verdict}"
 
 
+def misses_motion(motion: Motion) -> bool:
+    """Whether Newton's method found a stable periodic motion that the run has not reached."""
+    search = motion.search
+    return not motion.steady and search is not None and search_verdict(search) == "not reached"
+
+
 def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]:
     """Differences over the last period from a reference, in percent of the reference.
 

@@ -11,7 +11,13 @@ from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import has_contact, has_settled, out_of_reach, search_summary
+from fenicsrom.online.motion.measures import (
+    has_contact,
+    has_settled,
+    misses_motion,
+    out_of_reach,
+    search_summary,
+)
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
@@ -204,10 +210,7 @@ def periodic_sentence(motion: Motion) -> str | None:
     if search.accepted:
         return f"{sentence}."
     if search.verdict == "stable":
-        return (
-            f"{sentence}; the marched motion was not seen to tend to it, so the march went on. A "
-            "multiplier just below 1 needs many periods: raise time.periods to find out."
-        )
+        return f"{sentence}; the marched motion was not seen to tend to it, so the march went on."
     if search.verdict == "wears":
         return (
             f"{sentence}; it would wear an abradable layer in every period, so the march went on."
@@ -348,9 +351,8 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
                 f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
                 f"surface still moves until {contact.approach[-1][0]:.6g} s"
             )
-    on_its_way = motion.search is not None and np.isfinite(motion.search.away)  # the error says so
     asked = scene.period is not None and scene.time.steady_tolerance
-    if not motion.steady and asked and not on_its_way:
+    if not motion.steady and asked and not misses_motion(motion):  # the error says so
         found.append(unsteady_sentence(name, motion, scene))
     return found
 
