@@ -26,6 +26,7 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.turning import speed_history
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.subspace import shifted
 from fenicsrom.online.model.turning import rest_row
@@ -70,14 +71,15 @@ def at_speed(stored: StoredModel, rpm: float, *more: str) -> StoredModel:
 
 
 @pytest.mark.parametrize(
-    ("hub", "flaps", "allowed"),
+    ("hub", "flaps", "second", "allowed"),
     [
-        (0.0, (7.36037, 11.20233, 15.14936), 1.5e-4),
-        (1.0, (10.44387, 16.60636, 22.84529), 4e-4),  # the solid stretches by 1e-4 at eta = 14
+        (0.0, (7.36037, 11.20233, 15.14936), (26.80908, 33.64037, 41.78667), 1.5e-4),
+        # the solid stretches by 1e-4 at eta = 14
+        (1.0, (10.44387, 16.60636, 22.84529), (32.02724, 44.36822, 57.95041), 4e-4),
     ],
 )
 def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
-    hub: float, flaps: tuple[float, ...], allowed: float
+    hub: float, flaps: tuple[float, ...], second: tuple[float, ...], allowed: float
 ) -> None:
     """Flap of a uniform Euler-Bernoulli cantilever, by Rayleigh-Ritz with 24 polynomials: omega L^2
     sqrt(rho A / E I) at eta = Omega L^2 sqrt(rho A / E I) of 6, 10 and 14; lag^2 = flap^2 -
@@ -98,10 +100,11 @@ def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
     )
     stored = fenicsrom.build_model(scene)
     assert stored.whole is not None
-    for eta, flap in zip((6.0, 10.0, 14.0), flaps, strict=True):
-        found = stored.whole.at(eta * unit, False, True).frequencies_hz[:2]
-        lag, wanted = 2.0 * np.pi * found / unit
-        np.testing.assert_allclose([wanted, np.hypot(lag, eta)], flap, rtol=allowed)
+    for eta, flap, next_flap in zip((6.0, 10.0, 14.0), flaps, second, strict=True):
+        found = 2.0 * np.pi * stored.whole.at(eta * unit, False, True).frequencies_hz / unit
+        np.testing.assert_allclose([found[1], np.hypot(found[0], eta)], flap, rtol=allowed)
+        print(found, next_flap)
+        np.testing.assert_allclose(found[3], next_flap, rtol=10 * allowed)
     assert np.max(stored.whole.errors[1:3]) < 2e-4
     solid = make_solid(replace(scene, rotation=replace(scene.rotation, speeds_rpm=None)))
     solid.spin(12.0 * unit)  # a speed of the basis: the joined basis holds its modes
@@ -293,6 +296,12 @@ def test_blade_of_the_demo_at_all_speeds_matches_the_solid() -> None:
         found = whole.at(rpm / RPM, True, True)
         np.testing.assert_allclose(found.frequencies_hz, frequencies, rtol=0, atol=1.5e-3)
         np.testing.assert_allclose(1e3 * found.model.probe_offset, tip, rtol=0, atol=2e-5)
+    omega = 3000.0 / RPM
+    q = whole.equilibrium(omega)
+    scratch = np.empty(q.size), np.empty((q.size, q.size))
+    assert elastic_force(whole.model.elastic, q, *scratch) == pytest.approx(35.91, abs=0.01)
+    turned = whole.centrifugal @ q + 0.5 * q @ whole.softening @ q
+    assert -(omega**2) * turned == pytest.approx(-88.39, abs=0.01)
     squares, _, _ = modes_at_speed(RangeBody(whole, 1500.0 / RPM), 4)
     whirling = np.sqrt(squares) / (2.0 * np.pi)
     np.testing.assert_allclose(
