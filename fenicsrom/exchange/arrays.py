@@ -13,10 +13,10 @@ from __future__ import annotations
 import io
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import scipy.sparse
@@ -110,13 +110,7 @@ def read_mat(path: Path) -> MatrixSet:
     """
     from scipy.io import loadmat
 
-    raw = io.BytesIO(content_of(path))
-    try:
-        content = loadmat(raw)
-    except Exception as error:  # damaged bytes raise many kinds of errors in scipy
-        reason = f"is not a MATLAB file of version 5 to 7 ({error}); save it with -v7"
-        raise refuse(path, reason) from None
-    return matrix_set(path, _real_matrices(content))
+    return _read(path, loadmat, "is not a MATLAB file of version 5 to 7 ({}); save it with -v7")
 
 
 def read_npz(path: Path) -> MatrixSet:
@@ -125,19 +119,18 @@ def read_npz(path: Path) -> MatrixSet:
     Raises:
         SceneError: the file cannot be read, or its matrices do not fit together.
     """
+    return _read(path, np.load, "is not an .npz file ({})")
+
+
+def _read(path: Path, load: Callable[[BinaryIO], Mapping[str, Any]], reason: str) -> MatrixSet:
+    """The real matrices among the variables of a file; `reason` says why it cannot be read."""
     raw = io.BytesIO(content_of(path))
     try:
-        with np.load(raw, allow_pickle=False) as file:
-            content = {name: np.array(file[name]) for name in file.files}
-    except Exception as error:  # damaged bytes raise many kinds of errors in numpy and zipfile
-        raise refuse(path, f"is not an .npz file ({type(error).__name__})") from None
-    return matrix_set(path, _real_matrices(content))
-
-
-def _real_matrices(content: Mapping[str, Any]) -> dict[str, Array]:
-    """The real matrices among the variables of a file, dense."""
-    dense = {
-        name: value.toarray() if scipy.sparse.issparse(value) else np.asarray(value)
-        for name, value in content.items()
-    }
-    return {name: a for name, a in dense.items() if a.ndim == 2 and a.dtype.kind in "fiu"}
+        dense = {
+            name: value.toarray() if scipy.sparse.issparse(value) else np.asarray(value)
+            for name, value in load(raw).items()
+        }
+    except Exception as error:  # damaged bytes raise many kinds of errors in scipy and numpy
+        raise refuse(path, reason.format(error)) from None
+    real = {name: a for name, a in dense.items() if a.ndim == 2 and a.dtype.kind in "fiu"}
+    return matrix_set(path, real)

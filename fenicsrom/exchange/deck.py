@@ -270,18 +270,13 @@ class _Nodes:
 
     def pressed(self, region: Region, size: float) -> Pressed:
         """The faces of cells in a region, with a pressure on them, Pa."""
-        topology, d = self._solid.mesh.domain.topology, self._solid.dimension
-        facets = self._solid.mesh.facets(region)
-        to_cells, to_facets = topology.connectivity(d - 1, d), topology.connectivity(d, d - 1)
-        cells = np.array([to_cells.links(facet)[0] for facet in facets], dtype=np.int64)
-        faces = []
-        for cell, facet in zip(cells, facets, strict=True):
-            inner = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+        mesh, d, shapes = self._solid.mesh, self._solid.dimension, SHAPES[self._kind].facets
+        sides, faces = mesh.sides(d - 1, mesh.facets(region)), []
+        for cell, inner in sides:
             order = self._orders[int(self._mirrored[cell])]
             corners = {order.index(vertex) for vertex in self._topology[d - 1][inner]}
-            shapes = SHAPES[self._kind].facets
             faces.append(next(k for k, shape in enumerate(shapes) if set(shape) == corners))
-        return Pressed(cells, np.array(faces, dtype=np.int64), size)
+        return Pressed(sides[:, 0], np.array(faces, dtype=np.int64), size)
 
     def attached(self, values: Array) -> Array:
         """Of masses or stiffnesses (local,), those of the kept nodes, (kept nodes, d).

@@ -3,6 +3,14 @@
 With the rows R of the interface displacements, the coordinates q and the static loads s0, the
 equilibrium is q0 = K^-1 L s0. The model counts its coordinates from there, as every reduced model
 does: its elastic force is L s0 + K q, and the interface moves by x0 + R q0 + R q.
+
+A damping matrix of the file that is proportional to the mass becomes the factor α of the model. Any
+other damping matrix, with its symmetric and its skew (gyroscopic) part, is a matrix D of forces D
+v. To this matrix the table [damping] of the scene adds
+
+    β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ                                              (1)
+
+with the normal modes φ_k of the superelement, as `fenicsrom.reduction.damping` does for a body.
 """
 
 from __future__ import annotations
@@ -19,10 +27,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.exchange.abaqus import read_mtx
 from fenicsrom.exchange.arrays import read_mat, read_npz
-from fenicsrom.exchange.matrix_set import MatrixSet
+from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
-from fenicsrom.exchange.superelement_damping import damping_parts, table_matrix
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.kernels.symmetric import scaled
@@ -51,6 +58,12 @@ SOFTEST = 1e-12
 
 NEAR = 1e-6
 """Distance of a node from the given coordinates, relative to the extent of the nodes."""
+
+PROPORTIONAL = 1e-8
+"""Largest part of the damping matrix, relative to it, that may not be proportional to the mass.
+
+Files have ten significant digits or more.
+"""
 
 
 def read_matrices(path: Path) -> MatrixSet:
@@ -146,18 +159,46 @@ class _Builder:
         Raises:
             SceneError: the damping matrix gives energy to the motion, or there are too many ratios.
         """
-        given = self.matrices.damping
-        if given is not None:
-            given = given[np.ix_(self.kept, self.kept)]
-        try:
-            factor, matrix = damping_parts(given, self.mass)
-        except ValueError as error:
-            self._fail("superelement", str(error))
-        try:
-            matrix = matrix + table_matrix(self.scene.damping, self.mass, self.stiffness)
-        except ValueError as error:
-            self._fail("damping.ratios", str(error), ErrorKind.RANGE)
+        factor, matrix = self._given_damping()
+        matrix = matrix + self._table_damping()
         return self.scene.material.mass_damping + factor, matrix if np.any(matrix) else None
+
+    def _given_damping(self) -> tuple[float, Array]:
+        """The damping matrix of the file as the factor α, 1/s, and the rest D (n, n), kg/s.
+
+        Raises:
+            SceneError: the matrix gives energy to a motion.
+        """
+        given, mass = np.zeros_like(self.mass), self.mass
+        if self.matrices.damping is not None:
+            given = self.matrices.damping[np.ix_(self.kept, self.kept)]
+        if not np.any(given):
+            return 0.0, given
+        alpha = float(np.vdot(given, mass) / np.vdot(mass, mass))
+        off = float(np.linalg.norm(given - alpha * mass))
+        if alpha >= 0.0 and off <= PROPORTIONAL * float(np.linalg.norm(given)):
+            return alpha, np.zeros_like(mass)
+        rates, vectors = np.linalg.eigh(0.5 * (given + given.T))
+        if rates[0] < -SYMMETRY * float(np.max(np.abs(given))):
+            self._fail("superelement", "the damping matrix of the file gives energy to the motion")
+        dissipative = (vectors * np.maximum(rates, 0.0)) @ vectors.T
+        return 0.0, np.asarray(dissipative + 0.5 * (given - given.T))
+
+    def _table_damping(self) -> Array:
+        """The matrix (1) (n, n) of the table [damping], kg/s.
+
+        Raises:
+            SceneError: there are more damping ratios than modes.
+        """
+        damping, mass, stiffness = self.scene.damping, self.mass, self.stiffness
+        ratios = np.array(damping.modal)
+        if ratios.size > len(mass):
+            reason = f"{ratios.size} damped modes are too many: there are {len(mass)}"
+            self._fail("damping.ratios", reason, ErrorKind.RANGE)
+        squares, modes = scipy.linalg.eigh(stiffness, mass)
+        rates = 2.0 * ratios * np.sqrt(squares[: ratios.size])
+        moved = mass @ modes[:, : ratios.size]
+        return np.asarray(damping.stiffness * stiffness + (moved * rates) @ moved.T)
 
     def _loads(self) -> Array:
         """The vectors (n, k) of unit loads."""

@@ -40,13 +40,6 @@ class Card:
         except ValueError:
             raise ValueError(f"{self.text(index)!r} is not a number") from None
 
-    def integers(self, first: int) -> list[int]:
-        """All fields from `first` to the last one as integers; 0 for blank fields."""
-        found = [int(text or 0) for text in self.fields[first:]]
-        while found and not found[-1]:
-            found.pop()
-        return found
-
 
 def read_cards(path: Path, whole: bool = True) -> list[Card]:
     """Read the entries of the bulk data of a file and of the files that it includes.

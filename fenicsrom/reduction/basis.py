@@ -16,7 +16,7 @@ and named. Source: Mashayekhi and Zucca (2024), eqs. (12) and (13).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -108,6 +108,29 @@ def build_basis(
     _check(structure, modes, r, gram)
     static = [f"{k + 1}S" for k in range(m)]
     return ReducedBasis(modes.method, r, (*static, *names), m, dropped, scaled_condition(gram))
+
+
+def extended_space(inner: Callable[[Array, Array], Array], space: Array, vectors: Array) -> Array:
+    """Extend an M-orthonormal space (local, k) by the vectors that it does not contain yet.
+
+    Args:
+        inner: the mass inner products of two blocks.
+        space: the space.
+        vectors: (local, m).
+
+    Returns:
+        (local, k + l) the space, then l ≤ m vectors.
+    """
+    sizes = np.sqrt(np.diag(inner(vectors, vectors)))
+    vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
+    for _ in range(2):  # the second pass removes the rounding errors of the first
+        vectors = vectors - space @ inner(space, vectors)
+    values, turn = np.linalg.eigh(inner(vectors, vectors))
+    keep = values > DEPENDENCE**2
+    added = vectors @ (turn[:, keep] / np.sqrt(values[keep]))
+    added = added - space @ inner(space, added)
+    lower = np.linalg.cholesky(inner(added, added))
+    return np.concatenate([space, np.linalg.solve(lower, added.T).T], axis=1)
 
 
 def _orthonormalised(

@@ -63,7 +63,42 @@ class Cholesky:
         return np.asarray(scipy.linalg.cho_solve(self._factor, block))
 
 
-class BeamStructure:
+class DenseBody:
+    """A body with dense matrices (n, n).
+
+    Attributes:
+        mass: M.
+        stiffness: K.
+        gyroscopic: G; None without the Coriolis force.
+    """
+
+    mass: Array
+    stiffness: Array
+    gyroscopic: Array | None = None
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """Inner products aᵀ b (k, l) of two blocks (n, k) and (n, l)."""
+        return a.T @ b
+
+    def mass_times(self, block: Array) -> Array:
+        """M times a block (n, k)."""
+        return self.mass @ block
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """Mass inner products aᵀ M b (k, l) of two blocks (n, k) and (n, l)."""
+        return a.T @ (self.mass @ b)
+
+    def stiffness_times(self, block: Array) -> Array:
+        """K times a block (n, k)."""
+        return self.stiffness @ block
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """G times a block (n, k), where the Coriolis force acts."""
+        assert self.gyroscopic is not None
+        return self.gyroscopic @ block
+
+
+class BeamStructure(DenseBody):
     """The 1D beam as a `fenicsrom.reduction.protocols.Structure`.
 
     The equilibrium is the undeformed beam. The elastic force is not a polynomial; five Gauss points
@@ -71,7 +106,6 @@ class BeamStructure:
     """
 
     gauss_points = 5
-    gyroscopic = None
     comm = SerialCommunicator()
 
     def __init__(self, beam: TimoshenkoBeam, scene: Scene):
@@ -128,26 +162,6 @@ class BeamStructure:
             gauss_points=1 if linear else self.gauss_points,
             **terms,
         )
-
-    def inner(self, a: Array, b: Array) -> Array:
-        """Inner products aᵀ b (k, l) of two blocks (n, k) and (n, l)."""
-        return a.T @ b
-
-    def mass_times(self, block: Array) -> Array:
-        """M times a block (n, k)."""
-        return self.mass @ block
-
-    def mass_inner(self, a: Array, b: Array) -> Array:
-        """Mass inner products aᵀ M b (k, l) of two blocks (n, k) and (n, l)."""
-        return a.T @ (self.mass @ b)
-
-    def stiffness_times(self, block: Array) -> Array:
-        """K times a block (n, k)."""
-        return self.stiffness @ block
-
-    def gyroscopic_times(self, block: Array) -> Array:
-        """Zero: no Coriolis force acts on the beam."""
-        return np.zeros_like(block)
 
     def internal_force(self, u: Array) -> Array:
         """Elastic force (n,) at the unknowns u (n,)."""

@@ -31,7 +31,7 @@ from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.state import Record
 from fenicsrom.progress import log
-from fenicsrom.reduction.basis import DEPENDENCE
+from fenicsrom.reduction.basis import extended_space
 from fenicsrom.words import counted
 
 FULL_TOLERANCE = 1e-6
@@ -237,14 +237,7 @@ class _Problem:
         if not self._has_modes:
             new = np.concatenate([self._normal_modes(), new], axis=1)
             self._has_modes = True
-        sizes = np.sqrt(np.diag(self.solid.mass_inner(new, new)))
-        new = new[:, sizes > 0.0] / sizes[sizes > 0.0]
-        for _ in range(2):  # the second pass removes the rounding of the first
-            new = new - self.q @ self.solid.mass_inner(self.q, new)
-            squares, vectors = np.linalg.eigh(self.solid.mass_inner(new, new))
-            keep = squares > DEPENDENCE**2
-            new = new @ (vectors[:, keep] / np.sqrt(squares[keep]))
-        self.q = np.concatenate([self.q, new], axis=1)
+        self.q = extended_space(self.solid.mass_inner, self.q, new)
 
     def _normal_modes(self) -> Array:
         """Normal modes (N, k) of the solid: half as many while the highest ones are inaccurate."""

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
+from fenicsrom.reduction.beam import DenseBody
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import counted
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
 
 
-class RangeBody:
+class RangeBody(DenseBody):
     """A range model in its equilibrium at one speed: what the modes of a body need.
 
     Its vectors have the n coordinates of the range model.
@@ -33,7 +34,7 @@ class RangeBody:
     def __init__(self, whole: RangeModel, omega: float):
         """Store the range model and move to the equilibrium at a speed in rad/s."""
         self.whole, self.free = whole, whole.model.size
-        self.warnings: list[str] = []
+        self.mass, self.warnings = whole.model.mass, list[str]()
         self.spin(omega)
 
     def spin(self, omega: float) -> None:
@@ -43,7 +44,7 @@ class RangeBody:
             ConvergenceError: there is no equilibrium.
         """
         self.equilibrium = self.whole.equilibrium(omega)
-        self._stiffness = self.whole.tangent(omega, self.equilibrium)
+        self.stiffness = self.whole.tangent(omega, self.equilibrium)
         coriolis = self.whole.coriolis
         self.gyroscopic = omega * coriolis if coriolis.size else None
 
@@ -54,35 +55,14 @@ class RangeBody:
 
     def solve(self, block: Array) -> Array:
         """The inverse of the stiffness times a block (n, k)."""
-        return np.asarray(np.linalg.solve(self._stiffness, block), np.float64)
+        return np.asarray(np.linalg.solve(self.stiffness, block), np.float64)
 
     def eigenmodes(self, inverse: object, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (n, count)."""
         squares, modes = scipy.linalg.eigh(
-            self._stiffness, self.whole.model.mass, subset_by_index=(0, count - 1)
+            self.stiffness, self.mass, subset_by_index=(0, count - 1)
         )
         return squares, modes
-
-    def inner(self, a: Array, b: Array) -> Array:
-        """Inner products aᵀ b of two blocks (n, k) and (n, l)."""
-        return a.T @ b
-
-    def mass_times(self, block: Array) -> Array:
-        """M times a block (n, k)."""
-        return self.whole.model.mass @ block
-
-    def mass_inner(self, a: Array, b: Array) -> Array:
-        """Mass inner products aᵀ M b of two blocks."""
-        return a.T @ self.mass_times(b)
-
-    def stiffness_times(self, block: Array) -> Array:
-        """The tangent at the equilibrium times a block (n, k)."""
-        return self._stiffness @ block
-
-    def gyroscopic_times(self, block: Array) -> Array:
-        """The gyroscopic matrix times a block (n, k)."""
-        assert self.gyroscopic is not None
-        return self.gyroscopic @ block
 
     def largest(self, block: Array) -> Array:
         """Largest displacement (k,) of a contact point or of the probe in each column (n, k)."""

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.reduction.basis import DEPENDENCE
+from fenicsrom.reduction.basis import extended_space
 from fenicsrom.reduction.modes import close_frequency_groups
 
 if TYPE_CHECKING:
@@ -69,7 +69,8 @@ def modes_at_speed(solid: Solid | RangeBody, count: int) -> tuple[Array, Shapes,
             - omega * solid.gyroscopic_times(b)
             for a, b in ((shapes.real, shapes.imag), (shapes.imag, -shapes.real))
         ]
-        space = _extended(solid, space, solid.factor.solve(np.concatenate(new, axis=1)))
+        found = solid.factor.solve(np.concatenate(new, axis=1))
+        space = extended_space(solid.mass_inner, space, found)
     raise ConvergenceError(
         f"complex modes: the frequencies still change by {change:.1e} after {COMPLEX_ROUNDS} "
         f"rounds, more than {COMPLEX_TOLERANCE:.0e}"
@@ -97,20 +98,6 @@ def _state_space_modes(solid: Solid | RangeBody, space: Array, count: int) -> tu
     )
     values, vectors = np.linalg.eigh(-1j * skew)
     return values[k : k + count], vectors[k:, k : k + count]
-
-
-def _extended(solid: Solid | RangeBody, space: Array, vectors: Array) -> Array:
-    """Extend an M-orthonormal space by the vectors that it does not contain yet."""
-    sizes = np.sqrt(np.diag(solid.mass_inner(vectors, vectors)))
-    vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
-    for _ in range(2):  # the second pass removes the rounding errors of the first
-        vectors = vectors - space @ solid.mass_inner(space, vectors)
-    values, turn = np.linalg.eigh(solid.mass_inner(vectors, vectors))
-    keep = values > DEPENDENCE**2
-    added = vectors @ (turn[:, keep] / np.sqrt(values[keep]))
-    added = added - space @ solid.mass_inner(space, added)
-    lower = np.linalg.cholesky(solid.mass_inner(added, added))
-    return np.concatenate([space, np.linalg.solve(lower, added.T).T], axis=1)
 
 
 def _hermitian(solid: Solid | RangeBody, a: Shapes, b: Shapes) -> Shapes:

@@ -49,8 +49,8 @@ class Places:
                 no node is near the coordinates.
         """
         if place not in self._found:
-            mean = place.nearest is None and place.node is None and place.at == "mean"
-            self._found[place] = self._mean(place, key) if mean else self._node(place, key)
+            find = self._mean if place.is_mean else self._node
+            self._found[place] = find(place, key)
         return self._found[place]
 
     def shares(self, place: Place, key: str) -> tuple[Array, float]:
@@ -59,7 +59,7 @@ class Places:
         The area of a node is 1. Arguments and errors as `find`.
         """
         d = self._body.dimension
-        if place.node is None and place.nearest is None and place.at == "mean":
+        if place.is_mean:
             weights, _, measure = self._weights(place, key)
             return weights, measure
         rows = self._node(place, key)[0]
@@ -217,19 +217,12 @@ class Places:
         weights = fem.Function(scalar)
         local = scalar.dofmap.index_map.size_local
         x = scalar.tabulate_dof_coordinates()
-        topology = domain.topology
         edges = body.mesh.entities(region).get(1, np.empty(0, dtype=np.int32))
         if body.comm.allreduce(edges.size):
-            topology.create_connectivity(1, topology.dim)
-            topology.create_connectivity(topology.dim, 1)
-            shares = _edge_shares(degree)
-            for edge in edges[edges < topology.index_map(1).size_local]:
-                cell = topology.connectivity(1, topology.dim).links(edge)[0]
-                sides = topology.connectivity(topology.dim, 1).links(cell)
-                side = int(np.flatnonzero(sides == edge)[0])
-                nodes = scalar.dofmap.cell_dofs(cell)[
-                    scalar.dofmap.dof_layout.entity_closure_dofs(1, side)
-                ]
+            shares, dofmap = _edge_shares(degree), scalar.dofmap
+            for cell, side in body.mesh.sides(1, edges):
+                inner = dofmap.dof_layout.entity_closure_dofs(1, side)
+                nodes = dofmap.cell_dofs(cell)[inner]
                 weights.x.array[nodes] += shares * np.linalg.norm(x[nodes[1]] - x[nodes[0]])
             weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         else:

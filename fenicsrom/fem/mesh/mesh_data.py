@@ -217,16 +217,25 @@ class Mesh:
         Raises:
             SceneError: the mesh has no such facet group, or no facet of the boundary is picked.
         """
-        facets = self.facets(where)
-        topology = self.domain.topology
-        d = topology.dim
-        topology.create_connectivity(d - 1, d)
-        topology.create_connectivity(d, d - 1)
-        facets = facets[facets < topology.index_map(d - 1).size_local]
-        to_cells, to_facets = topology.connectivity(d - 1, d), topology.connectivity(d, d - 1)
-        cells = to_cells.array[to_cells.offsets[facets]]
-        local = [
-            np.flatnonzero(to_facets.links(c) == f)[0] for c, f in zip(cells, facets, strict=True)
-        ]
-        sides = np.column_stack([cells, local]).astype(np.int32).ravel()
+        sides = self.sides(self.domain.topology.dim - 1, self.facets(where)).ravel()
         return ufl.Measure("ds", domain=self.domain, subdomain_data=[(1, sides)], subdomain_id=1)
+
+    def sides(self, dimension: int, entities: Ints) -> npt.NDArray[np.int32]:
+        """For each facet or edge that this rank owns, one of its cells, and its number there.
+
+        Args:
+            dimension: dimension of the entities.
+            entities: their numbers on this rank.
+
+        Returns:
+            (k, 2) pairs.
+        """
+        topology, d = self.domain.topology, self.domain.topology.dim
+        topology.create_connectivity(dimension, d)
+        topology.create_connectivity(d, dimension)
+        own = entities[entities < topology.index_map(dimension).size_local]
+        to_cells, to_own = topology.connectivity(dimension, d), topology.connectivity(d, dimension)
+        cells = to_cells.array[to_cells.offsets[own]]
+        pairs = zip(cells, own, strict=True)
+        numbers = [np.flatnonzero(to_own.links(cell) == entity)[0] for cell, entity in pairs]
+        return np.column_stack([cells, numbers]).astype(np.int32)

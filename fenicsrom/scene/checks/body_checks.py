@@ -55,10 +55,9 @@ def attachment_problems(scene: Scene) -> Problems:
         if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
             allowed = "a mass, a stiffness or a damping above 0 must be given"
             yield Problem(f"{key}.mass", MISSING, allowed)
-        point = found.place.node or found.place.nearest or found.place.at != "mean"
         for name in ("stiffness", "damping"):
             per_area = getattr(found, f"{name}_per_area")
-            if per_area and point:
+            if per_area and not found.place.is_mean:
                 allowed = f"only allowed on a whole region; use {name}"
                 yield Problem(f"{key}.{name}_per_area", per_area, allowed)
 

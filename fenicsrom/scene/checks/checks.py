@@ -22,6 +22,7 @@ from fenicsrom.scene.checks.body_checks import (
 from fenicsrom.scene.checks.curve_checks import (
     backbone_problems,
     response_problems,
+    speed_problems,
     statics_problems,
 )
 from fenicsrom.scene.checks.material_checks import material_problems
@@ -295,11 +296,8 @@ def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
         allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
         yield Problem("rotation.speeds_rpm", MISSING, allowed)
     else:
-        first, *_, last = rotation.speeds_rpm
-        for k, speed in enumerate(speeds):
-            if not first <= speed <= last:
-                allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
-                yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
+        given = {f"{key}[{k}]": speed for k, speed in enumerate(speeds)}
+        yield from speed_problems(rotation.speeds_rpm, given)
     if not rotation.coriolis:
         yield Problem("rotation.coriolis", False, "must be true with rotation.history")
     if not scene.geometrically_nonlinear:
@@ -313,9 +311,7 @@ def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
 
 def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
     """Yield what a model for a range of speeds cannot do."""
-    if not speeds[0] <= speed <= speeds[-1]:
-        allowed = f"must be in the range of rotation.speeds_rpm, {speeds[0]:g} to {speeds[-1]:g}"
-        yield Problem("rotation.speed_rpm", speed, allowed, ErrorKind.RANGE)
+    yield from speed_problems(speeds, {"rotation.speed_rpm": speed})
     basis, damping, output = scene.basis, scene.damping, scene.output
     for key, value, usual in (
         ("basis.method", basis.method, "rubin"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import Problem, Problems
 from fenicsrom.scene.keys.curves import Response, parameter_of
@@ -68,12 +70,8 @@ def _speed_problems(scene: Scene, response: Response) -> Problems:
     if scene.speeds_rpm is None:
         yield Problem(key, name, "needs rotation.speeds_rpm, one model for all speeds")
         return
-    first, *_, last = scene.speeds_rpm
-    for end in ("first", "last"):
-        value = getattr(response, end)
-        if not first <= value <= last:
-            allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
-            yield Problem(f"response.{end}", value, allowed, ErrorKind.RANGE)
+    ends = {"response.first": response.first, "response.last": response.last}
+    yield from speed_problems(scene.speeds_rpm, ends)
     for k, load in enumerate(scene.loads):
         if load.frequency is not None and not isinstance(load.frequency, OrderFrequency):
             allowed = f"needs an engine_order for loads[{k}]: its frequency must follow the speed"
@@ -81,6 +79,15 @@ def _speed_problems(scene: Scene, response: Response) -> Problems:
     for k, contact in enumerate(scene.contacts):
         if contact.surface is not None and contact.surface.spin:
             yield Problem(key, name, f"not allowed with contacts[{k}].surface.spin")
+
+
+def speed_problems(speeds: tuple[float, ...], given: Mapping[str, float]) -> Problems:
+    """Yield given speeds, by their keys, that are out of the range of `rotation.speeds_rpm`."""
+    first, *_, last = speeds
+    for key, speed in given.items():
+        if not first <= speed <= last:
+            allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
+            yield Problem(key, speed, allowed, ErrorKind.RANGE)
 
 
 def keys_over(scene: Scene, over: str) -> list[str]:

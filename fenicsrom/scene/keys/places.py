@@ -58,6 +58,11 @@ class Place(Region):
     nearest: Annotated[tuple[float, ...] | None, rules.point] = None
     at: Annotated[str, choice("mean", "centre", "nodes")] = "mean"
 
+    @property
+    def is_mean(self) -> bool:
+        """Whether the place is the mean of a region, and not one of its nodes or all of them."""
+        return self.node is None and self.nearest is None and self.at == "mean"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Support(Region):
