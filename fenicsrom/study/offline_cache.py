@@ -21,7 +21,7 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.store.result_cache import cache_folder, read_results, write_results
 from fenicsrom.progress import log
 from fenicsrom.study import building
-from fenicsrom.study.late_solid import LateInverse, LateSolid
+from fenicsrom.study.late import Late
 from fenicsrom.study.offline_key import keys_of
 from fenicsrom.study.reasons import with_stresses
 
@@ -172,7 +172,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
 
     scene, body = run.study.scene, str(header["body"])
-    solid = LateSolid(
+    solid: Any = Late(
         lambda: _build(run, scene, body),
         **header["solid"],
         comm=run.comm,
@@ -180,7 +180,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
         warnings=header["warnings"],
     )
-    inverse: Any = LateInverse(solid)
+    inverse: Any = Late(lambda: solid.factor)
     if header["method"] == "craig-bampton" and arrays["rows"].shape[0]:
         inverse = ConstrainedInverse(inverse, arrays["rows"], arrays["masters"], solid)
     found = ComponentModes(
@@ -276,6 +276,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
             "run again with --fresh",
             kind=ErrorKind.MISMATCH,
         )
+    solid.warnings = run.study.warnings  # they hold those of the mesh already
     return solid
 
 
