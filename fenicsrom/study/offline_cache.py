@@ -71,24 +71,20 @@ class OfflineCache:
 
     def restore(self) -> None:
         """Read the stored results into the record, and say which results these are."""
+        from fenicsrom.study.scene_stages import offline_stages
+
         if not self._read(0, _read_modes):
             return
         self.reused = MODES_STAGES
         self._warned = len(self._run.study.warnings)
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
-        names = ", ".join(self._needed())
+        listed = offline_stages(self._run.study.scene, modes_only=False)
+        names = ", ".join(one.name for one in listed if one.needed and self.has(one.name))
         log.info(f"taken from an earlier run: {names} (--fresh computes them again)")
         self._run.study.left_out.append(
             f"{names}: taken from an earlier run; --fresh computes them again"
         )
-
-    def _needed(self) -> list[str]:
-        """The stages whose results were read and that the scene needs."""
-        from fenicsrom.study.scene_stages import offline_stages
-
-        listed = offline_stages(self._run.study.scene, modes_only=False)
-        return [stage.name for stage in listed if stage.needed and self.has(stage.name)]
 
     def has(self, stage: str) -> bool:
         """Whether the results of a stage were read."""

@@ -39,7 +39,8 @@ STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
 
 def directions(found: Response) -> list[str]:
     """The names of the directions in the files of numbers."""
-    return plain_names(found.dimension, bool(found.contacts))
+    names = plain_names(found.dimension, bool(found.contacts))
+    return [name.replace(" ", "_") for name in names]
 
 
 def largest_direction(found: Response) -> int:

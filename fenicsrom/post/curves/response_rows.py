@@ -43,10 +43,9 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
     """
     multiplier = judged_multiplier(point)
     main = point.harmonics[:, component[0], component[1]]
-    amplitudes = zip(directions(found), point.amplitude.max(axis=0), strict=True)
     return {
         column_name(found.scene, found.table.parameter): point.parameter,
-        **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
+        **named("amplitude_{}_m", directions(found), point.amplitude.max(axis=0)),
         **named("probe_amplitude_{}_m", "xyz", point.probe_amplitude),
         "phase_deg": float(np.degrees(np.angle(main[0]))),
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
@@ -117,14 +116,11 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
 
 def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
     """One row that compares a motion of the full model with that of the reduced model."""
-    amplitudes = {
-        f"{model}_amplitude_{name.replace(' ', '_')}_m": float(a)
-        for model, values in (("full", point.amplitude), ("reduced", point.reduced_amplitude))
-        for name, a in zip(directions(found), values.max(axis=0), strict=True)
-    }
+    names = directions(found)
     return {
         found.table.parameter: point.parameter,
-        **amplitudes,
+        **named("full_amplitude_{}_m", names, point.amplitude.max(axis=0)),
+        **named("reduced_amplitude_{}_m", names, point.reduced_amplitude.max(axis=0)),
         "relative_error": point.error,
         "stability_of_the_reduced_motion": point.verdict,
         "full_periods": point.periods,
