@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.base.toml import toml_value
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.study.stage import Item
@@ -26,7 +27,7 @@ def solid_parts(scene: Scene) -> tuple[Item, ...]:
     forces = counted(static, "static load") if static else "no static load"
     forces += ", centrifugal force" if turning else ""
     speed = f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"
-    frame = f"rotation.coriolis is {toml_text(coriolis)}" if turning else "no rotation"
+    frame = f"rotation.coriolis is {toml_value(coriolis)}" if turning else "no rotation"
     given = f"damping.ratios of {counted(len(ratios), 'mode')}" if ratios else "no damping.ratios"
     return (
         Item("static equilibrium", is_loaded(scene), forces),
@@ -146,8 +147,3 @@ def newton_item(scene: Scene) -> Item:
     linear = f"{elastic_reason(scene)}: one solve per step"
     nonlinear = scene.geometrically_nonlinear
     return Item("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear)
-
-
-def toml_text(value: bool) -> str:
-    """Write a truth value as TOML does."""
-    return str(value).lower()

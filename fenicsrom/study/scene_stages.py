@@ -14,6 +14,7 @@ from typing import Any
 
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.base.toml import toml_value
 from fenicsrom.study import building, motions, stresses, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,
@@ -25,7 +26,6 @@ from fenicsrom.study.reasons import (
     size_reason,
     solid_parts,
     stress_reason,
-    toml_text,
     with_stresses,
 )
 from fenicsrom.study.stage import Item, Run, Stage
@@ -59,7 +59,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     """
     moved, basis = _with_motion(scene, modes_only), scene.basis
     full, beam = scene.reference.full, scene.reference.beam is not None
-    full_reason = f"reference.full is {toml_text(full)}"
+    full_reason = f"reference.full is {toml_value(full)}"
     beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
     scheme = f"time.scheme is {scene.time.scheme}"
     checked = "energy balance, time step, basis and mesh"
@@ -116,11 +116,11 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     def wanted(name: str, key: str, needed: bool, write: Work) -> Stage:
         """Make a stage that the key of the [output] table switches on."""
         on = getattr(output, key)
-        reason = f"output.{key} is {toml_text(on)}" if needed or not on else why_not
+        reason = f"output.{key} is {toml_value(on)}" if needed or not on else why_not
         return Stage(name, on and needed, reason, write, writes=True)
 
     shapes = output.paraview and (moving or modes_only or is_loaded(scene))
-    keys = [f"output.{key} is {toml_text(getattr(output, key))}" for key in ("paraview", "motion")]
+    keys = [f"output.{key} is {toml_value(getattr(output, key))}" for key in ("paraview", "motion")]
     in_scene = shapes or (output.motion and moving)
     stressed = with_stresses(scene) and output.pictures
     peaks = stress_reason(scene) if output.pictures else "output.pictures is false"
