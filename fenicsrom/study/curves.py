@@ -100,7 +100,7 @@ def _curves(
     from fenicsrom.assess.curves.curve_size import larger_model
     from fenicsrom.assess.curves.trust import richer_model
     from fenicsrom.assess.errors.sizing import spare_coordinates, with_size
-    from fenicsrom.files import atomic_write
+    from fenicsrom.post.base.writers import write_text
 
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE
@@ -113,8 +113,7 @@ def _curves(
     while True:
         stored = source.stored
         if state is not None:
-            with atomic_write(state / COORDINATES) as temporary:
-                temporary.write_text(json.dumps(stored.labels), encoding="utf-8")
+            write_text(state / COORDINATES, json.dumps(stored.labels))
         with watch("response curves"):
             found = curves.response(
                 stored,
