@@ -5,14 +5,13 @@
 `output_folder` guards the folder of the files. `offline_cache` keeps the results up to the reduced
 model for later runs: `offline_key` says what they depend on, and `late` builds a solid only where
 one is needed. `stored` integrates a stored model again,
-`curves` computes response curves, `backbones` computes nonlinear modes, and `sweeps` runs a scene
-or a stored model for many values of its keys; all three start from a `source`. `analyses` holds
+`curves` computes response curves and nonlinear modes, and `sweeps` runs a scene or a stored model
+for many values of its keys; both start from a `source`. `analyses` holds
 what needs no reduced model of its own.
 """
 
 from fenicsrom.study.analyses import campbell, compare, stability, statics
-from fenicsrom.study.backbones import backbone
-from fenicsrom.study.curves import response
+from fenicsrom.study.curves import backbone, response
 from fenicsrom.study.execution import build_model, modes, run, setup_picture
 from fenicsrom.study.maps import interaction_map
 from fenicsrom.study.motions import check

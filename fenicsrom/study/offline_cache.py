@@ -23,7 +23,7 @@ from fenicsrom.progress import log
 from fenicsrom.study import building
 from fenicsrom.study.late import Late
 from fenicsrom.study.offline_key import keys_of
-from fenicsrom.study.reasons import with_stresses
+from fenicsrom.study.scene_stages import offline_stages, with_stresses
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
@@ -71,8 +71,6 @@ class OfflineCache:
 
     def restore(self) -> None:
         """Read the stored results into the record, and say which results these are."""
-        from fenicsrom.study.scene_stages import offline_stages
-
         if not self._read(0, _read_modes):
             return
         self.reused = MODES_STAGES
