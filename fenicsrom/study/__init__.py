@@ -3,11 +3,10 @@
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
 `output_folder` guards the folder of the files. `offline_cache` keeps the results up to the reduced
-model for later runs: `offline_key` says what they depend on, and `late` builds a solid only where
-one is needed. `stored` integrates a stored model again,
-`curves` computes response curves and nonlinear modes, and `sweeps` runs a scene or a stored model
-for many values of its keys; both start from a `source`. `analyses` holds
-what needs no reduced model of its own.
+model for later runs: `offline_key` says what they depend on. `stored` integrates a stored model
+again, `curves` computes response curves and nonlinear modes, and `sweeps` runs a scene or a stored
+model for many values of its keys; both start from a `source`. `analyses` holds what needs no
+reduced model of its own.
 """
 
 from fenicsrom.study.analyses import campbell, compare, stability, statics

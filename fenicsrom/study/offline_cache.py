@@ -21,7 +21,6 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.store.result_cache import cache_folder, read_results, write_results
 from fenicsrom.progress import log
 from fenicsrom.study import building
-from fenicsrom.study.late import Late
 from fenicsrom.study.offline_key import keys_of
 from fenicsrom.study.scene_stages import offline_stages, with_stresses
 
@@ -53,6 +52,22 @@ WHAT = "the offline results"
 SOLID = ("free", "extent", "loaded", "unstable")
 MODES = ("omega", "normal", "static", "masters", "rows")
 """Attributes of the solid and of its component modes that the first archive holds."""
+
+
+class Late:
+    """Stands for an object, such as a solid; an attribute that is not known makes the object."""
+
+    def __init__(self, make: Callable[[], Any], **known: Any):
+        """Keep the function that makes the object, and attributes with their values."""
+        self._make = make
+        self._made: Any = None
+        self.__dict__ |= known
+
+    def __getattr__(self, name: str) -> Any:
+        """Give an attribute of the object, which is made at the first call."""
+        if self._made is None:
+            self._made = self._make()
+        return getattr(self._made, name)
 
 
 class OfflineCache:
