@@ -15,7 +15,6 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.scene import parameter_of
 from fenicsrom.scene.reading.units import unit_of
 
 MARKERS = {
@@ -78,7 +77,6 @@ OPPOSITE = 1.0
 
 def parameter_label(found: Response) -> str:
     """The parameter with its unit."""
-    assert parameter_of(found.table.parameter)
     return key_label(found, found.table.parameter)
 
 
