@@ -40,7 +40,6 @@ def two_modes(*changes: str, **contact: Any) -> StoredModel:
     scene = beam_scene(
         2,
         (
-            "geometrically_nonlinear=false",
             f"material.mass_damping={DAMPING}",
             "rotation={speed_rpm=3000.0, speeds_rpm=[0.0, 9000.0]}",
             "time.steps_per_period=600",
@@ -165,29 +164,35 @@ def test_onsets_match_the_crossings() -> None:
 def test_permanent_contact_converges_to_the_linear_response() -> None:
     """With a preload the contact never opens; the errors are those of the step, of second order."""
     exact = np.array([1.91089063e-4, 3.21745144e-4, 6.13255397e-4, 1.60085298e-4])
-    errors = []
+    errors, forces = [], []
     for steps in (300, 600):
         stored = two_modes(f"time.steps_per_period={steps}", preload=2000.0)
         found = mapped(stored, "[3000, 4500, 5000, 6000]", "map.revolutions=500")
         assert {line.contact for line in found.lines} == {1.0}
         assert all(np.isnan(line.clearance) for line in found.lines)
+        stiffness = SQUARES + STIFFENING * (5000.0 * np.pi / 30.0) ** 2
+        pushed = np.sum(RADIAL * (RADIAL + FRICTION * TANGENTIAL) / stiffness)
+        mean = 2000.0 / (1.0 + SPRING * pushed)
+        forces.append((found.lines[2].peak_force - mean) / 364.011959 - 1.0)
         errors.append(found.amplitudes[:, found.orders == 2.0][:, 0] / exact - 1.0)
     assert np.abs(errors[1]).max() < 1e-3
     assert np.abs((4.0 * errors[1] - errors[0]) / 3.0).max() < 2e-4
+    assert abs((4.0 * forces[1] - forces[0]) / 3.0) < 5e-4
 
 
 @pytest.mark.slow
 def test_map_that_goes_up_follows_the_motions_to_their_peaks() -> None:
     """Peaks of the exact motions, each from the state before, within 1 %."""
     stored = two_modes()
-    for speeds, at, amplitude in (
-        ("{first=4400, last=4700, number=13}", 4650.0, 4.16e-3),
-        ("{first=7100, last=7325, number=10}", 7275.0, 1.287e-3),
+    for speeds, at, amplitude, force in (
+        ("{first=4400, last=4700, number=13}", 4650.0, 4.16e-3, 2556.0),
+        ("{first=7100, last=7325, number=10}", 7275.0, 1.287e-3, None),
     ):
         found = mapped(stored, speeds, "map.start='up'")
         line = max(found.lines, key=lambda line: line.amplitude)
         assert (line.speed_rpm, line.verdict) == (at, "period")
         assert line.amplitude == pytest.approx(amplitude, rel=0.015)  # 1 %, and that of the step
+        assert force is None or line.peak_force == pytest.approx(force, rel=0.015)
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,18 @@ from support import beam_scene, make_solid, refusal
 
 import fenicsrom
 from fenicsrom.assess.curves.response_problem import family_of, start_motion
+from fenicsrom.assess.errors.estimates import distances
+from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.rotation.range_body import RangeBody
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.turning import speed_history
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.subspace import shifted
+from fenicsrom.online.model.turning import rest_row
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force
 from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.online.periodic.shooting import periodic_motion
@@ -341,6 +346,40 @@ def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
 
 
 @pytest.mark.slow
+def test_estimate_of_a_run_up_is_its_distance_from_the_range_model(
+    tiny: tuple[StoredModel, Path],
+) -> None:
+    """A basis of as many coordinates as the accuracy asks, in a run-up with rub."""
+    short = "time={duration=0.05, steps_per_revolution=200}"
+    stored = tiny[0].with_overrides(
+        (*RUN_UP, short, "contacts.0.gap=0.7e-3", "basis.accuracy=1e-3")
+    )
+    found = fitted(stored, stored.simulate(keep_coordinates=True), lambda: False, [])
+    assert found is not None and peak_normal_force(found.motion) > 10.0
+    exact = simulate(whole_for_run_up(found.stored), stored.scene)
+    true, estimate = distances(found.motion, exact), found.errors
+    assert 0.5 < estimate.amplitude / true.amplitude < 3.0
+    assert 0.2 < estimate.peak_force / true.peak_force < 5.0
+
+
+def whole_for_run_up(stored: StoredModel) -> ReducedModel:
+    """All coordinates of the range model, for the history of the scene."""
+    whole, history = stored.whole, stored.model.turning.history
+    assert whole is not None
+    q0, every = whole.equilibrium(history[0, 1]), np.eye(whole.model.size)
+    turning = whole._turning(history, q0, every)
+    damping = whole.model.velocity_matrix if whole.model.velocity_matrix.size else 0.0 * every
+    model = whole._on(every, q0, shifted(whole.model.elastic, q0), damping)
+    rest = [
+        rest_row(turning, model.elastic, omega**2, whole.equilibrium(omega) - q0)
+        for omega in np.linspace(history[:, 1].min(), history[:, 1].max(), 25)
+    ]
+    return model._replace(
+        turning=turning._replace(rest=np.array(rest)), load_histories=stored.model.load_histories
+    )
+
+
+@pytest.mark.slow
 def test_run_at_a_constant_history_matches_the_model_at_this_speed(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -417,7 +456,14 @@ def test_run_up_with_rub_balances_and_writes_its_revolutions(
     assert main(["run", "--from", str(tiny[1]), *options, "--output", str(folder)]) in (0, 1)
     rows = np.genfromtxt(folder / "run_up.csv", delimiter=",", names=True)
     np.testing.assert_allclose(rows["amplitude_m"], found.amplitude, rtol=1e-6)
+    table = "campbell={speeds_rpm={first=1500, last=2500, number=6}, engine_orders=[2, 4, 6, 8]}"
+    critical = fenicsrom.campbell(tiny[0].with_overrides(table)).critical
+    expected = [(one.mode, one.order, one.speed_rpm) for one in critical if one.mode <= 3]
+    close = [one for one in found.critical if one[0] <= 3 and one[1] <= 8]
+    assert expected and [one[:2] for one in close] == [one[:2] for one in expected]
+    np.testing.assert_allclose([one[2] for one in close], [one[2] for one in expected], rtol=1e-4)
     summary = json.loads((folder / "summary.json").read_text())["run_up"]
+    assert summary["critical"] == [list(one) for one in found.critical]
     assert summary["shaft_work"] == pytest.approx(found.shaft_work, rel=1e-6)
     assert (folder / "run_up.png").exists()
 
@@ -441,6 +487,8 @@ def test_history_of_the_speed_names_what_it_needs() -> None:
         read_scene(DEMO, (*UNSTRESSED, "rotation.history=[[0, 900]]"))
     with refusal(ErrorKind.CONFLICT, "rotation.coriolis"):
         blade(*RUN_UP, "rotation.coriolis=false")
+    with refusal(ErrorKind.CONFLICT, "geometrically_nonlinear"):
+        blade(*RUN_UP, "geometrically_nonlinear=false")
     with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):
         blade(*RUN_UP, "rotation.history=[[0, 0], [0.1, 1500]]")
     with refusal(ErrorKind.CONFLICT, "time.steps_per_revolution"):

@@ -201,7 +201,10 @@ def test_rigid_blade_wears_two_lobes_as_the_closed_form(cells: int, way: float) 
     np.testing.assert_allclose(worn, exact, rtol=0.0, atol=0.006e-6)  # d is linear in a step
     assert np.sum(worn) * 2.0 * np.pi / cells == pytest.approx(35.06363e-6, rel=4e-4)
     assert np.max(worn) == pytest.approx(22.72727e-6, rel=1e-5)
+    beside = np.abs((np.degrees(angle) + 90.0) % 180.0 - 90.0)  # from the middle of a lobe
+    np.testing.assert_array_equal(worn > 0.0, beside < 33.98784)
     assert ring.plastic_work(worn) == pytest.approx(0.908139, rel=1e-3)
+    assert ring.plastic_work(worn) / (RADIUS * WIDTH) == pytest.approx(181.6279, rel=1e-3)
     assert ring.volume(worn) == pytest.approx(35.06363e-6 * RADIUS * WIDTH, rel=4e-4)
     again, _ = revolve(point, 360, way, path)
     np.testing.assert_allclose(worn, first, rtol=1e-11)  # rounding
@@ -215,7 +218,9 @@ def test_rigid_blade_at_constant_depth_wears_all_around_although_it_does_no_work
     np.testing.assert_allclose(end, 545.4545, rtol=1e-6)
     np.testing.assert_allclose(mean, 545.4545, rtol=1e-6)
     assert point.work == 0.0
-    assert ring.plastic_work(made.coating.worn) == pytest.approx(3.732264, rel=1e-6)
+    work = ring.plastic_work(made.coating.worn)
+    assert work == pytest.approx(3.732264, rel=1e-6)
+    assert work / (2.0 * np.pi * RADIUS * WIDTH) == pytest.approx(118.80165, rel=1e-6)
     torque = ring.plastic_work(made.coating.worn) / (2.0 * np.pi)
     assert torque == pytest.approx(2.376 * RADIUS, rel=1e-4)
 

@@ -16,6 +16,7 @@ from fenicsrom.online.contact.surfaces import CYLINDER
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import energy_errors
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.wear import worn_under_points
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.online.run.march_setup import set_up_run
@@ -104,6 +105,25 @@ def test_wear_at_5500_rpm_ends_in_a_motion_that_repeats() -> None:
     before = integrate(rubbing(5500.0, periods=28))
     np.testing.assert_allclose(worn_of(before), worn_of(marched), rtol=0.0, atol=1e-10)
     assert np.max(worn_of(marched) - worn_of(integrate(rubbing(5500.0, periods=20)))) > 1e-8
+
+
+def test_worn_depth_over_time_is_that_of_the_ring_where_the_point_is() -> None:
+    """After the last wear, each second step of a revolution ends at a node."""
+    problem = rubbing(5500.0, periods=32)
+    motion = integrate(problem)
+    found = worn_under_points(motion, problem.contacts)
+    assert found.shape == (32 * 720 + 1, 1) and not found[0].any()
+    np.testing.assert_allclose(found[-719::2, 0], np.roll(worn_of(motion), -1), atol=1e-16)
+    np.testing.assert_allclose(found[-720:], found[-1440:-720], rtol=0.0, atol=1e-16)
+    early = found[8 * 720 + 1 : 9 * 720 + 1]
+    assert np.all(early <= found[-720:] + 1e-16) and early.max() < 0.9 * found[-720:].max()
+
+
+@pytest.mark.parametrize("rpm", [2000.0, 7500.0])
+def test_wear_ends_the_contact(rpm: float) -> None:
+    motion = integrate(rubbing(rpm, periods=60))
+    assert motion.force[:, 0, 0].max() > 1.0
+    assert not motion.force[-720:, 0, 0].any()
 
 
 def test_wear_of_a_resumed_run_is_that_of_the_whole_run() -> None:

@@ -14,7 +14,13 @@ from support import beam_scene
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.motion.wear import wear_of
-from fenicsrom.post.run.wear import plot_wear, wear_sentence, wear_summary, write_wear
+from fenicsrom.post.run.wear import (
+    plot_wear,
+    plot_wear_over_time,
+    wear_sentence,
+    wear_summary,
+    write_wear,
+)
 
 RADIUS, CELLS = 0.5, 8
 SCENE = beam_scene(
@@ -101,3 +107,16 @@ def test_picture_of_wear_has_a_line_for_each_of_a_few_worn_rings(count: int, lin
     assert len(figure.axes) == (2 if lines == 0 else 1)
     for line in drawn:
         np.testing.assert_allclose(line.get_ydata()[:-1], 1e6 * depth[0])
+
+
+def test_picture_of_wear_over_time_has_a_line_for_each_point() -> None:
+    time, worn = np.linspace(0.0, 1.0, 5), 1e-6 * np.arange(15.0).reshape(5, 3)
+    axis = plot_wear_over_time(time, worn, [0, 2]).axes[0]
+    for line, p in zip(axis.lines, (0, 2), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), 1e6 * worn[:, p])
+    assert [text.get_text() for text in axis.texts] == ["1", "3"]
+
+
+def test_no_more_is_worn_than_the_layer() -> None:
+    (ring,) = wear_of(motion(np.full((1, CELLS), 1.0)), SCENE, points(1))
+    np.testing.assert_array_equal(ring.depth, 2e-3)

@@ -20,12 +20,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
+from fenicsrom.assess.rotation.range_body import RangeBody
+from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.turning import angle_at, speed_at
 from fenicsrom.online.model.turning import rest_energy
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.speed_range import SNAPSHOTS, RangeModel
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+from fenicsrom.scene.keys.excitation import excited_orders
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,8 @@ class RunUp:
         energy_rise: rise of the kinetic and elastic energy of the body, seen at rest, J.
         balance: shaft_work - contact_work - load_work + own_work - energy_rise, J: the imbalance of
             the time steps in the frame that stands still.
+        critical: (mode, engine order, speed in rev/min) where an order that loads or waves excite
+            meets a mode without contact, between the lowest and the highest speed.
     """
 
     time: Array
@@ -66,6 +73,7 @@ class RunUp:
     momentum: Array
     energy_rise: float
     balance: float
+    critical: list[tuple[int, int, float]]
 
 
 def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
@@ -123,7 +131,27 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         momentum[[0, -1]],
         float(rise),
         float(works[0].sum() - works[1].sum() - works[2].sum() + done - rise),
+        _critical(whole, stored.scene, omega.min(), omega.max()),
     )
+
+
+def _critical(
+    whole: RangeModel, scene: Scene, lowest: float, highest: float
+) -> list[tuple[int, int, float]]:
+    """`RunUp.critical` between two speeds in rad/s."""
+    if lowest == highest:
+        return []
+    speeds, body = np.linspace(lowest, highest, SNAPSHOTS), RangeBody(whole, lowest)
+    squares = np.empty((SNAPSHOTS, whole.modes))
+    for row, speed in enumerate(speeds):
+        body.spin(float(speed))
+        squares[row] = modes_at_speed(body, whole.modes)[0] / (2.0 * np.pi) ** 2
+    found = []
+    for mode, column in enumerate(squares.T):
+        curve = FrequencyCurve(30.0 / np.pi * speeds, column, coriolis=True)
+        for order in excited_orders(scene):
+            found += [(mode + 1, order, float(speed)) for speed in curve.crossings(order)]
+    return sorted(found, key=lambda one: one[2])
 
 
 def _middle(values: Array) -> Array:

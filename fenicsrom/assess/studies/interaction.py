@@ -35,7 +35,7 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
-from fenicsrom.scene.keys.loads import OrderFrequency
+from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
 CHECKED = 10  # every so many speeds the errors are estimated
@@ -207,7 +207,7 @@ def interaction_map(
     stored = model_of(model, origin)
     points, turning = stored.model.points, scene.at_speed(float(speeds[-1]))
     rings = rings_of(turning, points, contacts_of(turning, points))
-    found = InteractionMap(scene, [], stored.size, steps_of(scene), _excited(scene), rings)
+    found = InteractionMap(scene, [], stored.size, steps_of(scene), excited_orders(scene), rings)
     kept = {k: _kept(job.file) for k, job in enumerate(jobs) if resume}
     done = {k: line for k, line in kept.items() if line is not None}
     found.reused = len(done)
@@ -284,24 +284,6 @@ def _kept(path: Path) -> Line | None:
     except (OSError, ValueError, KeyError):
         return None
     return Line(**{key: value if value.ndim else value.item() for key, value in arrays.items()})
-
-
-def _excited(scene: Scene) -> tuple[int, ...]:
-    """The engine orders of loads, and the multiples of the orders of waves, up to the highest."""
-    top = scene.map.orders
-    found = {
-        multiple
-        for contact in scene.contacts
-        if contact.surface is not None
-        for order, height, _ in contact.surface.waves
-        if height
-        for multiple in range(int(order), top + 1, int(order))
-    }
-    for load in scene.loads:
-        if isinstance(load.frequency, OrderFrequency):
-            terms = getattr(load.history, "harmonics", ((1, 1.0, 0.0),))
-            found |= {load.frequency.order * order for order, part, _ in terms if part}
-    return tuple(sorted(order for order in found if order <= top))
 
 
 def _warnings(found: InteractionMap) -> list[str]:

@@ -53,8 +53,11 @@ class Ring(NamedTuple):
         return 2.0 * np.pi / self.cells * np.arange(self.cells, dtype=np.float64)
 
     def depth(self, worn: Array) -> Array:
-        """The worn depth (cells,) in m at its nodes, of the depths (nodes,) of all rings."""
-        return worn[self.first : self.first + self.cells]
+        """The worn depth (cells,) in m at its nodes, of the depths (nodes,) of all rings.
+
+        There is no more to wear than the layer; a run whose layer is worn through ends.
+        """
+        return np.minimum(worn[self.first : self.first + self.cells], self.layer.thickness)
 
     def volume(self, depth: Array) -> float:
         """The volume in m^3 that was worn, of the worn depth (cells,)."""

@@ -10,7 +10,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.rings import Ring, rings_of
-from fenicsrom.online.contact.surfaces import surface_turn
+from fenicsrom.online.contact.surfaces import Contacts, penetration, surface_turn
+from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.motion.motion import Motion
 
 EVEN = 0.01  # smallest amplitude of the lobes, relative to the largest depth
@@ -65,6 +66,24 @@ def wear_of(motion: Motion, scene: Any, points: ContactPoints) -> list[Wear]:
         turned = abs(surface_turn(contacts, ring.points[0], 0.0, time)) if ring.radius else 0.0
         found.append(Wear(ring, ring.depth(motion.end.worn), turned))
     return found
+
+
+def worn_under_points(motion: Motion, contacts: Contacts) -> Array:
+    """The worn depth (ns, P) of the layer in front of each point at each step, m.
+
+    It is the gap to the worn surface less the gap to the new one, at most the whole layer.
+    """
+    found = motion.gap.copy()
+    _add_depths(contacts, motion.time, motion.displacement, found)
+    return np.clip(found, 0.0, contacts.coating.thickness)
+
+
+@kernel
+def _add_depths(contacts: Contacts, time: Array, x: Array, found: Array) -> None:
+    """Add the depth of points at x (ns, P, d) below the new surface to `found` (ns, P)."""
+    for row in range(time.size):
+        for p in range(found.shape[1]):
+            found[row, p] += penetration(contacts, p, x[row, p], time[row])
 
 
 def worn_profile(rings: Sequence[Ring], worn: Array) -> tuple[Array, Array]:

@@ -15,7 +15,8 @@ CAPTIONS = {
     "energy_per_period": "Energies of each period. Bars of the same height mean a steady motion.",
     "contact": "States and forces of contact over the last period. The area inside a loop of the "
     "tangential force over the displacement is the energy that friction dissipates.",
-    "wear": "The depth that the body wore of the abradable layer, over the angle of the casing.",
+    "wear": "The depth that the body wore of the abradable layer, over the angle of the casing; or "
+    "before each contact point over time, if the surface does not turn.",
     "stress": "The von Mises stress at the instant and on the side of its largest value.",
     "modes": "The shapes of the basis along the axis of the body, relative to their largest value.",
     "shapes": "The shapes of the basis: normal modes (V) with nodal lines, static modes (S), and "
@@ -32,7 +33,8 @@ CAPTIONS = {
     "harmonics": "Amplitudes of the harmonics along the curve.",
     "backbone": "Frequency and damping of the mode over its amplitude.",
     "run_up": "Each revolution over its mean speed: the largest distance from the equilibrium of "
-    "the same speed, the largest normal force, and the mean torque of the shaft.",
+    "the same speed, the largest normal force, and the mean torque of the shaft. Dashed: speeds "
+    "where an engine order of the loads or waves meets a mode without contact.",
     "campbell": "Natural frequencies over the speed. Where an engine order crosses a frequency, "
     "the mode can resonate.",
     "map": "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed curves: "

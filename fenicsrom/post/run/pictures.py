@@ -9,10 +9,10 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.assess.errors.sizing import Sized
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.motion.wear import wear_of
+from fenicsrom.online.motion.wear import wear_of, worn_under_points
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.directions import direction_names
 from fenicsrom.post.base.html_page import Page
@@ -48,7 +48,7 @@ from fenicsrom.post.run.motion_figures import (
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
 from fenicsrom.post.run.run_up import run_up_pictures
-from fenicsrom.post.run.wear import plot_wear
+from fenicsrom.post.run.wear import plot_wear, plot_wear_over_time
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
@@ -97,9 +97,16 @@ def motion_pictures(
 
 
 def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
-    """The picture of the worn depth, of a casing with an abradable layer."""
-    rings = [one for one in wear_of(motion, scene, points) if one.ring.radius]
-    return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))] if rings else []
+    """The picture of the worn depth of abradable layers: of a casing, or before single points."""
+    found = wear_of(motion, scene, points)
+    if rings := [one for one in found if one.ring.radius]:
+        return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))]
+    if not found:
+        return []
+    worn = worn_under_points(motion, contacts_of(scene, points))
+    mine = [one.ring.points[0] for one in found]
+    draw = partial(plot_wear_over_time, motion.time, worn, mine)
+    return [Picture("Wear of the layer", "wear.png", draw)]
 
 
 def working(scene: Scene) -> str:

@@ -68,12 +68,24 @@ def run_up_pictures(found: RunUp | None) -> list[Picture]:
 
 @styled
 def plot_run_up(found: RunUp) -> Figure:
-    """Draw amplitude, peak force and shaft torque of each revolution over the speed."""
+    """Draw amplitude, peak force and shaft torque over the speed, with the critical speeds."""
     rub = bool(np.any(found.peak_force > 0.0))
     drawn = [("amplitude, mm", 1e3 * found.amplitude, "#0072B2")]
     drawn += [("peak normal force, N", found.peak_force, "#D55E00")] if rub else []
     drawn += [("shaft torque, N m", found.torque, "#009E73")]
     figure, axes = new_panels(8.0, 2.2 * len(drawn) + 0.5, len(drawn), sharex=True)
+    for mode, order, speed in found.critical:
+        for axis in axes:
+            axis.axvline(speed, color="grey", linewidth=0.8, linestyle="--")
+        axes[0].annotate(
+            f"order {order}, mode {mode}",
+            (speed, 1.0),
+            xycoords=("data", "axes fraction"),
+            rotation=90.0,
+            ha="right",
+            va="top",
+            fontsize="x-small",
+        )
     for axis, (name, values, colour) in zip(axes, drawn, strict=True):
         axis.plot(30.0 / np.pi * found.speed, values, color=colour, marker=".", markersize=3)
         axis.set_ylabel(name)

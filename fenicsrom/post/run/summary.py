@@ -9,7 +9,7 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.sizing import Sized
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.support_motion import moves_supports, support_displacement
 from fenicsrom.online.motion.history import HISTORY_ARRAYS, JUMP
@@ -21,6 +21,7 @@ from fenicsrom.online.motion.measures import (
     response_summary,
 )
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.wear import worn_under_points
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
@@ -198,6 +199,7 @@ def write_history(
     replaced the marched motion by the periodic one, where it did. If the supports of the scene
     move, `MODEL_support_displacement` (ns, d) is their displacement in global axes, and
     `MODEL_absolute_displacement` is the sum of this displacement and of `MODEL_displacement`.
+    With abradable layers, `MODEL_worn_depth` (ns, P) is that in front of each point, m.
 
     Raises:
         OSError: the file cannot be written.
@@ -215,6 +217,9 @@ def write_history(
             moved = support_displacement(scene.loads, motion.time, d)
             arrays[f"{name}_support_displacement"] = moved
             arrays[f"{name}_absolute_displacement"] = absolute_displacement(scene, points, motion)
+        if scene is not None and points is not None and scene.wears:
+            worn = worn_under_points(motion, contacts_of(scene, points))
+            arrays[f"{name}_worn_depth"] = worn
     return write_arrays(path, arrays)
 
 

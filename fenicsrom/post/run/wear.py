@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import Wear, wear_of
@@ -113,4 +114,16 @@ def plot_wear(found: Sequence[Wear]) -> Figure:
         figure.colorbar(mesh, ax=axis, pad=0.01, label="worn depth, µm")
     axis.set(xlabel="angle around the axis, degrees", xlim=(0.0, 360.0))
     axis.set_xticks(np.arange(0.0, 361.0, 45.0))
+    return figure
+
+
+@styled
+def plot_wear_over_time(time: Array, worn: Array, points: Sequence[int]) -> Figure:
+    """Draw the worn depth (ns, P) before some points over the time (ns,), s."""
+    figure, (axis,) = new_panels(8.6, 3.6)
+    for p in points:
+        axis.plot(time, 1e6 * worn[:, p], linewidth=1.0)
+        axis.annotate(f"{p + 1}", (time[-1], 1e6 * worn[-1, p]), fontsize="x-small", va="center")
+    axis.set(xlabel="time, s", ylabel="worn depth before each point, µm")
+    axis.set_ylim(bottom=0.0)
     return figure

@@ -302,6 +302,9 @@ def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
                 yield Problem(f"{key}[{k}]", speed, allowed, ErrorKind.RANGE)
     if not rotation.coriolis:
         yield Problem("rotation.coriolis", False, "must be true with rotation.history")
+    if not scene.geometrically_nonlinear:
+        allowed = "must be true with rotation.history, whose equilibrium changes"
+        yield Problem("geometrically_nonlinear", False, allowed)
     if isinstance(scene.time.stepping, times.StepsPerRevolution) and min(speeds) <= 0.0:
         steps = scene.time.steps_per_revolution
         allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"

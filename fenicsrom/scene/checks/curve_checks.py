@@ -60,6 +60,11 @@ def response_problems(scene: Scene) -> Problems:
 def _speed_problems(scene: Scene, response: Response) -> Problems:
     """Yield what a curve over the speed of rotation needs."""
     key, name = "response.parameter", response.parameter
+    if not scene.geometrically_nonlinear:
+        allowed = (
+            "must be true in a curve over rotation.speed_rpm: the equilibrium changes along it"
+        )
+        yield Problem("geometrically_nonlinear", False, allowed)
     if scene.speeds_rpm is None:
         yield Problem(key, name, "needs rotation.speeds_rpm, one model for all speeds")
         return

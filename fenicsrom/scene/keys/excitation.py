@@ -15,7 +15,16 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from fenicsrom.scene.keys.loads import Harmonic, Harmonics, Load, Pulse, Static, Sweep, Table
+from fenicsrom.scene.keys.loads import (
+    Harmonic,
+    Harmonics,
+    Load,
+    OrderFrequency,
+    Pulse,
+    Static,
+    Sweep,
+    Table,
+)
 from fenicsrom.scene.keys.schema import Rotation, Scene, Surface
 
 SMALL_SWING = 1e-3
@@ -195,3 +204,21 @@ def _half_width(rows: Rows, before: int, turn: int, after: int) -> float:
         return rows[end][0]
 
     return crossing(range(turn, after), after) - crossing(range(turn, before, -1), before)
+
+
+def excited_orders(scene: Scene) -> tuple[int, ...]:
+    """The engine orders of loads, and the multiples of the orders of waves, up to `map.orders`."""
+    top = scene.map.orders
+    found = {
+        multiple
+        for contact in scene.contacts
+        if contact.surface is not None
+        for order, height, _ in contact.surface.waves
+        if height
+        for multiple in range(int(order), top + 1, int(order))
+    }
+    for load in scene.loads:
+        if isinstance(load.frequency, OrderFrequency):
+            terms = getattr(load.history, "harmonics", ((1, 1.0, 0.0),))
+            found |= {load.frequency.order * order for order, part, _ in terms if part}
+    return tuple(sorted(order for order in found if order <= top))
