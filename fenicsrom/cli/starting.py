@@ -15,6 +15,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.reading.overrides import names_of
 from fenicsrom.scene.reading.reading import read_toml
+from fenicsrom.study.execution import all_ranks
 
 if TYPE_CHECKING:
     from fenicsrom.assess.jobs import Workers
@@ -91,22 +92,14 @@ def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Sce
     A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
     MPI starts first, so that only one rank prints an error in the scene.
     """
-    from mpi4py import MPI
-
-    comm = MPI.COMM_WORLD
-    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
-    return comm, scene
+    return all_ranks(), read_scene(options.scene, options.overrides, unloaded=unloaded)
 
 
 def ranks() -> Any:
     """Give the communicator of all ranks; None where mpi4py is not installed."""
     from fenicsrom.post.base.optional import missing_module
 
-    if missing_module("mpi4py") is not None:
-        return None
-    from mpi4py import MPI
-
-    return MPI.COMM_WORLD
+    return None if missing_module("mpi4py") else all_ranks()
 
 
 def changed_model(options: argparse.Namespace, stored: Any) -> Any:

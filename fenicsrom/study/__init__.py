@@ -3,41 +3,32 @@
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
 `output_folder` guards the folder of the files. `offline_cache` keeps the results up to the reduced
-model for later runs: `offline_key` says what they depend on, and `late_solid` builds a solid only
-where one is needed. `stored` integrates a stored model again,
-`curves` computes response curves, `backbones` computes nonlinear modes, and `sweeps` runs a scene
-or a stored model for many values of its keys; all three start from a `source`. `analyses` holds
-what needs no reduced model of its own.
+model for later runs: `offline_key` says what they depend on. `stored` integrates a stored model
+again, `curves` computes response curves and nonlinear modes, and `sweeps` runs a scene or a stored
+model for many values of its keys; both start from a `source`. `analyses` holds what needs no
+reduced model of its own.
 """
 
 from fenicsrom.study.analyses import campbell, compare, stability, statics
-from fenicsrom.study.backbones import backbone
-from fenicsrom.study.curves import response
-from fenicsrom.study.execution import build_model, execute, modes, offline, run, setup_picture
+from fenicsrom.study.curves import backbone, response
+from fenicsrom.study.execution import build_model, modes, run, setup_picture
 from fenicsrom.study.maps import interaction_map
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
-from fenicsrom.study.scene_stages import plan, stages
-from fenicsrom.study.stage import Item, Run, Stage
-from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.scene_stages import plan
+from fenicsrom.study.stage import Stage
 from fenicsrom.study.stored import rerun
 from fenicsrom.study.sweeps import run_sweep, sweep
 
 __all__ = [
-    "Item",
-    "Run",
     "Stage",
-    "Stopwatch",
     "backbone",
     "build_model",
     "campbell",
     "check",
     "compare",
-    "execute",
     "interaction_map",
     "modes",
-    "never",
-    "offline",
     "output_folder",
     "plan",
     "rerun",
@@ -46,7 +37,6 @@ __all__ = [
     "run_sweep",
     "setup_picture",
     "stability",
-    "stages",
     "statics",
     "sweep",
 ]

@@ -189,6 +189,27 @@ def finer_elements(run: Run) -> None:
         study.unfinished = ("static", error)
 
 
+def stress_points(run: Run) -> None:
+    """Tabulate the gradients of the basis vectors; of the normal modes if there is no basis."""
+    import numpy as np
+
+    from fenicsrom.fem.body.stress_points import stress_table
+    from fenicsrom.fem.solid.reaction_rows import reaction_table
+    from fenicsrom.online.stress.recovery import Recovery
+
+    study = run.study
+    solid, scene = study.solid, study.scene
+    vectors = np.zeros((solid.local, 0))
+    if study.extended is not None:
+        vectors = study.extended.vectors
+    elif study.modes is not None:
+        vectors = study.modes.normal
+    study.tables = Recovery(
+        stress_table(solid, scene, solid.equilibrium, vectors),
+        reaction_table(solid, scene, vectors),
+    )
+
+
 def resize(study: Study, stored: StoredModel) -> None:
     """Take the coordinates of a resized model into the record."""
     assert study.extended is not None

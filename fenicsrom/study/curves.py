@@ -1,4 +1,4 @@
-"""Response curves of a scene or of a stored model."""
+"""Response curves and damped nonlinear modes of a scene or of a stored model."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.curves.backbone import Backbone
     from fenicsrom.assess.curves.response_results import Response
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.online.store.archive import StoredModel
@@ -100,7 +101,7 @@ def _curves(
     from fenicsrom.assess.curves.curve_size import larger_model
     from fenicsrom.assess.curves.trust import richer_model
     from fenicsrom.assess.errors.sizing import spare_coordinates, with_size
-    from fenicsrom.files import atomic_write
+    from fenicsrom.post.base.writers import write_text
 
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE
@@ -113,8 +114,7 @@ def _curves(
     while True:
         stored = source.stored
         if state is not None:
-            with atomic_write(state / COORDINATES) as temporary:
-                temporary.write_text(json.dumps(stored.labels), encoding="utf-8")
+            write_text(state / COORDINATES, json.dumps(stored.labels))
         with watch("response curves"):
             found = curves.response(
                 stored,
@@ -130,3 +130,51 @@ def _curves(
             return found, source
         log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
         source, resume = source.with_model(larger, folder), None
+
+
+def backbone(
+    given: Scene | StoredModel,
+    comm: Any = None,
+    *,
+    folder: Path | None = None,
+    stop: Callable[[], bool] = never,
+    fresh: bool = False,
+) -> Backbone:
+    """Compute the nonlinear mode of a scene, whose reduced model is built first, or of a model.
+
+    Args:
+        given: a scene with a table [backbone], or a stored model under such a scene.
+        comm: MPI communicator of the offline stages; by default all ranks.
+        folder: folder of the output files; None writes no files.
+        stop: asked between the offline stages; the run ends where it returns True.
+        fresh: compute all offline results, also those that the cache has.
+
+    Returns:
+        The mode. After an interrupt it ends where it was, and `interrupted` is set; if the curve or
+        a peak was not found, `unfinished` holds the error.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: an offline stage failed, or the model has no equilibrium.
+        KeyboardInterrupt: `stop` returned True before the curve began.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.curves import backbone as modes
+    from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.errors.sizing import with_size
+    from fenicsrom.post.reports import report
+
+    modes.check_backbone(scene_of(given))
+    watch = Stopwatch()
+    source = source_of(given, comm, watch, folder, stop, fresh)
+    if (size := source.stored.scene.basis.size) is not None:
+        source = source.with_model(with_size(source.stored, None, size), folder)
+    with watch("nonlinear mode"):
+        found = modes.backbone(source.stored)
+    if found.labels != source.stored.labels:
+        source = source.with_model(source.stored.resized(found.labels), folder)
+    found.mesh_check = of_model(source.stored)
+    found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
+    if folder is not None and found.points and source.first:
+        found.files = report(found).write(folder)
+    return found

@@ -257,3 +257,25 @@ def slower_than_solid(study: Study) -> list[str]:
         return []
     said = step_sentence(reduced.seconds / reduced.steps, full.seconds / full.steps)
     return [] if said is None else [said]
+
+
+def stresses(run: Run) -> None:
+    """Find the largest stresses, and the reactions."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from fenicsrom.assess.errors.large_strains import state_warnings
+    from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks
+
+    study = run.study
+    assert study.recovery is not None
+    count = 0 if study.modes is None else study.modes.normal.shape[1]
+    motion = study.motions.get("reduced")
+    found = find_stresses(study.recovery, study.scene, study.model, motion, count)
+    if study.basis is None and study.modes is not None:
+        names = study.modes.labels[:count]
+        modal = modal_peaks(study.recovery.stress, study.modes.frequencies_hz, np.eye(count), names)
+        found = replace(found, modes=modal)
+    study.stresses = found
+    study.warnings.extend(state_warnings(found, motion_only=True))

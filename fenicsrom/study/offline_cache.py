@@ -21,9 +21,8 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.store.result_cache import cache_folder, read_results, write_results
 from fenicsrom.progress import log
 from fenicsrom.study import building
-from fenicsrom.study.late_solid import LateInverse, LateSolid
 from fenicsrom.study.offline_key import keys_of
-from fenicsrom.study.reasons import with_stresses
+from fenicsrom.study.scene_stages import offline_stages, with_stresses
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
@@ -55,6 +54,22 @@ MODES = ("omega", "normal", "static", "masters", "rows")
 """Attributes of the solid and of its component modes that the first archive holds."""
 
 
+class Late:
+    """Stands for an object, such as a solid; an attribute that is not known makes the object."""
+
+    def __init__(self, make: Callable[[], Any], **known: Any):
+        """Keep the function that makes the object, and attributes with their values."""
+        self._make = make
+        self._made: Any = None
+        self.__dict__ |= known
+
+    def __getattr__(self, name: str) -> Any:
+        """Give an attribute of the object, which is made at the first call."""
+        if self._made is None:
+            self._made = self._make()
+        return getattr(self._made, name)
+
+
 class OfflineCache:
     """The two archives of a scene.
 
@@ -77,18 +92,12 @@ class OfflineCache:
         self._warned = len(self._run.study.warnings)
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
-        names = ", ".join(self._needed())
+        listed = offline_stages(self._run.study.scene, modes_only=False)
+        names = ", ".join(one.name for one in listed if one.needed and self.has(one.name))
         log.info(f"taken from an earlier run: {names} (--fresh computes them again)")
         self._run.study.left_out.append(
             f"{names}: taken from an earlier run; --fresh computes them again"
         )
-
-    def _needed(self) -> list[str]:
-        """The stages whose results were read and that the scene needs."""
-        from fenicsrom.study.scene_stages import offline_stages
-
-        listed = offline_stages(self._run.study.scene, modes_only=False)
-        return [stage.name for stage in listed if stage.needed and self.has(stage.name)]
 
     def has(self, stage: str) -> bool:
         """Whether the results of a stage were read."""
@@ -172,7 +181,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
 
     scene, body = run.study.scene, str(header["body"])
-    solid = LateSolid(
+    solid: Any = Late(
         lambda: _build(run, scene, body),
         **header["solid"],
         comm=run.comm,
@@ -180,7 +189,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
         warnings=header["warnings"],
     )
-    inverse: Any = LateInverse(solid)
+    inverse: Any = Late(lambda: solid.factor)
     if header["method"] == "craig-bampton" and arrays["rows"].shape[0]:
         inverse = ConstrainedInverse(inverse, arrays["rows"], arrays["masters"], solid)
     found = ComponentModes(
@@ -276,6 +285,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
             "run again with --fresh",
             kind=ErrorKind.MISMATCH,
         )
+    solid.warnings = run.study.warnings  # they hold those of the mesh already
     return solid
 
 

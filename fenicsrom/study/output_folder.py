@@ -116,7 +116,7 @@ def _recorded(
         own: names of those that belong to this run.
         stale: names of those that go if the run completes without writing them again.
     """
-    from fenicsrom.post.base.origin import RECORD, SCENE_FILE, end_record, write_record
+    from fenicsrom.post.base.origin import RECORD, SCENE_FILE, end_record
 
     state = "complete"
     try:
@@ -132,7 +132,7 @@ def _recorded(
         results = sorted((found.keys() - old | old.intersection(own)) - gone - set(copies))
         _remove(folder, gone)
         if results or state == "complete":
-            write_record(folder, end_record(record, state, [*results, *copies]))
+            end_record(folder, record, state, [*results, *copies])
         else:
             _remove(folder, [*copies, SCENE_FILE, RECORD])
 

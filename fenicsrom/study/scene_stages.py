@@ -14,21 +14,12 @@ from typing import Any
 
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import BY_MOTION
-from fenicsrom.study import building, motions, stresses, writing
-from fenicsrom.study.reasons import (
-    derivatives_reason,
-    elastic_reason,
-    is_loaded,
-    mode_parts,
-    newton_item,
-    reduction_parts,
-    size_reason,
-    solid_parts,
-    stress_reason,
-    toml_text,
-    with_stresses,
-)
+from fenicsrom.scene.base.toml import toml_value
+from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
+from fenicsrom.study import building, motions, writing
 from fenicsrom.study.stage import Item, Run, Stage
+from fenicsrom.words import counted
 
 Work = Callable[[Run], None]
 
@@ -59,7 +50,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     """
     moved, basis = _with_motion(scene, modes_only), scene.basis
     full, beam = scene.reference.full, scene.reference.beam is not None
-    full_reason = f"reference.full is {toml_text(full)}"
+    full_reason = f"reference.full is {toml_value(full)}"
     beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
     scheme = f"time.scheme is {scene.time.scheme}"
     checked = "energy balance, time step, basis and mesh"
@@ -72,7 +63,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         moved("full motion", full, full_reason, _motion_of("full")),
         moved("beam motion", beam, beam_reason, _motion_of("beam")),
         moved("checks", True, checked, lambda run: motions.check(run.study)),
-        Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
+        Stage("stresses", with_stresses(scene), stress_reason(scene), motions.stresses),
     ]
     return listed + (_file_stages(scene, modes_only) if files else [])
 
@@ -104,7 +95,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         moved("candidates", True, left_out, building.candidates),
         moved("reduction", True, reduction, building.reduced_model, terms),
         Stage("finer elements", True, f"{finer} judge the mesh", building.finer_elements),
-        Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
+        Stage("stress points", with_stresses(scene), stress_reason(scene), building.stress_points),
     ]
 
 
@@ -116,11 +107,11 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     def wanted(name: str, key: str, needed: bool, write: Work) -> Stage:
         """Make a stage that the key of the [output] table switches on."""
         on = getattr(output, key)
-        reason = f"output.{key} is {toml_text(on)}" if needed or not on else why_not
+        reason = f"output.{key} is {toml_value(on)}" if needed or not on else why_not
         return Stage(name, on and needed, reason, write, writes=True)
 
     shapes = output.paraview and (moving or modes_only or is_loaded(scene))
-    keys = [f"output.{key} is {toml_text(getattr(output, key))}" for key in ("paraview", "motion")]
+    keys = [f"output.{key} is {toml_value(getattr(output, key))}" for key in ("paraview", "motion")]
     in_scene = shapes or (output.motion and moving)
     stressed = with_stresses(scene) and output.pictures
     peaks = stress_reason(scene) if output.pictures else "output.pictures is false"
@@ -155,3 +146,141 @@ def _motion_of(model: str) -> Work:
 def _moving(scene: Scene, modes_only: bool) -> tuple[bool, str]:
     """Tell whether the models are integrated, and the reason if they are not."""
     return not scene.static_only and not modes_only, MODES_ONLY if modes_only else ALL_STATIC
+
+
+def is_loaded(scene: Scene) -> bool:
+    """Whether static loads or the centrifugal force deform the body."""
+    turning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
+    return turning or any(load.static and load.size != 0.0 for load in scene.loads)
+
+
+def solid_parts(scene: Scene) -> tuple[Item, ...]:
+    """List the matrices and equations that are assembled and solved with the solid."""
+    static = sum(load.static and load.size != 0.0 for load in scene.loads)
+    rotation = scene.rotation
+    turning = rotation is not None and rotation.speed_rpm != 0.0
+    coriolis = rotation is not None and turning and rotation.coriolis
+    ratios = scene.damping.modal
+    forces = counted(static, "static load") if static else "no static load"
+    forces += ", centrifugal force" if turning else ""
+    speed = f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"
+    frame = f"rotation.coriolis is {toml_value(coriolis)}" if turning else "no rotation"
+    given = f"damping.ratios of {counted(len(ratios), 'mode')}" if ratios else "no damping.ratios"
+    return (
+        Item("static equilibrium", is_loaded(scene), forces),
+        Item("rotating frame", turning, speed),
+        Item("gyroscopic term", coriolis, frame),
+        Item("damped modes", any(ratios), given),
+    )
+
+
+def mode_parts(scene: Scene) -> tuple[Item, ...]:
+    """List the kinds of component modes."""
+    varies = any(not load.static for load in scene.loads)
+    responses = "static responses to loads that the modes do not represent"
+    return (
+        Item("normal modes", scene.basis.modes != 0, _normal_modes_reason(scene)),
+        Item("responses to loads", varies, responses),
+        Item("static modes", bool(scene.contacts), _static_modes_reason(scene)),
+    )
+
+
+def _normal_modes_reason(scene: Scene) -> str:
+    """Say how many normal modes are computed, and why."""
+    modes = f"{'free' if scene.basis.method == 'rubin' else 'fixed'}-interface modes"
+    if scene.basis.modes != "auto":
+        return f"{scene.basis.modes} {modes}"
+    highest = highest_frequency(scene)
+    return (
+        f"{modes} up to {HIGHEST_MODE * highest:.5g} Hz, {HIGHEST_MODE:g} times the highest "
+        f"frequency that the scene excites, and the next one, but at least {LEAST_MODES}"
+    )
+
+
+def _static_modes_reason(scene: Scene) -> str:
+    """Describe the contact displacements that have static modes."""
+    masters = scene.basis.masters
+    if not scene.contacts:
+        return "no contact"
+    if not isinstance(masters, str):
+        return f"interface modes, at most {masters}"
+    each = scene.geometry.dimension if masters == "all" else 1
+    what = "contact displacements" if masters == "all" else "normal contact displacements"
+    points = sum(contact.place.at != "nodes" for contact in scene.contacts)
+    regions = [k for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
+    if not regions:
+        return f"{points * each} {what}"
+    parts = [f"{points * each}"] if points else []
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
+    return f"{what}: {', '.join(parts)}"
+
+
+def derivatives_reason(scene: Scene) -> str:
+    """Say how the modal derivatives are selected."""
+    wanted = scene.basis.derivatives
+    if not scene.geometrically_nonlinear:
+        return "the scene is geometrically linear"
+    kind = wanted if isinstance(wanted, str) else "a list of labels" if wanted else "empty"
+    if wanted in BY_MOTION and scene.static_only:
+        return f"basis.derivatives is {kind}, but all loads are static"
+    return f"basis.derivatives is {kind}"
+
+
+def size_reason(scene: Scene) -> str:
+    """Say why the basis takes coordinates, or not."""
+    basis = scene.basis
+    if basis.size is not None:
+        return f"basis.size is {basis.size}"
+    if basis.adapts:
+        return f"basis.accuracy is {basis.accuracy:g}"
+    if basis.derivatives == "principal":
+        return f"basis.elastic_force is {basis.elastic_force}"
+    return "basis.derivatives chooses all coordinates"
+
+
+def reduction_parts(scene: Scene) -> tuple[Item, ...]:
+    """List the terms of the reduced model."""
+    nonlinear, touching = scene.geometrically_nonlinear, bool(scene.contacts)
+    projected = scene.basis.elastic_force == "projection"
+    elastic, dimension = elastic_reason(scene), scene.geometry.dimension
+    regions = sum(contact.place.at == "nodes" for contact in scene.contacts)
+    points = len(scene.contacts) - regions
+    parts = [counted(points, "point")] if points else []
+    parts += [f"every node of {counted(regions, 'place')}"] if regions else []
+    where = " and ".join(parts) or "no contact"
+    weighted = where if regions or not touching else "no region of many nodes"
+    space = f"{dimension} dimensions" if touching else "no contact"
+    followers = len(scene.followers)
+    pressed = counted(followers, "pressure") if followers else "no pressure follows the deformation"
+    return (
+        Item("elastic polynomial", nonlinear and not projected, elastic),
+        Item("intrusive projection", nonlinear and projected, elastic),
+        Item("follower pressures", followers > 0, pressed),
+        Item("contact forces", touching, where),
+        Item("contact weighting", regions > 0, weighted),
+        Item("second tangent direction", touching and dimension == 3, space),
+    )
+
+
+def elastic_reason(scene: Scene) -> str:
+    """Say how the elastic force is reduced."""
+    if not scene.geometrically_nonlinear:
+        return "the scene is geometrically linear"
+    return f"basis.elastic_force is {scene.basis.elastic_force}"
+
+
+def with_stresses(scene: Scene) -> bool:
+    """Whether the scene asks for stresses."""
+    return scene.output.stresses != "none"
+
+
+def stress_reason(scene: Scene) -> str:
+    """Say which stresses the scene asks for."""
+    return f"output.stresses is {scene.output.stresses}"
+
+
+def newton_item(scene: Scene) -> Item:
+    """Say whether a time step iterates."""
+    linear = f"{elastic_reason(scene)}: one solve per step"
+    nonlinear = scene.geometrically_nonlinear
+    return Item("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.progress import log
 from fenicsrom.scene.checks.checks import LEAST_MODES
 
@@ -43,13 +43,8 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     speeds = scene.speeds_rpm
     assert speeds is not None
     if comm.size > 1:
-        raise SceneError(
-            f"{scene.source}: rotation.speeds_rpm: the model is built on one rank, not on "
-            f"{comm.size}",
-            kind=ErrorKind.CONFLICT,
-            key="rotation.speeds_rpm",
-            source=scene.source,
-        )
+        reason = f"the model is built on one rank, not on {comm.size}"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "rotation.speeds_rpm")
     log.info("mesh ..")
     mesh = mesh or build_mesh(scene.geometry, comm)
     log.info("solid ..")

@@ -127,7 +127,7 @@ def run_sweep(
     wanted = {run.model for run in pending}
 
     def jobs(function: Callable[..., Any], given: Sequence[Any], noun: str) -> Iterator[Any]:
-        return run_jobs(function, given, _Progress(noun, len(given)), workers, stop, comm)
+        return run_jobs(function, given, _progress(noun, len(given)), workers, stop, comm)
 
     try:
         build = [(model, path, fresh) for path, model in models.items() if path in wanted]
@@ -230,21 +230,17 @@ def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) 
     return failed
 
 
-class _Progress:
-    """Lines on how many jobs are done, with the time that is left."""
+def _progress(noun: str, count: int) -> Callable[[int, float, str], None]:
+    """Make the function that says how many jobs are done, and the time that is left."""
+    done, begin, said = 0, working_time(), clock.perf_counter()
 
-    def __init__(self, noun: str, count: int):
-        """Begin to count."""
-        self._noun, self._count = noun, count
-        self._done = 0
-        self._begin, self._said = working_time(), clock.perf_counter()
-
-    def __call__(self, number: int, fraction: float, line: str) -> None:
+    def tell(number: int, fraction: float, line: str) -> None:
         """Count a job that is done; see `fenicsrom.assess.jobs.Tell`."""
-        self._done += 1
-        now = clock.perf_counter()
-        if now - self._said < PROGRESS_INTERVAL and self._done < self._count:
-            return
-        self._said = now
-        left = (working_time() - self._begin) * (self._count - self._done) / self._done
-        log.info(f"  {self._noun} {self._done} of {self._count}; about {left:.0f} s left")
+        nonlocal done, said
+        done, now = done + 1, clock.perf_counter()
+        if now - said >= PROGRESS_INTERVAL or done == count:
+            left = (working_time() - begin) * (count - done) / done
+            log.info(f"  {noun} {done} of {count}; about {left:.0f} s left")
+            said = now
+
+    return tell

@@ -33,8 +33,7 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-from fenicsrom.post.curves.response_rows import summary
-from fenicsrom.post.curves.response_tables import sentences
+from fenicsrom.post.curves.response_tables import sentences, summary
 
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))

@@ -25,10 +25,10 @@ from fenicsrom.post.curves.response_details import (
     multiplier_figure,
 )
 from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
-from fenicsrom.post.curves.response_rows import rows
 from fenicsrom.post.curves.response_tables import (
     event_table,
     result_table,
+    rows,
     run_table,
     sentences,
 )

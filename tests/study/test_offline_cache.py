@@ -301,7 +301,7 @@ def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path
     first, second = run(scene), run(scene)
     assert_equal_runs(first, second)
     assert "modes" in first.seconds and "modes" not in second.seconds
-    assert second.solid._solid is None  # no solid was built
+    assert second.solid._made is None  # no solid was built
     assert second.solid.mass.getSize() == first.solid.mass.getSize()  # now it is
     rough = loaded_scene(f"basis.method='{method}'", "contacts.0.friction=0.1")
     third = run(rough)  # the friction selects the derivatives
@@ -387,7 +387,7 @@ def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
         "material.mass_damping=7",
     )
     found = run(other)
-    assert found.solid._solid is None
+    assert found.solid._made is None
     assert_equal_runs(run(other, fresh=True), found)
 
 

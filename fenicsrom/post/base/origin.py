@@ -132,18 +132,9 @@ def write_origin(
     table = scene_table(scene)
     if mesh is not None and mesh["copy"]:
         table["geometry"]["mesh"] = mesh["copy"]
-    write_record(folder, record)
+    write_summary(folder / RECORD, record)
     write_text(folder / SCENE_FILE, _comments(record) + toml_text(table))
     return record
-
-
-def write_record(folder: Path, record: Mapping[str, Any]) -> None:
-    """Write `provenance.json`.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    write_summary(folder / RECORD, record)
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -180,9 +171,14 @@ def _copies(*inputs: Mapping[str, Any] | None) -> list[Any]:
     return [found["copy"] for found in inputs if found and found.get("copy") is not None]
 
 
-def end_record(record: dict[str, Any], state: str, results: Sequence[str]) -> dict[str, Any]:
-    """The record of a run that ended, with the names of the files and folders that it wrote."""
-    return {**record, "state": state, "ended": _now(), "results": list(results)}
+def end_record(folder: Path, record: Mapping[str, Any], state: str, results: Sequence[str]) -> None:
+    """Write `provenance.json` of a run that ended, with the names of what it wrote.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    ended = {"state": state, "ended": _now(), "results": list(results)}
+    write_summary(folder / RECORD, {**record, **ended})
 
 
 def origin_table(folder: Path) -> list[list[Any]]:

@@ -106,11 +106,12 @@ def state_handles(present: Collection[int] = tuple(STATES)) -> list[Any]:
     return [Patch(facecolor=colour, label=name, **look) for name, colour in states]
 
 
-def state_colours() -> Any:
-    """The colour map of contact states, from -1.5 to 1.5."""
+def state_map() -> dict[str, Any]:
+    """How a map of contact states looks: its colours, and their range."""
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap([STATES[state][1] for state in sorted(STATES)])
+    colours = ListedColormap([STATES[state][1] for state in sorted(STATES)])
+    return {"cmap": colours, "vmin": -1.5, "vmax": 1.5, "shading": "nearest", "rasterized": True}
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

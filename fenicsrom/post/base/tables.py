@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -107,12 +108,8 @@ def _block(
     cells: Sequence[Sequence[str]], widths: Sequence[int], right: Sequence[bool], group: list[int]
 ) -> str:
     """Some columns of a table."""
-    heads = [textwrap.wrap(cells[0][k], widths[k]) or [""] for k in group]
-    deepest = max(map(len, heads))
-    lines = [
-        [head[depth - deepest] if len(head) >= deepest - depth else "" for head in heads]
-        for depth in range(deepest)
-    ]
+    heads = [textwrap.wrap(cells[0][k], widths[k])[::-1] or [""] for k in group]
+    lines = [*zip_longest(*heads, fillvalue="")][::-1]  # heads end in the same line
     body = [[row[k] for k in group] for row in cells[1:]]
     shown = [
         GAP.join(
@@ -122,4 +119,4 @@ def _block(
         for line in [*lines, *body]
     ]
     rule = GAP.join("─" * widths[k] for k in group)
-    return "\n".join([*shown[:deepest], rule, *shown[deepest:]])
+    return "\n".join([*shown[: len(lines)], rule, *shown[len(lines) :]])

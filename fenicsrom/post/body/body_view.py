@@ -222,9 +222,9 @@ def gathered_grid(
         The grid, and the values (n, 3) at its points; None on the other ranks.
     """
     comm, numbering, d = space.mesh.comm, space.dofmap.index_map, space.dofmap.index_map_bs
-    grid = grid_of(space)
+    grid, nodes = grid_of(space)
     owned = numbering.size_local
-    cells = numbering.local_to_global(grid.nodes.astype(np.int32))[grid.grid.cells]
+    cells = numbering.local_to_global(nodes.astype(np.int32))[grid.cells]
     mine = space.tabulate_dof_coordinates()[:owned]
     values = {
         label: in_space(unknowns_of(field).reshape(-1, d)[:owned])
@@ -235,7 +235,7 @@ def gathered_grid(
         return None
     cells, points = (np.concatenate([part[k] for part in found]) for k in range(2))
     joined = {label: np.concatenate([part[2][label] for part in found]) for label in fields}
-    return Grid(points, cells, grid.grid.cell_type), joined
+    return Grid(points, cells, grid.cell_type), joined
 
 
 def surface_of(grid: Grid, values: Mapping[str, Array] | None = None) -> PolyData:

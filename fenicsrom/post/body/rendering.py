@@ -218,8 +218,8 @@ def colour_bar(
         aspect=40,
         ticks=[0.0, 0.5 * largest, largest],
         format="{x:.3g}",
+        label=label,
     )
-    bar.set_label(label)
     bar.outline.set_visible(False)
     # constrained layout cuts the label of a tall figure without this margin
     margin = LABEL_MARGIN / figure.get_figheight()

@@ -16,8 +16,8 @@ from fenicsrom.post.base.style import (
     Figure,
     new_figure,
     new_panels,
-    state_colours,
     state_handles,
+    state_map,
     styled,
 )
 from fenicsrom.post.curves.response_figures import (
@@ -59,8 +59,8 @@ def multiplier_figure(found: Response) -> Figure:
     axes[0].set_xlim(-limit, limit)
     axes[0].set_ylim(-limit, limit)
     axes[0].set_ylabel("imaginary part")
-    bar: Any = drawn.colorbar(ScalarMappable(colours, "viridis"), ax=axes, aspect=30)
-    bar.set_label(parameter_label(found))
+    mapped, label = ScalarMappable(colours, "viridis"), parameter_label(found)
+    bar: Any = drawn.colorbar(mapped, ax=axes, aspect=30, label=label)
     bar.outline.set_visible(False)
     drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=columns)
     return drawn
@@ -106,21 +106,15 @@ def harmonics_figure(found: Response) -> Figure:
 
     highest = np.max([sizes(curve.points).max(axis=1) for curve in curves], axis=0)
     drawable = np.flatnonzero(highest > FLOOR * highest.max())
+    colours = [COLOURS[k] for k in drawable]
     for axis, curve in zip(axes, curves, strict=True):
-        draw_curves(
-            axis,
-            found,
-            [curve],
-            lambda points: sizes(points)[drawable],
-            [COLOURS[k] for k in drawable],
-        )
+        draw_curves(axis, found, [curve], lambda points: sizes(points)[drawable], colours)
         axis.set(yscale="log", title=curve_name(found, curve), xlabel=parameter_label(found))
     axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
     axes[0].set_ylabel(f"{direction_name(found)} harmonics, mm")
-    handles: list[Any] = [
-        Line2D([], [], color=COLOURS[k], label=f"harmonic {k + 1}") for k in drawable
-    ]
-    handles += style_handles(found)
+    names = [f"harmonic {k + 1}" for k in drawable]
+    lines = [Line2D([], [], color=c, label=n) for c, n in zip(colours, names, strict=True)]
+    handles = [*lines, *style_handles(found)]
     drawn.legend(handles=handles, loc="outside upper center", ncols=4)
     return drawn
 
@@ -169,8 +163,7 @@ def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> No
             begin = places[-1][-1]
         states = np.array([point.period_states[:, contact] for point in points]).T
         instants = (np.arange(len(states)) + 0.5) / len(states)
-        look: dict[str, Any] = {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
-        axis.pcolormesh(places[-1], instants, states, shading="nearest", rasterized=True, **look)
+        axis.pcolormesh(places[-1], instants, states, **state_map())
     ends = np.concatenate(places)
     axis.set(xlim=(ends.min(), ends.max()), ylim=(0.0, 1.0))
     axis.grid(False)

@@ -15,7 +15,6 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.scene import parameter_of
 from fenicsrom.scene.reading.units import unit_of
 
 MARKERS = {
@@ -39,7 +38,8 @@ STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
 
 def directions(found: Response) -> list[str]:
     """The names of the directions in the files of numbers."""
-    return plain_names(found.dimension, bool(found.contacts))
+    names = plain_names(found.dimension, bool(found.contacts))
+    return [name.replace(" ", "_") for name in names]
 
 
 def largest_direction(found: Response) -> int:
@@ -77,7 +77,6 @@ OPPOSITE = 1.0
 
 def parameter_label(found: Response) -> str:
     """The parameter with its unit."""
-    assert parameter_of(found.table.parameter)
     return key_label(found, found.table.parameter)
 
 

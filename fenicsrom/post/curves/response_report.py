@@ -29,7 +29,6 @@ from fenicsrom.post.curves.response_figures import (
     largest_point,
     state_names,
 )
-from fenicsrom.post.curves.response_rows import full_rows, rows, summary
 from fenicsrom.post.paraview.fields import write_last_period
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE
 from fenicsrom.records import Study
@@ -59,7 +58,10 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     found.warnings[:] = response_tables.joined_warnings(found)
     keys = 1 if found.table.families is None else 2
     peaks = peak_table(found)
-    more = {"response_full.csv": full_rows(found), "response_peaks.csv": peak_rows(found)}
+    more = {
+        "response_full.csv": response_tables.full_rows(found),
+        "response_peaks.csv": peak_rows(found),
+    }
     states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
@@ -80,8 +82,8 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
             ),
             Section("Effort", [response_tables.run_table(found)], terminal=False),
         ],
-        rows(found),
-        summary(found),
+        response_tables.rows(found),
+        response_tables.summary(found),
         [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
             *([Picture(PEAKS, "peaks.png", lambda: peak_figure(found))] if peaks else []),

@@ -76,16 +76,16 @@ def write_fields(
         OSError: the file cannot be written; no partial file remains.
     """
     comm = space.mesh.comm
-    grid = grid_of(space)
-    values = _at_points(grid, space, fields, attached)
+    grid, nodes = grid_of(space)
+    values = _at_points(nodes, space, fields, attached)
     if comm.size == 1:
         path = folder / f"{name}.vtu"
         with atomic_write(path) as temporary:
-            write_vtu(temporary, grid.grid, values)
+            write_vtu(temporary, grid, values)
         return path
     path = folder / name
     with atomic_folder(path, comm) as temporary:
-        file = _write_parts(temporary, name, grid.grid, values, comm)
+        file = _write_parts(temporary, name, grid, values, comm)
     return path / file
 
 
@@ -120,13 +120,13 @@ def write_motion(
     Raises:
         OSError: a file cannot be written; no partial file remains.
     """
-    comm, grid = space.mesh.comm, grid_of(space)
+    comm, (grid, nodes) = space.mesh.comm, grid_of(space)
 
     def write(place: Path, number: int) -> str:
-        values = _at_points(grid, space, {label: frames(number)}, attach(number))
+        values = _at_points(nodes, space, {label: frames(number)}, attach(number))
         single = {**values.nodes, label: values.nodes[label].astype(np.float32)}
         values = replace(values, nodes=single)
-        return _write_parts(place, f"{name}_{number:05d}", grid.grid, values, comm)
+        return _write_parts(place, f"{name}_{number:05d}", grid, values, comm)
 
     return write_instants(folder / name, times, write, comm)
 
@@ -161,21 +161,12 @@ def write_points(
     return write_instants(folder / name, times, write)
 
 
-@dataclass(frozen=True)
-class NumberedGrid:
-    """The cells of one rank in VTK's numbering.
+def grid_of(space: FunctionSpace) -> tuple[Grid, np.ndarray]:
+    """Make the grid of the cells that this rank owns, all with positive volume.
 
-    Attributes:
-        grid: the grid.
-        nodes: (n_points,) local numbers of its points in the function space.
+    Returns:
+        The grid, and the local numbers (n_points,) of its points in the function space.
     """
-
-    grid: Grid
-    nodes: np.ndarray
-
-
-def grid_of(space: FunctionSpace) -> NumberedGrid:
-    """Make the grid of the cells that this rank owns, all with positive volume."""
     mesh = space.mesh
     d = mesh.topology.dim
     name = mesh.topology.cell_type.name
@@ -199,7 +190,7 @@ def grid_of(space: FunctionSpace) -> NumberedGrid:
     cells = np.where(inverted[:, None], cells[:, mirror], cells)
     used, renumbered = np.unique(cells, return_inverse=True)
     cell_type = linear if len(nodes) == 2**d or len(nodes) == d + 1 else quadratic
-    return NumberedGrid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
+    return Grid(points[used], renumbered.reshape(cells.shape), cell_type), used
 
 
 def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
@@ -208,15 +199,15 @@ def unknowns_of(field: np.ndarray | Function) -> np.ndarray:
 
 
 def _at_points(
-    grid: NumberedGrid, space: FunctionSpace, fields: Fields, attached: Attached
+    nodes: np.ndarray, space: FunctionSpace, fields: Fields, attached: Attached
 ) -> Attached:
-    """Add fields to values, both at the points of the grid; vectors get zeros in 2D."""
+    """Add fields to values, both at these nodes of the space; vectors get zeros in 2D."""
     block = space.dofmap.index_map_bs
     found = {
-        label: in_space(unknowns_of(field).reshape(-1, block)[grid.nodes])
+        label: in_space(unknowns_of(field).reshape(-1, block)[nodes])
         for label, field in fields.items()
     }
-    found |= {label: values[grid.nodes] for label, values in attached.nodes.items()}
+    found |= {label: values[nodes] for label, values in attached.nodes.items()}
     return replace(attached, nodes=found)
 
 

@@ -33,15 +33,14 @@ LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a sma
 
 
 @styled
-def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()) -> Figure:
-    """Draw displacements over the last two periods, one panel per direction.
+def plot_motion(motions: Mapping[str, Motion], names: Sequence[str] = ()) -> Figure:
+    """Draw displacements of the first point over the last two periods, one panel per direction.
 
     Each panel shows all models, as figure 5 of the paper does. A direction in which they move by
     rounding errors only has no curves.
 
     Args:
         motions: model name -> motion.
-        point: number of the contact point.
         names: names of the directions.
     """
     styles = line_styles(motions)
@@ -50,9 +49,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     names = names or plain_names(directions, touching)
     figure, axes = new_panels(8.6, 0.7 + 2.2 * directions, directions, sharex=True)
     parts = {name: _phase(motion, 2) for name, motion in motions.items()}
-    moved = {
-        name: 1e3 * motion.displacement[parts[name][1], point] for name, motion in motions.items()
-    }
+    moved = {name: 1e3 * each.displacement[parts[name][1], 0] for name, each in motions.items()}
     sizes = {name: np.ptp(values, axis=0) for name, values in moved.items()}
     largest = max(float(size.max()) for size in sizes.values())
     for k, axis in enumerate(axes):
@@ -68,7 +65,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
     count = max(motion.state.shape[1] for motion in motions.values())
     place = "contact point" if touching else "probe"
-    axes[0].set_title(f"{place} {point + 1} of {count}" if count > 1 else place)
+    axes[0].set_title(f"{place} 1 of {count}" if count > 1 else place)
     _legend(figure, next((axis for axis in axes if axis.lines), axes[0]))
     figure.align_ylabels()
     return figure

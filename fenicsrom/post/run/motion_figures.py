@@ -22,8 +22,8 @@ from fenicsrom.post.base.style import (
     Figure,
     new_figure,
     new_panels,
-    state_colours,
     state_handles,
+    state_map,
     styled,
 )
 from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
@@ -36,20 +36,17 @@ MOST_COORDINATES = 6
 
 
 @styled
-def plot_transient(
-    motion: Motion, natural_hz: Array, point: int = 0, names: Sequence[str] = ()
-) -> Figure:
+def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ()) -> Figure:
     """Draw a motion that does not repeat: envelope, spectrum and spectrogram.
 
-    The direction is that with the largest motion.
+    The direction is that with the largest motion of the first contact point or the probe.
 
     Args:
         motion: the motion.
         natural_hz: (n,) natural frequencies, Hz, to mark in the spectrum.
-        point: number of the contact point.
         names: names of the directions.
     """
-    moved = motion.displacement[:, point]
+    moved = motion.displacement[:, 0]
     k = int(np.argmax(np.ptp(moved, axis=0)))
     time, x = motion.time, 1e3 * moved[:, k]
     figure = new_figure(9.6, 6.2)
@@ -78,8 +75,8 @@ def plot_transient(
     below.set(xlabel="time, s", ylabel="frequency, Hz", ylim=(0.0, top))
     below.set_xlim(time[0], time[-1])
     below.grid(visible=False)
-    bar: Any = figure.colorbar(mesh, ax=[below, side], location="right", pad=0.01)
-    bar.set_label("dB of the largest")
+    label = "dB of the largest"
+    figure.colorbar(mesh, ax=[below, side], location="right", pad=0.01, label=label)
     side.plot(np.maximum(size, least), hertz, color="#0072B2", linewidth=1.0)
     side.set(xscale="log", xlabel="amplitude, mm", xlim=(least, 2.0 * float(size.max()) or 1.0))
     marked = [value for value in natural_hz if value <= top]
@@ -98,20 +95,15 @@ def _highest(hertz: Array, size: Array) -> float:
 
 
 @styled
-def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> Figure:
-    """Draw the states once per period of the loads: velocity over displacement."""
+def plot_section(motion: Motion, names: Sequence[str] = ()) -> Figure:
+    """Draw the states of the first point once per period of the loads: velocity, displacement."""
     names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
-    displacement, velocity = stroboscopic_states(motion, point)
-    directions = displacement.shape[1]
+    displacement, velocity = (1e3 * found for found in stroboscopic_states(motion))
+    count, directions = displacement.shape
     figure, axes = new_panels(3.9 * directions + 1.0, 3.9, 1, directions)
     for k, axis in enumerate(axes):
-        dots = axis.scatter(
-            1e3 * displacement[:, k],
-            1e3 * velocity[:, k],
-            c=np.arange(len(displacement)),
-            s=14,
-            cmap="viridis",
-        )
+        look = {"c": np.arange(count), "s": 14, "cmap": "viridis"}
+        dots = axis.scatter(displacement[:, k], velocity[:, k], **look)
         axis.set(xlabel=f"{names[k]} displacement, mm", ylabel=f"{names[k]} velocity, mm/s")
     bar: Any = figure.colorbar(dots, ax=axes, label="period of the loads")
     bar.ax.yaxis.get_major_locator().set_params(integer=True)
@@ -132,12 +124,10 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     figure, (force, state) = new_panels(9.0, 5.6, 2, sharex=True)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
-    look: dict[str, Any] = {"shading": "nearest", "rasterized": True}
-    drawn = force.pcolormesh(across, line.at, shown, cmap="viridis_r", vmin=0.0, **look)
-    bar: Any = figure.colorbar(drawn, ax=force, pad=0.03)
-    bar.set_label(f"normal force, {line.unit}")
-    look |= {"cmap": state_colours(), "vmin": -1.5, "vmax": 1.5}
-    state.pcolormesh(across, line.at, motion.state[rows].T, **look)
+    look: dict[str, Any] = {"vmin": 0.0, "shading": "nearest", "rasterized": True}
+    drawn = force.pcolormesh(across, line.at, shown, cmap="viridis_r", **look)
+    state.pcolormesh(across, line.at, motion.state[rows].T, **state_map())
+    figure.colorbar(drawn, ax=force, pad=0.03, label=f"normal force, {line.unit}")
     state.set_xlim(across[0], across[-1])
     for axis in (force, state):
         axis.set_ylabel(line.label.replace(" along", "\nalong"))

@@ -79,33 +79,21 @@ def motion_pictures(
         points: the contact points.
     """
     first = next(iter(motions.values()))
-    repeated = first.time[-1] / (first.load_period or np.inf)
-    listed = [
-        (True, Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))),
-        (
-            first.period is None and first.time.size >= LEAST_SAMPLES,
-            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names)),
-        ),
-        (
-            is_unsteady(first) and first.periods >= LEAST_SECTION,
-            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names)),
-        ),
-        *((True, picture) for picture in _contact_pictures(motions, names, points)),
-        (
-            first.state.shape[1] > FEW_POINTS and touching_points(motions),
-            Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)),
-        ),
-        (True, Picture("Energy", "energy.png", lambda: plot_energy(first, work))),
-        (
-            repeated > LEAST_PERIODS,
-            Picture(
-                "Energy per period",
-                "energy_per_period.png",
-                lambda: plot_energy_per_period(first, work),
-            ),
-        ),
-    ]
-    return [picture for there, picture in listed if there]
+    listed = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names))]
+    if first.period is None and first.time.size >= LEAST_SAMPLES:
+        draw = partial(plot_transient, first, natural_hz, names)
+        listed.append(Picture("Spectra", "spectra.png", draw))
+    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+        draw = partial(plot_section, first, names)
+        listed.append(Picture("Poincaré section", "section.png", draw))
+    listed += _contact_pictures(motions, names, points)
+    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
+        listed.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)))
+    listed.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
+    if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
+        draw = partial(plot_energy_per_period, first, work)
+        listed.append(Picture("Energy per period", "energy_per_period.png", draw))
+    return listed
 
 
 def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
@@ -205,11 +193,7 @@ def _coordinates(study: Study) -> list[Picture]:
         return []
     parts = study.solid.mass_inner(modes.normal, basis.vectors)
     modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
-    labels = modes.labels[:count]
-
-    def draw() -> Figure:
-        return plot_coordinates(motion, labels, modal)
-
+    draw = partial(plot_coordinates, motion, modes.labels[:count], modal)
     return [Picture("Modal coordinates", "coordinates.png", draw)]
 
 

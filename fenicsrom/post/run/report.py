@@ -32,12 +32,13 @@ def write_run_report(
     Raises:
         OSError: the file cannot be written.
     """
-    first, others = _first_picture(pictures)
+    # the picture that answers the question of the run comes first
+    first = [one for one in pictures if one.path.name == "motion.png"] or [*pictures[:1]]
     left_out = (line.split(": ", 1) for line in found.left_out)
     sections: list[Section] = [
         ("Results", [*_results(found), *first]),
         ("The body: choose a shape, turn it with the mouse", list(pages)),
-        *((drawn.heading, [drawn]) for drawn in others),
+        *((one.heading, [one]) for one in pictures if one not in first),
         ("Contact points that do not touch", list(filter(None, [open_sentence(found.motions)]))),
         *_stresses(found.stresses),
         *_details(found),
@@ -61,12 +62,6 @@ def _details(found: Study | Rerun) -> list[Section]:
         (Folded("Basis"), _basis(found)),
         (Folded("Run time"), _pairs("stage", "s", seconds)),
     ]
-
-
-def _first_picture(pictures: Sequence[Drawn]) -> tuple[list[Drawn], list[Drawn]]:
-    """The picture that answers the question of the run, the motion, and the others."""
-    first = [drawn for drawn in pictures if drawn.path.name == "motion.png"] or [*pictures[:1]]
-    return first, [drawn for drawn in pictures if drawn not in first]
 
 
 def _stresses(stresses: Stresses | None) -> list[Section]:

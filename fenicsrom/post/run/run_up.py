@@ -7,7 +7,7 @@ import numpy as np
 
 from fenicsrom.assess.rotation.run_up import RunUp
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import Figure, new_figure, styled
+from fenicsrom.post.base.style import Figure, new_panels, styled
 
 RUN_UP = "run_up.csv"
 ROWS = ("time", "speed", "amplitude", "peak_force", "friction", "torque", "power")
@@ -73,8 +73,7 @@ def plot_run_up(found: RunUp) -> Figure:
     drawn = [("amplitude, mm", 1e3 * found.amplitude, "#0072B2")]
     drawn += [("peak normal force, N", found.peak_force, "#D55E00")] if rub else []
     drawn += [("shaft torque, N m", found.torque, "#009E73")]
-    figure = new_figure(8.0, 2.2 * len(drawn) + 0.5)
-    axes = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_panels(8.0, 2.2 * len(drawn) + 0.5, len(drawn), sharex=True)
     for mode, order, speed in found.critical:
         for axis in axes:
             axis.axvline(speed, color="grey", linewidth=0.8, linestyle="--")

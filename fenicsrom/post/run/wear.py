@@ -111,8 +111,7 @@ def plot_wear(found: Sequence[Wear]) -> Figure:
         mesh = axis.pcolormesh(degrees, along, depth, cmap="viridis", shading="nearest")
         axis.set(ylabel="position along the axis, mm")
         axis.grid(visible=False)
-        bar: Any = figure.colorbar(mesh, ax=axis, pad=0.01)
-        bar.set_label("worn depth, µm")
+        figure.colorbar(mesh, ax=axis, pad=0.01, label="worn depth, µm")
     axis.set(xlabel="angle around the axis, degrees", xlim=(0.0, 360.0))
     axis.set_xticks(np.arange(0.0, 361.0, 45.0))
     return figure

@@ -276,18 +276,11 @@ def pareto_figure(comparison: Comparison) -> Figure:
         corners = np.array([(costs[k], errors[k]) for k in front])
         axis.plot(*corners.T, color=FRONT, linewidth=1.2, zorder=1, drawstyle="steps-post")
         for k, (outcome, cost, error) in enumerate(zip(outcomes, costs, errors, strict=True)):
-            c = outcome.combination
+            c, colour = outcome.combination, colours[outcome.combination.chosen]
             filled = c.elastic_force == "polynomial"
-            axis.scatter(
-                cost,
-                error,
-                s=52 if k in front else 26,
-                marker=DOTS[c.method]["marker"],
-                zorder=3,
-                linewidths=1.3,
-                edgecolors=colours[c.chosen],
-                facecolors=colours[c.chosen] if filled else "white",
-            )
+            look: dict[str, Any] = {"marker": DOTS[c.method]["marker"], "linewidths": 1.3}
+            look |= {"edgecolors": colour, "facecolors": colour if filled else "white"}
+            axis.scatter(cost, error, s=52 if k in front else 26, zorder=3, **look)
         axis.axvline(full.seconds, color="#000000", linewidth=1.0, linestyle=":")
         axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=title)
         _write_names(axis, outcomes, costs, front)

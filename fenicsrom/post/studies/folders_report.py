@@ -5,6 +5,7 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -174,18 +175,19 @@ def _curves(one: Outcome) -> Iterator[tuple[str, list[Mapping[str, str]]]]:
 
 def _pictures(found: Sequence[Outcome]) -> list[Picture]:
     """The pictures: response curves and backbones over the parameter, and the motions of runs."""
-    parameters = dict.fromkeys(_parameter(one) for one in found if one.rows)
+    curves: dict[str, list[Outcome]] = {}
+    for one in found:
+        if one.rows:
+            curves.setdefault(_parameter(one), []).append(one)
     pictures = [
         Picture(
             f"Amplitude over {_label(parameter).partition(',')[0]}",
-            f"response{'' if k == 0 else k}.png",
-            lambda parameter=parameter: curves_figure(  # type: ignore[misc]
-                [one for one in found if one.rows and _parameter(one) == parameter], parameter
-            ),
+            f"response{k or ''}.png",
+            partial(curves_figure, chosen, parameter),
             "Response curves and backbones over each other. Unstable parts are dashed, backbones "
             "are dotted.",
         )
-        for k, parameter in enumerate(parameters)
+        for k, (parameter, chosen) in enumerate(curves.items())
     ]
     runs = [one for one in found if (one.folder / "history.npz").is_file()]
     if runs:

@@ -241,21 +241,15 @@ def curves_figure(found: InteractionMap) -> Figure:
     """Amplitude, peak force, contact and clearance over the speed."""
     chosen = [curve for curve in CURVES if np.any(np.isfinite(found.column(curve[0])))]
     drawn, panels = new_panels(9.0, 1.9 * len(chosen), len(chosen), sharex=True)
-    verdicts = found.column("verdict")
+    speeds, verdicts = found.speeds_rpm, found.column("verdict")
     for panel, (name, factor, label) in zip(panels, chosen, strict=True):
         values = factor * found.column(name)
-        panel.plot(found.speeds_rpm, values, "-", color="#A6ABB0", lw=1.0)
+        panel.plot(speeds, values, "-", color="#A6ABB0", lw=1.0)
         for verdict, mark in VERDICTS.items():
             mine = verdicts == verdict
             if mine.any():
-                panel.plot(
-                    found.speeds_rpm[mine],
-                    values[mine],
-                    mark,
-                    ms=3.5,
-                    color=COLOURS[0],
-                    label=verdict,
-                )
+                look = {"ms": 3.5, "color": COLOURS[0], "label": verdict}
+                panel.plot(speeds[mine], values[mine], mark, **look)
         panel.set_ylabel(label)
     others = [(line.speed_rpm, 1e3 * line.other) for line in found.lines if line.coexists]
     if others:

@@ -1,6 +1,5 @@
 """The starter scene of `fenicsrom init`: a commented TOML file that runs at once."""
 
-import json
 import math
 import os
 import re
@@ -15,6 +14,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
+from fenicsrom.scene.base.toml import toml_value as toml
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
@@ -118,16 +118,16 @@ def starter_scene(
         "#   fenicsrom run SCENE        the motion under the loads below",
         "# All keys: demos/keys.md of the program.",
         "",
-        f"title = {_quoted(found.path.stem)}",
+        f"title = {toml(found.path.stem)}",
         "",
     ]
     if not system.is_si:
         lines += [f"[units] # {why}: check them"]
         keys = ("length", "mass", "time")
-        lines += [*(f"{name} = {_quoted(getattr(system, name))}" for name in keys), ""]
+        lines += [*(f"{name} = {toml(getattr(system, name))}" for name in keys), ""]
     lines += [
         "[geometry]",
-        f"mesh = {_quoted(relative)}",
+        f"mesh = {toml(relative)}",
         f"dimension = {found.geometry.dimension}",
         *_geometry_lines(found),
         "",
@@ -188,7 +188,7 @@ def _material_lines(found: Inspection, units: Units) -> list[str]:
         if k == 0:
             lines.append(f"[material] # {material.name}")
         elif material.group is not None:
-            lines += ["", f"[[materials]] # {material.name}", f"group = {_quoted(material.group)}"]
+            lines += ["", f"[[materials]] # {material.name}", f"group = {toml(material.group)}"]
         note = ", of steel, because the file has none" if material.density is None else ""
         density = steel.density if note else material.density
         lines += [
@@ -209,27 +209,27 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
     lines = ["[[supports]] # clamps a part of the boundary"]
     if root is not None:
         _require_group(found, root, "--root")
-        lines.append(f"group = {_quoted(root)}")
+        lines.append(f"group = {toml(root)}")
     elif found.physics.supports:
         lines = []
         for name, components in found.physics.supports:
-            lines += ["[[supports]] # of the file", f"group = {_quoted(name)}"]
+            lines += ["[[supports]] # of the file", f"group = {toml(name)}"]
             if len(components) < found.geometry.dimension:
-                lines.append(f"components = {json.dumps([AXES[k] for k in components])}")
+                lines.append(f"components = {toml([AXES[k] for k in components])}")
     elif likely:
-        lines.append(f"group = {_quoted(likely[0].name)}")
+        lines.append(f"group = {toml(likely[0].name)}")
         others.remove(likely[0].name)
     elif plane := _end_plane(found):
         point, normal = plane
         lines.append(f"plane = {{ point = {point}, normal = {normal} }} # an end of the body")
     elif facets:
-        lines.append(f"group = {_quoted(others.pop(0))}")
+        lines.append(f"group = {toml(others.pop(0))}")
     else:
         lines.append(f"box = {_end_box(found)} # an end of the body")
     if found.pieces > 1:
         lines.append(f"# the mesh has {found.pieces} pieces that share no node; clamp each of them")
     if others:
-        lines.append(f"# groups of facets: {', '.join(map(_quoted, others))}")
+        lines.append(f"# groups of facets: {', '.join(map(toml, others))}")
     return lines
 
 
@@ -286,7 +286,7 @@ def _attachment_lines(found: Inspection) -> list[str]:
         along = [AXES[k] for at, k, value in springs if (at, value) == (point, stiffness)]
         lines += ["", "[[attachments]]", f"node = {list(point[:d])}", f"stiffness = {stiffness!r}"]
         if len(along) < d:
-            lines.append(f"components = {json.dumps(along)}")
+            lines.append(f"components = {toml(along)}")
     return lines
 
 
@@ -296,7 +296,7 @@ def _static_lines(loads: Sequence[DeckLoad]) -> list[str]:
     for load in loads:
         lines.append("[[loads]] # static, of the file")
         if load.kind == "pressure":
-            lines += [f"group = {_quoted(load.group or '')}", f"pressure = {load.vector[0]!r}", ""]
+            lines += [f"group = {toml(load.group or '')}", f"pressure = {load.vector[0]!r}", ""]
             continue
         size = math.hypot(*load.vector)
         if load.point is not None:
@@ -315,7 +315,7 @@ def _task_lines(
     point = [float(f"{x:.9g}") for x in point]
     place = f"nearest = {point} # the point that mode 1 moves most"
     if tip is not None:
-        place = f"group = {_quoted(tip)}"
+        place = f"group = {toml(tip)}"
     along = _rounded(mode.direction)
     frequency = float(f"{mode.frequency:.5g}")
     if template == "statics":
@@ -438,8 +438,3 @@ def _given(units: Units, key: str, unit: str, value: float) -> str:
 def _rounded(direction: Sequence[float] | Array) -> list[float]:
     """A unit vector with three digits after the point."""
     return [round(float(value), 3) + 0.0 for value in direction]
-
-
-def _quoted(text: str) -> str:
-    """A text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False)
