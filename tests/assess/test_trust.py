@@ -128,6 +128,21 @@ def test_stretch_that_vanishes_with_half_the_step_is_a_contradiction(
     assert not any(c.contradicted_by_step for c in found)
 
 
+def test_single_unstable_point_that_half_the_step_does_not_have_is_a_contradiction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between its two bifurcations no other point of the curve lies."""
+
+    def bump(p: float) -> float:
+        return 1.0004 - (p - 100.0) ** 2
+
+    found = checked(monkeypatch, lambda p: bump(p) - 0.01, bump, (99.98, 100.02))
+    (wrong,) = (c for c in found if c.contradicted_by_step)
+    assert wrong.point.parameter == 100.0 and wrong.point.verdict == "torus"
+    found = checked(monkeypatch, lambda p: bump(p) - 0.0002, bump, (99.98, 100.02))
+    assert not any(c.contradicted_by_step for c in found)
+
+
 def test_richer_motions_of_a_region_of_contact_take_as_long_as_the_curve() -> None:
     """A root of 110 points: a march with derivatives takes 0.15 s, of the richer basis 1.9 s."""
     points = [replace(motion(100.0, 0.5), z=np.zeros(28 + 220), marches=(2, 1))] * 340

@@ -167,15 +167,18 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
 def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
     """Up to `SPREAD` stable points, at equal distances along the stable parts.
 
-    Without `stable` these are up to `UNSTABLE` unstable points. Of each kind there is at most one
+    Without `stable` these are up to `UNSTABLE` unstable points, single ones too. Of each kind there is at most one
     for `SHARE` points of the curve.
     """
     share = -(-sum(len(piece.points) for piece in pieces) // SHARE)
     count = min(SPREAD if stable else UNSTABLE, share)
     chosen, lengths = [], []
     for piece, along in zip(pieces, lengths_along(pieces), strict=True):
-        for (before, point), length in zip(pairwise(piece.points), np.diff(along), strict=True):
-            if before.stable == point.stable == stable:
+        ends = [*piece.points[2:], piece.points[-1]]
+        pairs = zip(pairwise(piece.points), ends, np.diff(along), strict=True)
+        for (before, point), after, length in pairs:
+            single = not stable and before.stable and after.stable
+            if point.stable == stable and (before.stable == stable or single):
                 chosen.append(point)
                 lengths.append(float(length))
     if not chosen:
@@ -330,11 +333,12 @@ class _Checks:
             if at is None:
                 continue
             turns = [k for k, (a, b) in enumerate(pairwise(piece.points)) if a.stable != b.stable]
-            if point is home and (at in turns or at - 1 in turns):
-                return True
             first = max((k + 1 for k in turns if k < at), default=0)
             last = min((k for k in turns if k >= at), default=len(piece.points) - 1)
             stretch = piece.points[first : last + 1]
+            next_to_it = point is home and (at in turns or at - 1 in turns)
+            if next_to_it and self._has_agreement(stretch, check):
+                return True
             for known in self._bifurcations:
                 if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
                     if self._moves(known, check) and self._has_agreement(stretch, check):
