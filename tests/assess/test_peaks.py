@@ -18,6 +18,7 @@ from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
+from fenicsrom.post.reports import report
 
 FORCE, DAMPING, SPRING, FRICTION = 1.0, 0.04, 0.5, 0.5
 LOW, HIGH = 0.85 / (2.0 * np.pi), 1.4 / (2.0 * np.pi)
@@ -124,7 +125,12 @@ def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Pat
             raise KeyboardInterrupt
 
     with heard(say):
-        assert response(damper(), state=tmp_path).interrupted
+        stopped = response(damper(), state=tmp_path)
+    assert stopped.interrupted
+    page = report(stopped)
+    assert page.verdict == "Incomplete: the computation was interrupted."
+    count = len(largest_peaks(stopped.curves[0].peaks))
+    assert any(f"are incomplete: {count} values so far" in line for line in page.sentences)
     again = response(damper(), resume=tmp_path)
     pairs = zip(*(largest_peaks(one.curves[0].peaks) for one in (again, found)), strict=True)
     for mine, its in pairs:

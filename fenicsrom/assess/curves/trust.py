@@ -167,8 +167,8 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
 def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
     """Up to `SPREAD` stable points, at equal distances along the stable parts.
 
-    Without `stable` these are up to `UNSTABLE` unstable points, single ones too. Of each kind there is at most one
-    for `SHARE` points of the curve.
+    Without `stable` these are up to `UNSTABLE` unstable points, single ones too. Of each kind there
+    is at most one for `SHARE` points of the curve.
     """
     share = -(-sum(len(piece.points) for piece in pieces) // SHARE)
     count = min(SPREAD if stable else UNSTABLE, share)

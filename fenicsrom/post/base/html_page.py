@@ -89,15 +89,20 @@ def html_report(
     return _PAGE.format(title=html.escape(title), body="\n".join(body), script=script)
 
 
-def verdict_of(warnings: Sequence[str], failure: object = None) -> str:
+def verdict_of(
+    warnings: Sequence[str], failure: object = None, *, interrupted: bool = False
+) -> str:
     """Say in one line whether the results can be trusted.
 
     Args:
         warnings: the warnings; those on pictures raise no doubt.
         failure: why there is no complete result, or None.
+        interrupted: whether the computation was interrupted.
     """
     if failure is not None:
         return f"Refused, as the computation did not end: {failure}"
+    if interrupted:
+        return "Incomplete: the computation was interrupted."
     doubts = [line for line in dict.fromkeys(warnings) if not _UNDRAWN.search(line)]
     if not doubts:
         return "Trusted: no check found a reason for doubt."

@@ -134,7 +134,11 @@ class Report:
     @property
     def verdict(self) -> str:
         """Whether the results can be trusted, in one line."""
-        return verdict_of(self.warnings, getattr(self.found, "unfinished", None))
+        found = self.found
+        interrupted = getattr(found, "interrupted", False)
+        return verdict_of(
+            self.warnings, getattr(found, "unfinished", None), interrupted=interrupted
+        )
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""

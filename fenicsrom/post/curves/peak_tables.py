@@ -17,9 +17,12 @@ from fenicsrom.words import counted
 def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:
     """The sentences on the smallest peak of a curve over the second number, and its errors."""
     best, over, scene = curve.optimum, found.table.peak_over, found.scene
+    listed = largest_peaks(curve.peaks)
     if best is None or over is None:
-        return []
-    peak, listed = best.peak, largest_peaks(curve.peaks)
+        count = counted(len(listed), "value")
+        incomplete = f"The peaks over {over} are incomplete: {count} so far, and no optimum."
+        return [incomplete] if over is not None and found.interrupted else []
+    peak = best.peak
     ends = in_words(scene, over, listed[0].value, listed[-1].value)
     where = f"{over} = {peak.value:.4g} {unit_of(scene, over)}".rstrip()
     lines = [

@@ -99,7 +99,7 @@ def sentences(found: Response) -> list[str]:
 
 def _gaps(curve: ResponseCurve) -> list[str]:
     """The reasons why parts of a curve are not complete."""
-    return sorted({piece.reason for piece in curve.pieces} - set(COMPLETE))
+    return sorted({piece.reason or "interrupted" for piece in curve.pieces} - set(COMPLETE))
 
 
 def _so_far(curve: ResponseCurve) -> str:
