@@ -8,7 +8,6 @@
     fmu                   a Functional Mock-up Unit, with the C source fmu.c
     export                the formats of `fenicsrom export`
     superelement          a reduced model from the matrices and a scene of interface nodes
-    superelement_damping  its damping, from the file and from the scene
 
 The readers and writers are small, because the formats need only a few lines each for dense
 matrices; files with other content are refused by name.
