@@ -33,7 +33,6 @@ class Materials:
         every: the materials, that of [material] first.
         number: (cells,) number of the material of each local cell, ghosts included.
         thickness: (materials,) thickness of each material, m; 1 in 3D.
-        single: whether one isotropic material fills the body.
     """
 
     def __init__(self, mesh: Mesh, scene: Scene):
@@ -58,7 +57,6 @@ class Materials:
             self.number[cells] = 1 + k
         whole = scene.geometry.thickness or 1.0
         self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])
-        self.single = not groups and scene.material.is_isotropic
         self._mesh, self._geometry = mesh, scene.geometry
 
     @property

@@ -42,7 +42,7 @@ from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.reduction.damping import ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.reduction.strain_products import strain_products, tensor_products
+from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
@@ -355,8 +355,11 @@ class Solid(ElasticBody):
 
         The polynomial is exact with the quadrature rule of the forms, which has the default degree.
         """
-        products = self._strain_products(vectors, degree)
-        elastic = elastic_polynomial(self.comm.allreduce(products), vectors.shape[1])
+        n, products = vectors.shape[1], np.zeros(())
+        for k, cells in self.materials.cells():
+            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
+            products = products + strain_products(chunks, self.materials.tensor(k), n)
+        elastic = elastic_polynomial(self.comm.allreduce(products), n)
         if not self.comm.allreduce(bool(self.springs.any())):
             return elastic
         held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
@@ -379,18 +382,6 @@ class Solid(ElasticBody):
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
         """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
         return self.pressures.polynomial(self.equilibrium, vectors)
-
-    def _strain_products(self, vectors: Array, degree: int | None) -> Array:
-        """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
-        n, materials = vectors.shape[1], self.materials
-        if materials.single:
-            chunks = self.tabulate(vectors, self.equilibrium, degree)
-            return strain_products(chunks, *materials.lame(), n)
-        total = np.zeros(())
-        for k, cells in materials.cells():
-            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
-            total = total + tensor_products(chunks, materials.tensor(k), n)
-        return total
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
