@@ -17,7 +17,7 @@ from scipy.linalg import eigvalsh
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
-from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_mesh_error, finer_mesh, in_percent
+from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.step.speed_range import RangeModel
 from fenicsrom.online.store.archive import StoredModel
@@ -81,7 +81,7 @@ class MeshCheck:
             scene: the scene, for the remedy.
         """
         try:
-            check_mesh_error(scene, self.deflection or 0.0)
+            check_error(scene, "mesh", self.deflection or 0.0)
         except AccuracyError as error:
             return error
         return None
