@@ -56,7 +56,7 @@ LIMITS = {
     "basis": (BASIS_ERROR, UNSETTLED_BASIS_ERROR),
     "mesh": (MESH_ERROR, UNSETTLED_BASIS_ERROR),
 }
-"""The limits of an error by its cause: of a motion that settles, or has no period, and of others."""
+"""The limits of an error by its cause: of a motion that settles or has no period, and of others."""
 
 
 def estimate_errors(
