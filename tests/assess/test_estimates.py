@@ -185,7 +185,7 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
     with pytest.raises(AccuracyError) as refusal:
         verdicts.estimate_errors(one, both, scene, motion, errors)
     assert refusal.value.kind is ErrorKind.BASIS and set(errors) == {"time step", "basis"}
-    verdicts.estimate_errors(one, None, scene, motion, errors)
+    verdicts.estimate_errors(one, None, scene, motion, {})
     between = 0.5 * (verdicts.BASIS_ERROR + verdicts.UNSETTLED_BASIS_ERROR)
     verdicts.check_error(scene, "basis", between, unsteady=True)
     with pytest.raises(AccuracyError):
