@@ -30,7 +30,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.fem.equilibrium.flutter import _coupled_squares
+from fenicsrom.fem.equilibrium.buckling import _coupled_squares
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.solid import KnownEquilibrium, build_solid, solid_of
 from fenicsrom.online.model.pressure import unit_force, unit_tangent

@@ -48,8 +48,7 @@ from fenicsrom.fem.base.quadrature import quadrature_degree
 from fenicsrom.fem.body.inertia import Inertia
 from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import RotatingFrame
-from fenicsrom.fem.body.slanted import Slanted
-from fenicsrom.fem.body.supports import conditions, held_displacements
+from fenicsrom.fem.body.supports import Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Scene
 

@@ -49,8 +49,14 @@ from fenicsrom.online.periodic.steady import (
     fractions_of,
     is_due,
 )
-from fenicsrom.online.run.march_records import copied_rows, joined_rows, last_coordinates
-from fenicsrom.online.run.march_setup import MarchRun, mass_norm, set_up_run
+from fenicsrom.online.run.march_setup import (
+    MarchRun,
+    copied_rows,
+    joined_rows,
+    last_coordinates,
+    mass_norm,
+    set_up_run,
+)
 from fenicsrom.online.step.loop import (
     DONE,
     FAILED,

@@ -15,7 +15,6 @@ from fenicsrom.online.contact.turning import times_of_angles
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.steady import periods_of
-from fenicsrom.online.run.march_records import joined_rows
 from fenicsrom.online.step.equilibrium import equilibrium
 from fenicsrom.online.step.loop import DONE, write
 from fenicsrom.online.step.scheme import Control, Scheme
@@ -33,6 +32,30 @@ from fenicsrom.online.step.state import (
 from fenicsrom.online.step.step import measure
 from fenicsrom.online.step.step_limits import landings, longest_step
 from fenicsrom.progress import listening
+
+
+def copied_rows(record: Record, count: int) -> Record:
+    """The first rows of a record, copied."""
+    return Record._make(array[:count].copy() for array in record)
+
+
+def joined_rows(pieces: list[Record], counts: list[int]) -> Record:
+    """The first rows of several records, joined."""
+    return Record._make(
+        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
+        for arrays in zip(*pieces, strict=True)
+    )
+
+
+def last_coordinates(history: list[Record]) -> Array:
+    """The coordinates (k, 3 n) of the last spans, and those at the end of the span before."""
+    found: list[Array] = []
+    for rows in reversed(history):
+        found.insert(0, rows.coordinates)
+        if rows.coordinates.shape[0] < rows.time.size:
+            break
+    return np.concatenate(found)
+
 
 ROWS = 4096  # of a record
 

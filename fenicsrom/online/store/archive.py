@@ -74,9 +74,9 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.turning import history_of, speed_history
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
