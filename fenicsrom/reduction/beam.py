@@ -22,7 +22,7 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.reduction.damping import viscous_damping
+from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.projection import projected_terms
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
@@ -134,7 +134,7 @@ class BeamStructure(DenseBody):
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
-        self.viscous = viscous_damping(self, scene.damping)
+        self.viscous = ViscousDamping(self, scene.damping)
 
     def _rows(self, node: int) -> Array:
         """(d, n) displacement of a node."""

@@ -9,7 +9,7 @@ displacements u of the finer elements at these nodes.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,21 +23,13 @@ from fenicsrom.reduction.stages import Derivatives, Reduction, differentiate, en
 from fenicsrom.scene import Basis
 
 
-class Finer(Structure, Protocol):
-    """A structure of finer elements."""
-
-    def lifted(self, block: Array) -> Array:
-        """Jᵀ f: the forces (local, k) of forces (local of the other structure, k)."""
-
-
-def finer_model(
-    structure: Structure, finer: Finer, options: Basis, found: Reduction
-) -> ReducedModel:
+def finer_model(structure: Structure, finer: Any, options: Basis, found: Reduction) -> ReducedModel:
     """The reduced model of finer elements, in the coordinates of the model of a structure.
 
     Args:
         structure: the structure.
-        finer: the same structure with finer elements.
+        finer: the same structure with finer elements; its method `lifted` gives Jᵀ f (local, k) of
+            forces f (local of the structure, k).
         options: the options of the basis.
         found: the stages of the reduced model of the structure.
 

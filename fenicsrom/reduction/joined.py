@@ -18,7 +18,7 @@ speed more in the basis would remove.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -32,7 +32,6 @@ from fenicsrom.reduction.candidates import NEXT_MODES
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.projection import project, projected_gyroscopic
-from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Basis
 
 DEPENDENCE = 1e-5
@@ -43,23 +42,6 @@ At 1e-3 a joined basis misses its own speeds by up to 3e-4.
 
 LARGEST = 120
 """Largest number of coordinates: the cubic force of n = 120 takes 0.4 GB, as n⁴."""
-
-
-class Turning(Structure, Protocol):
-    """A structure that may turn at any speed."""
-
-    @property
-    def rotation(self) -> Any:
-        """The `fenicsrom.fem.body.rotation.RotatingFrame`."""
-
-    def spin(self, omega: float) -> None:
-        """Move to the equilibrium at another speed, rad/s."""
-
-    def load_moments(self, block: Array) -> Array:
-        """The moment of each unit load about the axis: at rest, and along a block (local, k)."""
-
-    def unload(self) -> None:
-        """Take the undeformed body at rest in place of the equilibrium."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +67,12 @@ class _Seen:
     flexibility: Array
 
 
-def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel:
+def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
     """The range model of a structure, with its errors between the speeds; none due to the mesh.
 
     Args:
-        structure: the structure at the middle one of the speeds; afterwards it is unloaded.
+        structure: a `fenicsrom.fem.solid.solid.Solid` at the middle one of the speeds; afterwards
+            it is unloaded.
         options: the options of the basis.
         speeds: (s,) speeds of the basis, ascending, rad/s.
 
@@ -123,7 +106,7 @@ def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel
     return _projected(structure, basis, first, at, list(seen.values()))
 
 
-def _see(structure: Turning, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
+def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
     """What a structure shows at its present speed, with the masters of one speed."""
     count = first.omega.size
     squares, modes = structure.eigenmodes(structure.factor, count)
@@ -138,7 +121,7 @@ def _see(structure: Turning, first: ComponentModes, omega: float, with_derivativ
 
 
 def _projected(
-    structure: Turning,
+    structure: Any,
     basis: ReducedBasis,
     first: ComponentModes,
     at: list[_Seen],
@@ -174,7 +157,7 @@ def _projected(
     return replace(found, errors=RangeErrors(*np.array(errors).T))
 
 
-def _errors(structure: Turning, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:
+def _errors(structure: Any, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:
     """The speed, and the errors of `RangeErrors` against what the structure shows there."""
 
     def size(vector: Array) -> float:

@@ -129,7 +129,7 @@ def projected_velocity_matrix(structure: Structure, r: Array) -> Array:
         Rᵀ D R (n, n), N s/m; (0, 0) without such forces.
     """
     found = projected_gyroscopic(structure, r)
-    if structure.viscous is None:
+    if not structure.viscous.acts:
         return found
     viscous = np.asarray(structure.inner(r, structure.viscous.times(r)))
     viscous = 0.5 * (viscous + viscous.T)

@@ -7,17 +7,13 @@ the displacements at the loads and at the observed place then differ between bea
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.reduction.beam import beam_structure
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 AGREEMENT = 0.05
 """Largest relative difference; a slender solid on a usual mesh is within 1 %."""

@@ -13,14 +13,11 @@ part of the kinetic energy of φᵢ that the basis can represent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
+from fenicsrom.reduction.protocols import Structure
 
 MOST_COMPARED = 12
 """Largest number of modes of the full model that are compared."""

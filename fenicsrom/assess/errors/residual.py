@@ -15,8 +15,6 @@ how well the two norms rank the bases.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -26,10 +24,8 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import no_state
 from fenicsrom.online.step.step import step_coefficients, write_residual
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 INSTANTS = 16  # steps of the last period at which the residual is taken
 

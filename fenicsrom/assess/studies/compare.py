@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -39,15 +39,13 @@ from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.candidates import extended_basis
 from fenicsrom.reduction.modes import first_modes, solve_modes
 from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import brief, counted
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 # a run of more seconds is timed over two periods only; the time is scaled by the number of steps
 SLOW = 1.0
@@ -252,10 +250,8 @@ class Workshop:
     def _once(self, key: Any, work: Callable[[], Any]) -> tuple[Any, float]:
         """The result of some work, and the seconds that it took when it was done first."""
         if key not in self._done:
-            spent: dict[str, float] = {}
-            with timed(spent, "work"):
-                found = work()
-            self._done[key] = found, spent["work"]
+            begin = clock.perf_counter()
+            self._done[key] = work(), clock.perf_counter() - begin
         return self._done[key]
 
 

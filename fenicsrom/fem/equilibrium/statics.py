@@ -126,7 +126,7 @@ class Statics:
             found = self._newton(predicted, load)
             if found is not None:
                 return found
-            self.approach(u)
+            self.renew(u)
 
         def solve(u: Array, part: float) -> Array | None:
             if rotation:
@@ -156,17 +156,13 @@ class Statics:
             )
         return u
 
-    def approach(self, u: Array) -> bool:
-        """Make the factor that of the tangent at a state u (local,); False if it is singular."""
-        return self._renew(u, None)
-
     def finish(self, u: Array, load: Array) -> None:
         """Make the factor that of the tangent at an equilibrium u (local,), and check its residual.
 
         Raises:
             ConvergenceError: the tangent is singular, or the residual is too large.
         """
-        if not self._renew(u, None):
+        if not self.renew(u):
             raise ConvergenceError("static equilibrium: the tangent stiffness is singular", u)
         residual = self._body.residual(u, load)
         decrement = abs(self._body.dot(residual, self._solve(residual)))
@@ -180,8 +176,12 @@ class Statics:
                 decrements=[*self._decrements, decrement],
             )
 
-    def _renew(self, u: Array, change: Array | None) -> bool:
-        """Factorise the mixed tangent at u (local,) after a change; False if it is singular."""
+    def renew(self, u: Array, change: Array | None = None) -> bool:
+        """Factorise the tangent at u (local,), or the mixed tangent after a change (local,) of u.
+
+        Returns:
+            False if it is singular.
+        """
         try:
             if self._borrowed:
                 matrix = self._factor.matrix.duplicate()
@@ -211,7 +211,7 @@ class Statics:
                     return None
                 step.factorisations += 1
                 step.forget()
-                if not self._renew(u, None if self._plain else step.change):
+                if not self.renew(u, None if self._plain else step.change):
                     return None
                 change = self._solve(residual)
                 decrement = abs(self._body.dot(residual, change))

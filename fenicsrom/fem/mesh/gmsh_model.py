@@ -210,12 +210,9 @@ def _node_groups(
 
 def _coincident(points: Floats) -> int:
     """Number of points (n, 3) that coincide with an earlier one."""
-    if not len(points):
-        return 0
     size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
-    return len(points) - len(
-        np.unique(np.round((points - points.min(axis=0)) / (COINCIDENT * size)), axis=0)
-    )
+    places = np.round((points - points.min(axis=0)) / (COINCIDENT * size))
+    return len(points) - len(np.unique(places, axis=0))
 
 
 def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:

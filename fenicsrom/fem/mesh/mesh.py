@@ -108,19 +108,17 @@ def group_tags(name: str, tags: Any, present: set[int], source: str) -> tuple[in
     Raises:
         SceneError: a tag is not an integer, or no facet has it.
     """
-    several = isinstance(tags, Iterable) and not isinstance(tags, str | bytes)
-    wanted = list(tags) if several else [tags]
+    wanted = np.atleast_1d(list(tags) if isinstance(tags, Iterable) else tags)
     key = f"groups.{name}"
-    if not wanted or any(
-        isinstance(tag, bool) or not isinstance(tag, int | np.integer) for tag in wanted
-    ):
+    if wanted.dtype.kind not in "iu" or not wanted.size:
         allowed = "must be an integer tag or a list of them"
         raise Where(source, key).refuse(tags, allowed, ErrorKind.TYPE)
-    missing = sorted({int(tag) for tag in wanted} - present)
+    found = tuple(map(int, wanted))
+    missing = sorted({*found} - present)
     if missing:
         reason = f"no facet has the tag {missing[0]}; the facets have the tags {sorted(present)}"
         raise refuse(source, reason, ErrorKind.PLACE, key)
-    return tuple(int(tag) for tag in wanted)
+    return found
 
 
 def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:

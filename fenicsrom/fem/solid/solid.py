@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
@@ -40,8 +39,8 @@ from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.support_motion import histories_of
-from fenicsrom.reduction.damping import ViscousDamping, viscous_damping
-from fenicsrom.reduction.protocols import Inverse, Structure
+from fenicsrom.reduction.damping import ViscousDamping
+from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
@@ -120,7 +119,6 @@ class Solid(ElasticBody):
         self.geometrically_nonlinear = scene.geometrically_nonlinear
         self.mass_damping = scene.material.mass_damping
         self._damping = scene.damping
-        self._viscous: ViscousDamping | None = None
         self.excitation = highest_frequency(scene)
         self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None
@@ -258,19 +256,15 @@ class Solid(ElasticBody):
                 raise self._places.clamped(f"loads[{k}]")
         self.load_histories = histories_of(self.loads)
         self.pressures = FollowerPressures(self, self.loads)
-        self._set_static_load()
+        constant = [load.static and not load.follower for load in self.loads]
+        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
+        self.static_load = self.load_vectors @ sizes
 
     def _assembled_loads(self) -> Array:
         """The load vectors (local, loads) of all loads."""
         numbered = enumerate(self.loads)
         vectors = [self.load_vector(load, f"loads[{k}]") for k, load in numbered]
         return np.reshape(vectors, (len(self.loads), self.local)).T.copy()
-
-    def _set_static_load(self) -> None:
-        """Sum the static loads that do not follow the deformation."""
-        constant = [load.static and not load.follower for load in self.loads]
-        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
-        self.static_load = self.load_vectors @ sizes
 
     def _set_follower_loads(self) -> None:
         """Set the load vectors of the follower pressures to those at the equilibrium."""
@@ -293,12 +287,10 @@ class Solid(ElasticBody):
             return self.internal_force(self.equilibrium)
         return multiply(self.stiffness, self.equilibrium)
 
-    @property
-    def viscous(self) -> ViscousDamping | None:
-        """The damping besides α M at the equilibrium, or None."""
-        if self._viscous is None:
-            self._viscous = viscous_damping(self, self._damping, self.dashpots)
-        return self._viscous
+    @cached_property
+    def viscous(self) -> ViscousDamping:
+        """The damping besides α M at the equilibrium."""
+        return ViscousDamping(self, self._damping, self.dashpots)
 
     def stiffness_times(self, block: Array) -> Array:
         """K times a block (local, k)."""
@@ -493,9 +485,9 @@ class Solid(ElasticBody):
         Raises:
             ConvergenceError: no equilibrium was found.
         """
-        self._viscous = None
+        vars(self).pop("viscous", None)  # of the equilibrium so far
         with closing(Statics(self, self.factor, overwrite=self.symmetric)) as statics:
-            if predicted is not None and not statics.approach(predicted):
+            if predicted is not None and not statics.renew(predicted):
                 predicted = None
             load = self.static_load
             self.equilibrium = statics.follow(u, start, load, square, predicted, pressed)
@@ -564,9 +556,3 @@ def _check_per_area(scene: Scene, mesh: Mesh) -> None:
 def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:
     """Make or read the mesh of a scene, and build its solid; errors as `build_mesh` and `Solid`."""
     return solid_of(scene, build_mesh(scene.geometry, comm))
-
-
-if TYPE_CHECKING:
-
-    def _as_structure(solid: Solid) -> Structure:
-        return solid

@@ -125,7 +125,7 @@ class ReducedModel(NamedTuple):
         if self.turning.history.shape[0] > 0:
             write_speeds(self.turning, 0.0, 0.0, self.work.speeds)
 
-    # The operations of `fenicsrom.online.model.operations.Model`, which compiled code calls too.
+    # The operations that the time stepping asks of any model; here compiled code calls them too.
 
     def set_interval(self, begin: float, end: float) -> None:
         """Set the start and the end of the step, in s, for the operations that follow."""

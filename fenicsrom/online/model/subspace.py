@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pairs
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pair_numbers, pairs
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.turning import Turning
 
@@ -45,10 +45,7 @@ def shifted(elastic: ElasticPolynomial, q0: Array) -> ElasticPolynomial:
 
 def change_of_tangent(elastic: ElasticPolynomial, x: Array) -> Array:
     """The derivative (n, n) of the tangent at q = 0 along x (n,)."""
-    found = np.zeros((x.size, x.size))
-    first, second = pairs(x.size)
-    found[first, second] = found[second, first] = elastic.quadratic @ x
-    return found
+    return np.asarray((elastic.quadratic @ x)[pair_numbers(x.size)])
 
 
 def projected(elastic: ElasticPolynomial, z: Array) -> ElasticPolynomial:
@@ -75,11 +72,8 @@ def _times_pairs(z: Array, block: Array) -> Array:
         z: (n, k).
         block: (p, r) of the p pairs of n indices.
     """
-    n, count = z.shape
-    first, second = pairs(n)
-    index = np.zeros((n, n), dtype=np.int64)
-    index[first, second] = index[second, first] = np.arange(first.size)
-    k, m = pairs(count)
+    index = pair_numbers(len(z))
+    k, m = pairs(z.shape[1])
     found = np.empty((k.size, block.shape[1]))
     for start in range(0, block.shape[1], COLUMNS):
         part = block[:, start : start + COLUMNS][index]
@@ -127,11 +121,8 @@ def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
     elastic, pressure, velocity = whole.elastic, whole.pressure, whole.velocity_matrix
     quadratic, cubic = elastic.quadratic, elastic.cubic
     if cubic.size:
-        first, second = pairs(whole.size)
-        index = np.zeros((whole.size, whole.size), dtype=np.int64)
-        index[first, second] = index[second, first] = np.arange(first.size)
         first, second = pairs(at.size)
-        rows = index[at[first], at[second]]
+        rows = pair_numbers(whole.size)[at[first], at[second]]
         quadratic, cubic = quadratic[np.ix_(rows, at)], cubic[np.ix_(rows, rows)]
     bent = pressure.quadratic
     return reduced_model(

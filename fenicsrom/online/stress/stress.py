@@ -103,18 +103,20 @@ class StressLaw:
         """
         if not self.linear:
             return _green(start + change)
-        if not self.deformed:
-            return _symmetric(start + change)
-        return _green(start) + _symmetric(
-            np.swapaxes(np.eye(start.shape[-1]) + start, -1, -2) @ change
-        )
+        start, change = self._about(start, change)
+        f = np.eye(start.shape[-1]) + start
+        return _green(start) + _symmetric(np.swapaxes(f, -1, -2) @ change)
+
+    def _about(self, start: Array, change: Array) -> tuple[Array, Array]:
+        """The gradients about which a linear law is linear, and the changes from there."""
+        return (start, change) if self.deformed else (np.zeros_like(start), start + change)
 
     def deformation_gradient(self, start: Array, change: Array) -> Array:
         """F (..., d, d) that belongs to the stress; arguments as `strain`."""
         identity = np.eye(start.shape[-1])
         if not self.linear:
             return identity + start + change
-        return np.broadcast_to(identity + start if self.deformed else identity, change.shape)
+        return np.broadcast_to(identity + self._about(start, change)[0], change.shape)
 
     def volume_ratio(self, start: Array, change: Array) -> Array:
         """The ratio det F (...), in plane stress with the thickness; arguments as `strain`."""
@@ -140,10 +142,9 @@ class StressLaw:
     def first_piola(self, start: Array, change: Array) -> Array:
         """First Piola-Kirchhoff stress F S (..., d, d) of the internal force, Pa."""
         if not self.linear:
-            gradient = start + change
-            return (np.eye(start.shape[-1]) + gradient) @ self.of_strain(_green(gradient))
-        if not self.deformed:
-            return self.of_strain(_symmetric(start + change))
+            stress = self.of_strain(self.strain(start, change))
+            return self.deformation_gradient(start, change) @ stress
+        start, change = self._about(start, change)
         f, stress = np.eye(start.shape[-1]) + start, self.of_strain(_green(start))
         return f @ (stress + self.of_strain(_symmetric(np.swapaxes(f, -1, -2) @ change))) + (
             change @ stress
