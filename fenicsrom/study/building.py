@@ -163,7 +163,7 @@ def reduced_model(run: Run) -> None:
 def finer_elements(run: Run) -> None:
     """Compare the solid with elements of one degree more, and reduce these with the same basis."""
     from fenicsrom.assess.errors import mesh_check
-    from fenicsrom.reduction.finer import finer_model
+    from fenicsrom.reduction.candidates import finer_model
     from fenicsrom.reduction.modes import solve_modes
 
     study, options = run.study, run.study.scene.basis

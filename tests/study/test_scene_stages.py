@@ -158,7 +158,7 @@ def test_executed_stages_are_the_planned_ones(
 
     # a module that is first imported below would keep the recording functions for the next tests
     importlib.import_module("fenicsrom.assess.errors.estimates")
-    importlib.import_module("fenicsrom.reduction.finer")
+    importlib.import_module("fenicsrom.reduction.candidates")
     places = {path: importlib.import_module(path.rpartition(".")[0]) for path in WORK}
     for path, name in WORK.items():
         place, function = places[path], path.rpartition(".")[2]

@@ -226,7 +226,7 @@ def _follow(
         ConvergenceError: the path was lost.
         KeyboardInterrupt: `stop` returned True.
     """
-    from fenicsrom.fem.body.deformation import body_deformation
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     table, last = found.scene.statics, clock.perf_counter()
     log.info("path ..")

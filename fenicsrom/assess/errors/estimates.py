@@ -360,7 +360,7 @@ def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
     """Estimate the errors of a motion due to its mesh, from that of a model of finer elements.
 
     The estimate is `MESH_SAFETY` times the distance of the two motions
-    (`fenicsrom.reduction.finer`).
+    (`fenicsrom.reduction.candidates`).
 
     Args:
         motion: the motion.

@@ -63,7 +63,7 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
 
 def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
     """The deformation in the equilibrium of a solid; None of an undeformed one. Collective."""
-    from fenicsrom.fem.body.deformation import body_deformation
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     if not solid.loaded or not StressLaw.of(scene).deformed:
         return None
@@ -84,7 +84,7 @@ def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) 
         vectors: (local, n) the basis.
         motion: a motion with the coordinates of its last period.
     """
-    from fenicsrom.fem.body.deformation import body_deformation
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     assert motion.coordinates is not None and motion.coordinate_time is not None
     energies = motion.elastic[-motion.coordinate_time.size :]

@@ -268,7 +268,7 @@ class _Tracked:
         self.mac.append(common)
         self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
         if not isinstance(solid, RangeBody):
-            from fenicsrom.fem.body.deformation import body_deformation
+            from fenicsrom.fem.body.stress_points import body_deformation
 
             found = body_deformation(solid, self.fastest, solid.equilibrium)
             self.deformations.append(found)

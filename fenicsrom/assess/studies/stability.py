@@ -33,9 +33,8 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.true_errors import estimates_found, full_distances, missed
 from fenicsrom.assess.jobs import run_jobs
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion, scales_of
 from fenicsrom.assess.studies.random_cases import random_cases
-from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force

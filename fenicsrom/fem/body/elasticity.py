@@ -45,9 +45,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form
 from fenicsrom.fem.base.linalg import add_to_diagonal
 from fenicsrom.fem.base.quadrature import quadrature_degree
-from fenicsrom.fem.body.inertia import Inertia
 from fenicsrom.fem.body.materials import Materials
-from fenicsrom.fem.body.rotation import RotatingFrame
+from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Scene
@@ -81,7 +80,7 @@ class ElasticBody:
         inertia: the matrices of inertia forces.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
-        pressures: the follower pressures, a `fenicsrom.fem.body.pressure.FollowerPressures`.
+        pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """

@@ -1,4 +1,4 @@
-"""The table of displacement gradients of a solid, from which its stresses follow without a mesh."""
+"""The deformation of a solid at quadrature points, and the table from which its stresses follow."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.online.stress.deformation import NOWHERE, Deformation, deformation, extremes
 from fenicsrom.online.stress.stress import StressLaw, StressTable
 from fenicsrom.scene import Scene
 
@@ -126,3 +127,19 @@ def local_part(solid: ElasticBody) -> LocalPart:
         at_nodes,
         index_map.size_local + index_map.num_ghosts,
     )
+
+
+def body_deformation(body: ElasticBody, scene: Scene, u: Array) -> Deformation:
+    """The deformation at a displacement u (local,), over all ranks. Collective.
+
+    It is that of the points at which the forms of the body of a scene are integrated.
+    """
+    position, found = body.quadrature_points(body.quadrature_degree), [NOWHERE]
+    number = body.materials.of_points(len(position) // max(1, body.owned_cells().size))
+    for weights, gradients in body.tabulate(np.zeros((body.local, 0)), u):
+        here, position = np.split(position, [weights.size])
+        mine, number = np.split(number, [weights.size])
+        law = StressLaw.of(scene).at(mine if scene.materials else None)
+        change = gradients[:, 0]
+        found.append(deformation(law, here, change, np.zeros_like(change)))
+    return extremes(body.comm.allgather(extremes(found)))

@@ -6,7 +6,7 @@ The equilibria u(λ) of
 
 with the tangent stiffness K = ∂r/∂u form a curve in (u, λ), which is followed through limit points,
 where λ turns back. Follower pressures are parts of p₀ and p that depend on u. Under them K may not
-be symmetric (`fem.body.pressure`); the negative pivots are then those of its symmetric part.
+be symmetric (`fem.body.loads`); the negative pivots are then those of its symmetric part.
 Lengths are those of
 
     |(du, dλ)|² = |du|² / size² + dλ² / scale².    (2)

@@ -25,9 +25,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.fem.body.loads import load_vector
+from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.places import Places
-from fenicsrom.fem.body.pressure import FollowerPressures
 from fenicsrom.fem.equilibrium import prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.statics import Statics
