@@ -57,13 +57,12 @@ class LoadVectors:
 
 def varying_loads(structure: Structure) -> list[int]:
     """The numbers, from 0, of the loads that vary in time."""
-    histories = structure.load_histories
-    found = []
-    for k in range(histories.spans.shape[0]):
-        first, last, row, end = (int(entry) for entry in histories.spans[k])
-        if end > row or np.any(histories.sines[first:last, OMEGA] != 0.0):
-            found.append(k)
-    return found
+    sines, spans = structure.load_histories.sines, structure.load_histories.spans.tolist()
+    return [
+        k
+        for k, (first, last, row, end) in enumerate(spans)
+        if end > row or np.any(sines[first:last, OMEGA] != 0.0)
+    ]
 
 
 def load_responses(structure: Structure) -> Array:

@@ -145,13 +145,6 @@ class Structure(Protocol):
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count)."""
 
-    def static(self, load: Array, guess: Array | None = None) -> Array:
-        """Nonlinear equilibrium (local,) under a load (local,), from a guess.
-
-        Raises:
-            ConvergenceError: no equilibrium was found.
-        """
-
     def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
 

@@ -411,23 +411,20 @@ def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
     points = motion.displacement.shape[1:]
     if has_settled(motion):
         still = at_rest(motion) and at_rest(other)
-        return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
-    if motion.period is not None:
+        pairs = [] if still else [(amplitude(motion), amplitude(other))]
+    elif motion.period is not None:
         # a check of fewer periods is compared with as many, unless the run was resumed
         shorter = is_unsteady(other) and not _start(motion)
         until = float(other.time[-1]) if shorter else np.inf
-        return [_shaped(points, rms(motion, until=until), rms(other, _start(motion)))]
-    late = other.time >= _start(motion)
-    span = tuple(np.ptp(x, axis=0) / 2.0 for x in (motion.displacement, other.displacement[late]))
-    return [
-        _shaped(points, *span),
-        _shaped(points, *(_parts_rms(m, _start(motion)) for m in (motion, other))),
-    ]
-
-
-def _shaped(points: tuple[int, ...], ours: Array, theirs: Array) -> tuple[Array, Array]:
-    """Two arrays of displacements as (k, P, d)."""
-    return ours.reshape(-1, *points), theirs.reshape(-1, *points)
+        pairs = [(rms(motion, until=until), rms(other, _start(motion)))]
+    else:
+        first = _start(motion)
+        late = other.displacement[other.time >= first]
+        pairs = [
+            (np.ptp(motion.displacement, axis=0) / 2.0, np.ptp(late, axis=0) / 2.0),
+            (_parts_rms(motion, first), _parts_rms(other, first)),
+        ]
+    return [(ours.reshape(-1, *points), theirs.reshape(-1, *points)) for ours, theirs in pairs]
 
 
 def _parts_rms(motion: Motion, since: float) -> Array:

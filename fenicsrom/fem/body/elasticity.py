@@ -389,7 +389,8 @@ class ElasticBody:
                     gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             if part.size:
                 detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
-                yield (self.materials.thickness_of(part) * detj * weights).reshape(-1), gradients
+                thickness = self.materials.thickness[self.materials.number[part], None]
+                yield (thickness * detj * weights).reshape(-1), gradients
 
     def tabulated(self, fields: Array, about: Array, **rule: Any) -> tuple[Array, Array]:
         """All chunks of `tabulate` together: weights (k,) and gradients (1 + n, k, d, d)."""

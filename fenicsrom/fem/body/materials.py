@@ -92,12 +92,6 @@ class Materials:
         own = self.number[: topology.index_map(topology.dim).size_local]
         return np.repeat(own if cells is None else self.number[cells], points)
 
-    def thickness_of(self, cells: npt.NDArray[np.int32]) -> Any:
-        """The thickness in m: a number, or (cells, 1) if it differs between the materials."""
-        if self.has_one_thickness:
-            return float(self.thickness[0])
-        return self.thickness[self.number[cells], None]
-
     @property
     def has_one_thickness(self) -> bool:
         """Whether all materials have the same thickness."""
@@ -134,9 +128,8 @@ class Materials:
         d, count = self._geometry.dimension, len(self.every)
         thickness = [float(size) for size in self.thickness]
         if self.isotropic:
-            pairs = [self.lame(k) for k in range(count)]
-            lame = self.field([pair[0] * t for pair, t in zip(pairs, thickness, strict=True)])
-            mu = self.field([pair[1] * t for pair, t in zip(pairs, thickness, strict=True)])
+            pairs = [np.multiply(self.lame(k), thickness[k]) for k in range(count)]
+            lame, mu = (self.field([pair[i] for pair in pairs]) for i in range(2))
 
             def isotropic(strain: Expression) -> Expression:
                 return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain

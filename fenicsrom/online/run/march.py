@@ -40,6 +40,7 @@ from fenicsrom.online.contact.rings import worn_through
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
+from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.periodic.shooting import Stopped
 from fenicsrom.online.periodic.steady import (
@@ -231,10 +232,8 @@ def _require_convergence(run: MarchRun, motion: Motion) -> None:
     """Raise ConvergenceError if the smallest step did not converge."""
     if run.status != FAILED and np.all(np.isfinite(motion.kinetic)):
         return
-    names = {-1: "open", 0: "slip", 1: "stick"}
-    states = [
-        f"point {p + 1} {names[int(state)]}" for p, state in enumerate(run.state.contact.state)
-    ]
+    found = enumerate(run.state.contact.state)
+    states = [f"point {p + 1} {STATE_NAMES[int(state)]}" for p, state in found]
     raise ConvergenceError(
         f"time integration stopped at t = {run.state.scalars[TIME]:.6g} s: no convergence with the "
         f"smallest step {SMALLEST_STEP * run.control.grid:.3g} s "

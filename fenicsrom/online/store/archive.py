@@ -52,7 +52,7 @@ prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` an
 those of its model at the speed of the scene; at another speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
-unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
+unknowns of the mesh (`dofs`), scene with its source, provenance, and of a range model the
 numbers of its modes and masters. The entry `digest` is
 the SHA-256 of all other entries: a file that was changed is refused.
 
@@ -106,14 +106,6 @@ PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
-UNITS = {
-    "mass": "kg",
-    "stiffness": "N/m",
-    "quadratic": "N/m^2",
-    "cubic": "N/m^3",
-    "force": "N",
-    "frequencies_hz": "Hz",
-}
 
 
 @brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
@@ -453,7 +445,6 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "dofs": stored.dofs,
         "source": stored.scene.source,
         "scene": scene_table(stored.scene),
-        "units": UNITS,
         "provenance": stored.provenance,
     }
     model = stored.model
