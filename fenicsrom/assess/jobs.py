@@ -167,11 +167,7 @@ def _deadly() -> tuple[type[Exception], ...]:
 
 
 def _results(
-    pool: _Pool,
-    function: Job,
-    batch: Mapping[int, Any],
-    tell: Tell,
-    stop: Callable[[], bool],
+    pool: _Pool, function: Job, batch: Mapping[int, Any], tell: Tell, stop: Callable[[], bool]
 ) -> Iterator[tuple[int, Any]]:
     """Yield number and result of each job of a batch; arguments as `run_jobs`.
 

@@ -121,11 +121,7 @@ def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: 
 
 
 def _projected(
-    structure: Any,
-    basis: ReducedBasis,
-    first: ComponentModes,
-    at: list[_Seen],
-    seen: list[_Seen],
+    structure: Any, basis: ReducedBasis, first: ComponentModes, at: list[_Seen], seen: list[_Seen]
 ) -> RangeModel:
     """The range model on a basis, with its errors at the speeds between those of the basis."""
     r, frame = basis.vectors, structure.rotation

@@ -99,10 +99,7 @@ def choose(
     static = linear.vectors[:, :0] if wanted == "mmi" else snapshots.static
     scale = structure.largest(modes.vectors)
     found = modal_coordinates(
-        modes.vectors,
-        np.concatenate([static, linear.vectors], axis=1),
-        structure.mass_inner,
-        scale,
+        modes.vectors, np.concatenate([static, linear.vectors], axis=1), structure.mass_inner, scale
     )
     held, moving = np.split(found, [static.shape[1]], axis=1)
     coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)

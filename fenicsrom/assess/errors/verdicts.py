@@ -131,9 +131,7 @@ def check_settled(scene: Scene, motion: Motion) -> None:
             "time.steady_tolerance = 0 to accept a motion that does not repeat"
         )
     raise AccuracyError(
-        f"time.periods = {motion.periods}: {said}",
-        kind=ErrorKind.CONVERGENCE,
-        key="time.periods",
+        f"time.periods = {motion.periods}: {said}", kind=ErrorKind.CONVERGENCE, key="time.periods"
     )
 
 

@@ -203,11 +203,7 @@ def conditions(
 
 
 def check_rigid_motions(
-    mesh: Mesh,
-    space: fem.FunctionSpace,
-    held: Held,
-    supports: Sequence[Support],
-    source: str,
+    mesh: Mesh, space: fem.FunctionSpace, held: Held, supports: Sequence[Support], source: str
 ) -> None:
     """Check that no piece of the mesh can move as a rigid body. Collective.
 

@@ -15,12 +15,7 @@ from fenicsrom.errors import SceneError
 from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
-from fenicsrom.fem.mesh.gmsh_queries import (
-    boundary_facets,
-    elements_of,
-    model_nodes,
-    straight_kind,
-)
+from fenicsrom.fem.mesh.gmsh_queries import boundary_facets, elements_of, model_nodes, straight_kind
 from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
 from fenicsrom.scene import Geometry

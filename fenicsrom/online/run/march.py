@@ -43,13 +43,7 @@ from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.periodic.shooting import Stopped
-from fenicsrom.online.periodic.steady import (
-    attempt,
-    change_of,
-    continued,
-    fractions_of,
-    is_due,
-)
+from fenicsrom.online.periodic.steady import attempt, change_of, continued, fractions_of, is_due
 from fenicsrom.online.run.march_setup import (
     MarchRun,
     copied_rows,
@@ -68,15 +62,7 @@ from fenicsrom.online.step.loop import (
     write,
 )
 from fenicsrom.online.step.scheme import scheme
-from fenicsrom.online.step.state import (
-    ITERATIONS,
-    REJECTED,
-    SIZE,
-    STEPS,
-    TIME,
-    Checkpoint,
-    Record,
-)
+from fenicsrom.online.step.state import ITERATIONS, REJECTED, SIZE, STEPS, TIME, Checkpoint, Record
 from fenicsrom.progress import tell, working_time
 
 

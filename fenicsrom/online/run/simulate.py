@@ -30,11 +30,7 @@ def load_histories(scene: Scene) -> LoadHistories:
 
 
 def simulate(
-    model: Any,
-    scene: Scene,
-    *,
-    start: Motion | tuple[Array, ...] | None = None,
-    **options: Any,
+    model: Any, scene: Scene, *, start: Motion | tuple[Array, ...] | None = None, **options: Any
 ) -> Motion:
     """Integrate a model (stored, reduced, full or beam) under a scene.
 

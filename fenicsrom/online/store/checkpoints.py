@@ -24,14 +24,7 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.state import ContactState
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.step.state import (
-    TIME,
-    Checkpoint,
-    PeriodicSearch,
-    Record,
-    State,
-    no_state,
-)
+from fenicsrom.online.step.state import TIME, Checkpoint, PeriodicSearch, Record, State, no_state
 from fenicsrom.online.store.archive import PLAIN
 from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
