@@ -180,10 +180,8 @@ class BeamStructure(DenseBody):
 
         The step turns no section by more than `LARGEST_TURN`.
         """
-        turn = max(
-            np.max(np.abs(x[2::UNKNOWNS])), np.max(self.largest(x[:, None])) / self.beam.length
-        )
-        h = LARGEST_TURN / turn
+        slope = np.max(self.largest(x[:, None])) / self.beam.length
+        h = LARGEST_TURN / max(np.max(np.abs(x[2::UNKNOWNS])), slope)
 
         def change(step: float) -> Array:
             return self.tangent_times(step * x, y) - self.tangent_times(-step * x, y)

@@ -130,9 +130,8 @@ def extended_basis(structure: Structure, options: Basis, found: Reduction) -> Re
         labels += list(derivatives.sizes)[len(derivatives.labels) :]
         plain = extended()
     wanted = missing_derivatives(modes, more, selection, derivatives)
-    combined = _combinations(
-        structure, options, modes, with_loads(more, modes.loads), wanted, plain
-    )
+    along = with_loads(more, modes.loads)
+    combined = _combinations(structure, options, modes, along, wanted, plain)
     names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
     vectors = [plain.vectors[:, basis.size :], combined]
     labels = [*plain.labels[basis.size :], *names]

@@ -199,14 +199,10 @@ def enrich(
     Raises:
         AccuracyError: the basis lost its orthogonality.
     """
-    kept = [
-        k
-        for k, label in enumerate(modes.labels)
-        if label.endswith("V") and label in selection.modes
-    ]
-    vectors = np.concatenate(
-        [modes.normal[:, kept], modes.loads.vectors, derivatives.vectors], axis=1
-    )
+    numbered = enumerate(modes.labels)
+    kept = [k for k, name in numbered if name.endswith("V") and name in selection.modes]
+    blocks = modes.normal[:, kept], modes.loads.vectors, derivatives.vectors
+    vectors = np.concatenate(blocks, axis=1)
     labels = [*(modes.labels[k] for k in kept), *modes.loads.labels, *derivatives.labels]
     return build_basis(structure, modes, vectors, labels)
 

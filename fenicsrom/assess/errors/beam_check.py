@@ -55,8 +55,6 @@ def _properties(body: Structure) -> dict[str, Array]:
     at_probe = (body.probe_rows @ under_loads).ravel()
     return {
         "the first natural frequency in Hz": np.sqrt(np.abs(squares)) / (2.0 * np.pi),
-        "the flexibility at the loads in m/N": np.asarray(body.comm.allreduce(at_loads)),
-        "the displacement of the observed place by 1 N in m": np.asarray(
-            body.comm.allreduce(at_probe)
-        ),
+        "the flexibility at the loads in m/N": body.comm.allreduce(at_loads),
+        "the displacement of the observed place by 1 N in m": body.comm.allreduce(at_probe),
     }

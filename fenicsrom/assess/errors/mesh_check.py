@@ -111,9 +111,8 @@ def of_solid(
         return MeshCheck(missing=reason)
     try:
         finer = FinerSolid(scene, solid)
-        frequencies = (
-            () if squares is None else _relative(squares[0], squares[1](finer)[: len(squares[0])])
-        )
+        ours, theirs = squares or (np.zeros(0), lambda finer: np.zeros(0))
+        frequencies = _relative(ours, theirs(finer)[: ours.size])
         moved = None if deflection is None else _moved(deflection, solid, finer)
         further(finer)
         finer.destroy()

@@ -66,10 +66,8 @@ def mode_agreement(structure: Structure, vectors: Array) -> ModeAgreement:
     size = vectors.shape[1]
     squares, full = structure.eigenmodes(structure.factor, min(size, MOST_COMPARED))
     stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
-    mass = structure.mass_inner(vectors, vectors)
-    reduced_squares, shapes = scipy.linalg.eigh(
-        0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
-    )
+    both = (0.5 * (a + a.T) for a in (stiffness, structure.mass_inner(vectors, vectors)))
+    reduced_squares, shapes = scipy.linalg.eigh(*both)
     products = structure.mass_inner(full, vectors) @ shapes
     sizes = np.diag(structure.mass_inner(full, full))
     mac = products**2 / sizes[:, None]  # eigh gives ψᵀ M ψ = 1

@@ -260,9 +260,8 @@ class _Tracked:
         values, vectors, change = modes_at_speed(solid, self.count)
         common: Array = np.ones(self.count)
         if self.shapes:
-            values, vectors, common = follow(
-                solid, self.squares[-1], self.shapes[-1], values, vectors
-            )
+            before = self.squares[-1], self.shapes[-1]
+            values, vectors, common = follow(solid, *before, values, vectors)
         self.shapes.append(vectors)
         self.squares.append(values)
         self.mac.append(common)
@@ -349,10 +348,8 @@ def _warnings(found: Campbell) -> list[str]:
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
                 "use speeds that are closer together"
             )
-        doubtful = np.flatnonzero(
-            (found.mac[:, mode] >= LEAST_MAC) & (found.mac[:, mode] < DOUBTFUL_MAC)
-        )
-        for k in map(int, doubtful):
+        mac = found.mac[:, mode]
+        for k in np.flatnonzero((mac >= LEAST_MAC) & (mac < DOUBTFUL_MAC)):
             warnings.append(
                 f"mode {mode + 1} may have been swapped with another mode between "
                 f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "

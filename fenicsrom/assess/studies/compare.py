@@ -202,9 +202,8 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
     table["basis"] |= {"method": c.method, "modes": c.modes, "elastic_force": c.elastic_force}
     table["basis"].pop("size", None)
     table["basis"] |= {} if c.size is None else {"size": c.size}
-    table["basis"]["derivatives"] = (
-        c.derivatives if isinstance(c.derivatives, str) else list(c.derivatives)
-    )
+    given = c.derivatives
+    table["basis"]["derivatives"] = given if isinstance(given, str) else list(given)
     if c.mesh:
         table = override_table(table, c.mesh, scene.source)
     steps = {} if c.steps is None else {"steps_per_period": c.steps}
@@ -289,16 +288,14 @@ def try_out(
             with timed(outcome.offline, "size"):
                 basis, model, motion = _sized(workshop.body, scene, reduction, motion)
         outcome.labels = basis.labels
-        outcome.indicator, outcome.residual = indicators(
-            workshop.body, basis.vectors, motion, scene
-        )
+        found = indicators(workshop.body, basis.vectors, motion, scene)
+        outcome.indicator, outcome.residual = found
         outcome.motion = replace(
             motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None
         )
         if timing:
-            outcome.online, outcome.timed_periods = time_runs(
-                model, scene, motion, workshop.body.comm
-            )
+            timings = time_runs(model, scene, motion, workshop.body.comm)
+            outcome.online, outcome.timed_periods = timings
     except (ConvergenceError, AccuracyError, SceneError) as error:  # no such `basis.size`
         outcome.failure = str(error)
         return outcome

@@ -81,9 +81,7 @@ class Factorisation:
                 f"unknowns (error {status}): there is too little memory, most likely",
                 kind=ErrorKind.MEMORY,
             )
-        raise ConvergenceError(
-            "the stiffness matrix is singular: its factorisation met a zero pivot"
-        )
+        raise ConvergenceError("the stiffness matrix is singular: a pivot is zero")
 
     def destroy(self, matrix: bool = False) -> None:
         """Free the factors, and the matrix too if asked; PETSc frees nothing itself in parallel."""

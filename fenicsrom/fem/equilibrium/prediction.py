@@ -113,9 +113,8 @@ def _basis(body: Any, load: Array) -> Array:
         body.derivative_at(rest, vectors[:, i], vectors[:, j])
         for i, j in zip(first, second, strict=True)
     ]
-    return _orthonormal(
-        body, np.concatenate([vectors, body.factor.solve(np.array(changes).T)], axis=1)
-    )
+    derivatives = body.factor.solve(np.array(changes).T)
+    return _orthonormal(body, np.concatenate([vectors, derivatives], axis=1))
 
 
 def _orthonormal(body: Any, vectors: Array) -> Array:

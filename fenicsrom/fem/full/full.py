@@ -336,9 +336,8 @@ class FullModel:
         assert self._factor is not None
         found = self._factor.solve(block)
         if self._modal.shape[1]:
-            found -= self._modal_unit @ (
-                self._modal_inverse @ self._solid.inner(self._modal, found)
-            )
+            inner = self._solid.inner(self._modal, found)
+            found -= self._modal_unit @ (self._modal_inverse @ inner)
         return np.asarray(found)
 
     @property
@@ -402,9 +401,8 @@ class FullModel:
                 if weight != 0.0:
                     u = self._solid.equilibrium + q
                     self._solid.add_tangent(self._effective, u, weight)
-                    self._pressures.add_tangent(
-                        self._effective, u, weight * pressing, symmetric=symmetric
-                    )
+                    factors = weight * pressing
+                    self._pressures.add_tangent(self._effective, u, factors, symmetric=symmetric)
         self._effective.axpy(wanted.mass, self._mass, structure=_SUBSET)
         if self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
@@ -419,9 +417,8 @@ class FullModel:
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""
-        return np.asarray(
-            self._probe_offset + self._solid.comm.allreduce(self._solid.probe_rows @ q)
-        )
+        moved = self._solid.comm.allreduce(self._solid.probe_rows @ q)
+        return np.asarray(self._probe_offset + moved)
 
     def mass_times(self, v: Array) -> Array:
         """M times v (local,) or a block (local, k)."""

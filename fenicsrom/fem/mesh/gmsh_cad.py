@@ -147,9 +147,7 @@ def _refine(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> None:
     for index, near in enumerate(meshing.near or ()):
         if near.group not in faces:
             key, named = f"geometry.meshing.near[{index}].group", ", ".join(sorted(faces))
-            reason = (
-                f"there is no facet group {near.group!r}; the mesh has the facet groups {named}"
-            )
+            reason = f"there is no facet group {near.group!r}; the facet groups are {named}"
             raise refuse(source, reason, ErrorKind.PLACE, key)
         size = near.size or 0.5 * geometry.size
         distance = gmsh.model.mesh.field.add("Distance")

@@ -153,9 +153,7 @@ def open_gmsh() -> Iterator[Any]:
     import gmsh
 
     if gmsh.isInitialized():
-        raise RuntimeError(
-            "gmsh is in use in this process: call gmsh.finalize() before you build a mesh"
-        )
+        raise RuntimeError("gmsh is in use: call gmsh.finalize() before you build a mesh")
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)

@@ -136,9 +136,8 @@ class Mesh:
             self.domain, self.domain.topology.dim - 1, inside
         )
         if not self.domain.comm.allreduce(len(facets)):
-            reach = " to ".join(
-                f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
-            )
+            ends = [", ".join(f"{value:.6g}" for value in corner[:d]) for corner in (low, high)]
+            reach = f"({ends[0]}) to ({ends[1]})"
             reason = f"no facet of the boundary lies there; the mesh extends from {reach}"
             raise refuse(self.source, f"{what}: {reason}", ErrorKind.PLACE)
         return np.sort(facets)

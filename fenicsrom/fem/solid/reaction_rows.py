@@ -156,10 +156,8 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     springs = solid.inner(tests, solid.springs[:, None] * fields)
     frame = solid.rotation
     if frame is not None:
-        arm = solid.assembled(
-            compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
-        )
-        arm += frame.point_force
+        form = compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
+        arm = solid.assembled(form) + frame.point_force
         centrifugal = products(frame.out_of_axis(w, test), fields)
         centrifugal += solid.inner(tests, frame.point_mass_times(fields))
         centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]

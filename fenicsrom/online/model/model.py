@@ -11,7 +11,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.compliance import Compliance, compliance_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.compiled import compile_methods
-from fenicsrom.online.kernels.dense import add_times, inner, times, write_times
+from fenicsrom.online.kernels.dense import add_times, inner, write_times
 from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.effective_stiffness import factorise_effective, write_effective_solution
 from fenicsrom.online.model.loads import LoadHistories, static_factors, write_factors
@@ -225,7 +225,9 @@ class ReducedModel(NamedTuple):
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
-        return self.probe_offset + times(self.probe, q)
+        moved = np.empty(self.probe.shape[0])
+        write_times(self.probe, q, moved)
+        return self.probe_offset + moved
 
     def mass_times(self, v: Array) -> Array:
         """M v (n,)."""

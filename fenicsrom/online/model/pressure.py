@@ -49,9 +49,8 @@ class PressurePolynomial(NamedTuple):
 
 def no_pressure(n: int) -> PressurePolynomial:
     """The polynomial of a model of n coordinates without follower pressures."""
-    return PressurePolynomial(
-        np.zeros(0, dtype=np.int64), np.zeros((0, n, n)), np.zeros((0, 0, n, n))
-    )
+    linear, quadratic = np.zeros((0, n, n)), np.zeros((0, 0, n, n))
+    return PressurePolynomial(np.zeros(0, dtype=np.int64), linear, quadratic)
 
 
 def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:

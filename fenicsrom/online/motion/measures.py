@@ -72,9 +72,8 @@ def amplitude(motion: Motion) -> Array:
 
 def at_rest(motion: Motion) -> bool:
     """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
-    return bool(
-        np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
-    )
+    largest = np.max(np.abs(motion.displacement), initial=0.0)
+    return bool(np.linalg.norm(amplitude(motion)) <= REST * largest)
 
 
 def has_settled(motion: Motion) -> bool:
@@ -104,9 +103,8 @@ def period_amplitudes(motion: Motion, count: int) -> list[Array]:
     found, slack = [amplitude(motion)], 1e-9 * motion.period
     for back in range(1, min(count, motion.periods)):
         end = motion.time[-1] - back * motion.period
-        then = motion.displacement[
-            (motion.time <= end + slack) & (motion.time >= end - motion.period - slack)
-        ]
+        begin = end - motion.period
+        then = motion.displacement[(motion.time <= end + slack) & (motion.time >= begin - slack)]
         if then.size == 0:
             break
         found.append(np.ptp(then, axis=0).reshape(-1) / 2.0)

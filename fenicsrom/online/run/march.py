@@ -175,9 +175,8 @@ def _change(run: MarchRun, q0: Array) -> float:
         q0: (n,) coordinates a period ago.
     """
     before = run.history[-2] if run.reference is None else run.reference
-    found = change_of(
-        [*run.history[:-2], before, run.history[-1]], run.problem.period, run.multiple
-    )
+    rows = [*run.history[:-2], before, run.history[-1]]
+    found = change_of(rows, run.problem.period, run.multiple)
     run.reference = None
     if found <= run.problem.time.steady_tolerance and run.multiple == 1:
         # the contact points repeat; check the whole state too

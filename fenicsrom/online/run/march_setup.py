@@ -98,9 +98,8 @@ def static_size(problem: Problem, q: Array) -> float:
     The loads include the preload of the contacts.
     """
     model, contacts = problem.model, problem.contacts
-    _, tangent = model.elastic_over_step(
-        np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
-    )
+    zero, one = np.zeros_like(q), np.ones(1)
+    _, tangent = model.elastic_over_step(zero, q, zero, 0.0, one, one)
     force = np.abs(model.loads) @ largest(model.load_histories)
     preload = np.zeros((contacts.preload.size, problem.dimension))
     y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
@@ -249,9 +248,8 @@ def set_up_run(
     rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
     if keep_coordinates and not tolerance:
         rows = min(rows, round(horizon / step) + 1)
-    record = no_record(
-        rows, state.contact.x.shape[0], problem.dimension, width, varies=history.size > 0
-    )
+    sizes = rows, state.contact.x.shape[0], problem.dimension, width
+    record = no_record(*sizes, varies=history.size > 0)
     write(model, contacts, state, record, 0)
     first = joined_rows([record], [1])
     if resume is not None:

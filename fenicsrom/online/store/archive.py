@@ -278,10 +278,8 @@ class StoredModel:
         history, omega = history_of(scene.rotation), scene.rotation.omega
         if history.size:
             return self._with_coordinates(whole.over(history, omega))
-        interface_modes = isinstance(scene.basis.masters, int)
-        return self._with_coordinates(
-            whole.at(omega, interface_modes, scene.geometrically_nonlinear)
-        )
+        modes = isinstance(scene.basis.masters, int)
+        return self._with_coordinates(whole.at(omega, modes, scene.geometrically_nonlinear))
 
     def over_speeds(self, first: float, last: float) -> StoredModel:
         """The model for all speeds between two in rev/min, from that for the range.

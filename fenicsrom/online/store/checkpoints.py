@@ -111,9 +111,8 @@ def _read(path: Path) -> _Content:
         state = checkpoint.state
         trial = no_state(state.q.size, *state.contact.x.shape).trial
         checkpoint = checkpoint._replace(state=state._replace(trial=trial))
-        return _Content(
-            header["model"], scene, checkpoint, motion and replace(motion, end=checkpoint)
-        )
+        motion = motion and replace(motion, end=checkpoint)
+        return _Content(header["model"], scene, checkpoint, motion)
 
 
 def load_scene(path: Path) -> Scene:

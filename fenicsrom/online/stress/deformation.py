@@ -77,10 +77,8 @@ def deformation(law: StressLaw, position: Array, start: Array, change: Array) ->
     f = law.deformation_gradient(start, change)
     squares = np.linalg.eigvalsh(_extreme(np.swapaxes(f, -1, -2) @ f))
     first = int(np.argmin(volume))
-    smallest = float(np.sqrt(max(squares.min(), 0.0)))
-    return Deformation(
-        float(volume[first]), position[first], smallest, float(np.sqrt(squares.max()))
-    )
+    smallest, largest = (float(np.sqrt(max(x, 0.0))) for x in (squares.min(), squares.max()))
+    return Deformation(float(volume[first]), position[first], smallest, largest)
 
 
 def _extreme(c: Array) -> Array:

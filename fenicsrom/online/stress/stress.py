@@ -146,9 +146,8 @@ class StressLaw:
             return self.deformation_gradient(start, change) @ stress
         start, change = self._about(start, change)
         f, stress = np.eye(start.shape[-1]) + start, self.of_strain(_green(start))
-        return f @ (stress + self.of_strain(_symmetric(np.swapaxes(f, -1, -2) @ change))) + (
-            change @ stress
-        )
+        more = self.of_strain(_symmetric(np.swapaxes(f, -1, -2) @ change))
+        return f @ (stress + more) + change @ stress
 
     def modal(self, start: Array, change: Array) -> Array:
         """Derivative (..., 6) of the second Piola-Kirchhoff stress about the equilibrium, Pa."""
@@ -210,9 +209,8 @@ class StressTable:
 
         v, g = self.extrapolation.shape
         rows = np.repeat(self.cells.reshape(-1), g)
-        columns = np.tile(np.arange(self.position.shape[0]).reshape(-1, 1, g), (1, v, 1)).reshape(
-            -1
-        )
+        points = np.arange(self.position.shape[0]).reshape(-1, 1, g)
+        columns = np.tile(points, (1, v, 1)).ravel()
         meeting = np.bincount(self.cells.reshape(-1), minlength=self.vertex_position.shape[0])
         weights = np.tile(self.extrapolation.reshape(-1), self.cells.shape[0]) / meeting[rows]
         shape = (self.vertex_position.shape[0], self.position.shape[0])
@@ -282,10 +280,8 @@ def tensors(stress: Array) -> Array:
 def von_mises(stress: Array) -> Array:
     """Von Mises stresses (...) of components (..., 6)."""
     normal, shear = stress[..., :3], stress[..., 3:]
-    differences = normal - np.roll(normal, 1, axis=-1)
-    return np.asarray(
-        np.sqrt(0.5 * np.sum(differences**2, axis=-1) + 3.0 * np.sum(shear**2, axis=-1))
-    )
+    squares = 0.5 * np.sum((normal - np.roll(normal, 1, axis=-1)) ** 2, axis=-1)
+    return np.asarray(np.sqrt(squares + 3.0 * np.sum(shear**2, axis=-1)))
 
 
 def principal(stress: Array) -> Array:
