@@ -49,12 +49,8 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
         pressure = structure.pressure_polynomial(r)
     else:
         force = structure.inner(r, structure.rest_force[:, None])[:, 0]
-        elastic = ElasticPolynomial(
-            force,
-            structure.inner(r, structure.stiffness_times(r)),
-            np.zeros((0, 0)),
-            np.zeros((0, 0)),
-        )
+        stiffness, none = structure.inner(r, structure.stiffness_times(r)), np.zeros((0, 0))
+        elastic = ElasticPolynomial(force, stiffness, none, none)
         pressure = None if structure.symmetric else _skew_pressure(structure, r, elastic.stiffness)
     return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
 

@@ -285,11 +285,8 @@ def require_bounded(model: ReducedModel, scene: Scene) -> None:
     rate, frequency = fastest_growth(model)
     if rate * (span or 0.0) <= np.log(UNBOUNDED):
         return
-    keys = " and ".join(
-        f"loads[{k}].pressure = {load.size:g}"
-        for k, load in enumerate(scene.loads)
-        if load.follower and load.static
-    )
+    pressures = [(k, load) for k, load in enumerate(scene.loads) if load.follower and load.static]
+    keys = " and ".join(f"loads[{k}].pressure = {load.size:g}" for k, load in pressures)
     how = f"it flutters at {frequency:.4g} Hz" if frequency > 0.0 else "it diverges"
     raise ConvergenceError(
         f"the equilibrium is unstable under the static follower pressure {keys}: {how} and grows "

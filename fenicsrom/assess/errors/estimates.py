@@ -250,12 +250,11 @@ def _nearby_motion(
     if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    steps = motion.time[motion.last_period()] / scene.period if adaptive else None
-    shooting = Shooting(
-        Problem.of(model, scene).settled(),
-        motion.search.periods,
-        None if steps is None else steps - steps[0],
-    )
+    fractions = None
+    if adaptive:
+        steps = motion.time[motion.last_period()] / scene.period
+        fractions = steps - steps[0]
+    shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods, fractions)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)
@@ -374,11 +373,8 @@ def _times_distance(factor: float, motion: Motion, other: Motion | None) -> Moti
     if other is None:
         return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     found = distances(motion, other)
-    return MotionErrors(
-        factor * found.amplitude,
-        factor * found.peak_force,
-        tuple(factor * value for value in found.directions),
-    )
+    each = tuple(factor * value for value in found.directions)
+    return MotionErrors(factor * found.amplitude, factor * found.peak_force, each)
 
 
 def distances(motion: Motion, other: Motion) -> MotionErrors:

@@ -254,14 +254,10 @@ def unreached(stored: StoredModel, error: float, limit: float) -> str:
         limit: largest accepted error.
     """
     known = counted(stored.size + len(stored.further), "coordinate")
-    found = (
-        f"the error due to the basis is estimated as {in_percent(error)}"
-        if np.isfinite(error)
-        else "the error due to the basis is not known"
-    )
+    found = f"estimated as {in_percent(error)}" if np.isfinite(error) else "not known"
     return (
         f"basis.accuracy = {limit:g} is not reached with {stored.size} of the {known} that the "
-        f"model holds: {found}; run the scene with a larger basis.modes to reach it"
+        f"model holds: the error is {found}; run the scene with a larger basis.modes to reach it"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import time as clock
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -89,17 +90,13 @@ def machine() -> dict[str, Any]:
     """The processor and the number of threads of the numerical libraries."""
     name = platform.processor() or platform.machine()
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next(
-            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
-            name,
-        )
+        found = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text("utf-8"))
+        name = found[1].strip() if found else name
     except OSError:
         pass
-    threads = os.environ.get("OMP_NUM_THREADS", "not set")
     return {
         "processor": name,
         "cores": os.cpu_count(),
         "system": platform.system(),
-        "OMP_NUM_THREADS": threads,
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "not set"),
     }

@@ -50,12 +50,9 @@ def scales_of(model: ReducedModel, scene: Scene) -> Scales:
     """Compute the scales of a scene from its reduced model."""
     stiffness = [_body_stiffness(model, k) for k in range(len(scene.contacts))]
     squares = scipy.linalg.eigh(_symmetric_stiffness(model), model.mass, eigvals_only=True)
-    return Scales(
-        tuple(normal for normal, _ in stiffness),
-        tuple(tangential for _, tangential in stiffness),
-        buckling_preload(model, scene),
-        float(np.sqrt(max(squares[0], 0.0))),
-    )
+    first, rest = (tuple(pair[i] for pair in stiffness) for i in range(2))
+    omega = float(np.sqrt(max(squares[0], 0.0)))
+    return Scales(first, rest, buckling_preload(model, scene), omega)
 
 
 def _symmetric_stiffness(model: ReducedModel) -> Array:

@@ -329,11 +329,11 @@ def _sized(
         candidates=whole,
         further=extended.labels[found.basis.size :],
     )
-    chosen = sized(
-        stored,
-        motion,
-        lambda larger, near: simulate(larger.model, scene, near=near, keep_coordinates=True),
-    )
+
+    def run(larger: StoredModel, near: Any) -> Motion:
+        return simulate(larger.model, scene, near=near, keep_coordinates=True)
+
+    chosen = sized(stored, motion, run)
     if chosen is None or chosen.stored is stored:
         return found.basis, found.model, motion
     part = extended.part(chosen.stored.labels, chosen.stored.model.mass)

@@ -231,11 +231,8 @@ class RotatingFrame:
 
     def add_spin_softening(self, matrix: PETSc.Mat, weight: float) -> None:
         """Add `weight` times −Ω² Q, the second derivative of (1), to a tangent stiffness."""
-        matrix.axpy(
-            -weight * self.omega_squared,
-            self.mass,
-            structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN,
-        )
+        subset = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+        matrix.axpy(-weight * self.omega_squared, self.mass, structure=subset)
 
     def gyroscopic(self) -> PETSc.Mat | None:
         """G of (3) at this speed, N s/m; None without the Coriolis force."""

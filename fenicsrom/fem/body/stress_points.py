@@ -120,13 +120,8 @@ def local_part(solid: ElasticBody) -> LocalPart:
     own = counts[solid.comm.rank]
     cell = solid.mesh.domain.basix_cell()
     at_nodes = _shapes_at(cell, 1, np.asarray(solid.space.element.basix_element.points))
-    index_map = dofmap.index_map
-    return LocalPart(
-        slice(first, first + own),
-        np.asarray(dofmap.list[:own]),
-        at_nodes,
-        index_map.size_local + index_map.num_ghosts,
-    )
+    count = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+    return LocalPart(slice(first, first + own), np.asarray(dofmap.list[:own]), at_nodes, count)
 
 
 def body_deformation(body: ElasticBody, scene: Scene, u: Array) -> Deformation:

@@ -36,6 +36,7 @@ from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
+from fenicsrom.words import counted
 
 
 class Held(NamedTuple):
@@ -274,9 +275,7 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
     """The error of pieces of the mesh that no support touches."""
     named = ", ".join(support.group or "picked by coordinates" for support in supports)
     some = (
-        "1 connected piece of the mesh touches"
-        if pieces == 1
-        else f"{pieces} connected pieces of the mesh touch"
+        f"{counted(pieces, 'connected piece')} of the mesh {'touches' if pieces == 1 else 'touch'}"
     )
     reason = f"{some} no support ({named}), so the stiffness is singular; clamp every piece, or "
     reason += "join the parts of the mesh (coincident nodes do not join them)"

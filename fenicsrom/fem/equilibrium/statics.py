@@ -225,15 +225,8 @@ class Statics:
             coming = decrement * (decrement / last) if contracts else decrement
             return coming <= self._tolerance**2 * step.scale or (small and not contracts)
 
-        return newton(
-            start,
-            correct,
-            converged,
-            STATIC_ITERATIONS,
-            STATIC_GROWTH,
-            STATIC_LAST_RESORT,
-            self._decrements,
-        )
+        limits = STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
+        return newton(start, correct, converged, *limits, self._decrements)
 
     def _solve(self, residual: Array) -> Array:
         """Minus the inverse of the factorised tangent times a residual (local,)."""

@@ -230,10 +230,6 @@ class FullPeriodMap:
             if state.trial.scratch.mode[p] == OPEN:
                 columns.w[mine] = x1[mine]
                 continue
-            by = self._law.slider[p]
-            columns.w[mine] = (
-                by[:, :d] @ columns.x[mine]
-                + by[:, d : 2 * d] @ x1[mine]
-                + by[:, 2 * d : 3 * d] @ columns.w[mine]
-            )
+            changes = np.concatenate([columns.x[mine], x1[mine], columns.w[mine]])
+            columns.w[mine] = self._law.slider[p][:, : 3 * d] @ changes
         columns.x = x1

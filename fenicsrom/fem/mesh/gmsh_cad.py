@@ -190,11 +190,8 @@ def _generate(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> lis
         if not problem:
             if not attempt:
                 return []
-            used = (
-                f"curvature = {meshing.curvature * finer:g}"
-                if meshing.curvature
-                else f"size = {size / finer:.3g}"
-            )
+            used = f"curvature = {meshing.curvature * finer:g}"
+            used = used if meshing.curvature else f"size = {size / finer:.3g}"
             return [f"{source}: {failure}; the body was meshed with {used} instead"]
         failure = failure or problem
     least = f"size = {size / finer:.3g} m and curvature = {meshing.curvature * finer:g}"
@@ -218,11 +215,8 @@ def _attempt(gmsh: Any, d: int, faces: dict[str, list[int]]) -> str:
     if not errors and not failure:
         return ""
     names = {face: name for name, members in faces.items() for face in members}
-    failed = [
-        names.get(tag, str(tag))
-        for dim, tag in gmsh.model.mesh.getLastEntityError()
-        if dim == d - 1
-    ]
+    entities = gmsh.model.mesh.getLastEntityError()
+    failed = [names.get(tag, str(tag)) for dim, tag in entities if dim == d - 1]
     text = " ".join(errors)
     failed += [names.get(int(tag), tag) for tag in re.findall(r"\bsurface (\d+)", text)]
     place = re.search(r"\(([-+.\de]+),([-+.\de]+),([-+.\de]+)\)", text)

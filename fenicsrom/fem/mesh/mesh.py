@@ -303,11 +303,8 @@ def _local_node_groups(
     ends = np.sort(model[topology.connectivity(1, 0).array].reshape(number[1], 2), axis=1)
     found = {}
     for name, (points, pairs) in nodes.items():
-        lines = np.flatnonzero(np.isin(_keys(ends), _keys(np.sort(pairs, axis=1))))
-        found[name] = (
-            np.flatnonzero(np.isin(model, points)).astype(np.int32),
-            lines.astype(np.int32),
-        )
+        marks = np.isin(model, points), np.isin(_keys(ends), _keys(np.sort(pairs, axis=1)))
+        found[name] = tuple(np.flatnonzero(mark).astype(np.int32) for mark in marks)
     return found
 
 

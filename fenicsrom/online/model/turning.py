@@ -140,10 +140,8 @@ def add_turning(
     for i in range(n):
         value = growth * turning.euler[i] - square * total * turning.centrifugal[i]
         for j in range(n):
-            turned, softened = (
-                0.5 * growth * turning.coriolis[i, j],
-                square * turning.softening[i, j],
-            )
+            turned = 0.5 * growth * turning.coriolis[i, j]
+            softened = square * turning.softening[i, j]
             value += turned * (q0[j] + moved * dq[j]) - softened * (total * q0[j] + moved * dq[j])
             tangent[i, j] += moved * (turned - softened)
             velocity[i, j] = damping[i, j] + omega * turning.coriolis[i, j]

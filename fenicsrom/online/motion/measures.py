@@ -223,10 +223,8 @@ def friction_dissipation_per_period(motion: Motion) -> float:
     """Energy dissipated by friction in the last period (or, if there is none, in all), J."""
     if motion.period is None:
         return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
-    return float(
-        motion.friction_dissipation[-1]
-        - np.interp(motion.time[-1] - motion.period, motion.time, motion.friction_dissipation)
-    )
+    begin, spent = motion.time[-1] - motion.period, motion.friction_dissipation
+    return float(spent[-1] - np.interp(begin, motion.time, spent))
 
 
 def point_summaries(motion: Motion) -> list[dict[str, Any]]:

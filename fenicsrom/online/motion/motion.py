@@ -140,12 +140,8 @@ class Motion(History):
         """
         energy = self.kinetic + self.elastic + self.contact_energy
         spent = self.damping_dissipation + self.friction_dissipation - self.work
-        return np.concatenate(
-            [
-                energy[part] - energy[part.start] + spent[part] - spent[part.start]
-                for part in self.parts
-            ]
-        )
+        pairs = ((energy[part] - energy[part.start], spent[part]) for part in self.parts)
+        return np.concatenate([stored + lost - lost[0] for stored, lost in pairs])
 
     @property
     def relative_imbalance(self) -> float:

@@ -56,11 +56,8 @@ def simulate(
     """
     if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
-    return integrate(
-        checked_problem(model, scene),
-        start=end_of(start) if isinstance(start, Motion) else start,
-        **options,
-    )
+    start = end_of(start) if isinstance(start, Motion) else start
+    return integrate(checked_problem(model, scene), start=start, **options)
 
 
 def checked_problem(model: Any, scene: Scene) -> Problem:

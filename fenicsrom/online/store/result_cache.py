@@ -26,17 +26,7 @@ from fenicsrom.progress import log
 VARIABLE = "FENICSROM_CACHE"
 OFF = "off"
 
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "gmsh",
-    "meshio",
-    "fenics-basix",
-    "fenics-dolfinx",
-    "petsc4py",
-    "slepc4py",
-)
+LIBRARIES = "numpy scipy numba gmsh meshio fenics-basix fenics-dolfinx petsc4py slepc4py".split()
 
 PACKAGE = Path(__file__).parents[2]
 

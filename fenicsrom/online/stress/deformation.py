@@ -96,11 +96,9 @@ def _extreme(c: Array) -> Array:
 def extremes(parts: Sequence[Deformation]) -> Deformation:
     """The extremes over several sets of points."""
     first = min(parts, key=lambda part: part.volume_ratio)
-    return replace(
-        first,
-        smallest_stretch=min(part.smallest_stretch for part in parts),
-        largest_stretch=max(part.largest_stretch for part in parts),
-    )
+    smallest = min(part.smallest_stretch for part in parts)
+    largest = max(part.largest_stretch for part in parts)
+    return replace(first, smallest_stretch=smallest, largest_stretch=largest)
 
 
 def deformation_at(table: StressTable, q: Array) -> Deformation:

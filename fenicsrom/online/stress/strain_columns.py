@@ -63,12 +63,8 @@ def write_product(
                 columns[row, shear, p] = SHEAR * own * (right[b, c, j, p] + right[c, b, j, p])
             for a in range(d):
                 for p in range(points):
-                    columns[row, shear, p] += (
-                        SHEAR
-                        * weight
-                        * (
-                            left[a, b, i, p] * right[a, c, j, p]
-                            + left[a, c, i, p] * right[a, b, j, p]
-                        )
+                    both = (
+                        left[a, b, i, p] * right[a, c, j, p] + left[a, c, i, p] * right[a, b, j, p]
                     )
+                    columns[row, shear, p] += SHEAR * weight * both
             shear += 1
