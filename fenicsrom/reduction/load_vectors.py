@@ -57,12 +57,11 @@ class LoadVectors:
 
 def varying_loads(structure: Structure) -> list[int]:
     """The numbers, from 0, of the loads that vary in time."""
-    sines, spans = structure.load_histories.sines, structure.load_histories.spans.tolist()
-    return [
-        k
-        for k, (first, last, row, end) in enumerate(spans)
-        if end > row or np.any(sines[first:last, OMEGA] != 0.0)
-    ]
+    sines, found = structure.load_histories.sines, []
+    for k, (first, last, row, end) in enumerate(structure.load_histories.spans):
+        if end > row or np.any(sines[first:last, OMEGA] != 0.0):
+            found.append(k)
+    return found
 
 
 def load_responses(structure: Structure) -> Array:

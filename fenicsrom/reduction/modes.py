@@ -259,8 +259,8 @@ def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
     omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     if np.any(omega_squared <= 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
-        count = counted(int(np.sum(omega_squared <= 0)), "mode")
-        structure.warnings.append(f"{what}: omega^2 < 0 of {count}")
+        number = counted(int(np.sum(omega_squared <= 0)), "mode")
+        structure.warnings.append(f"{what}: omega^2 < 0 of {number}")
     return SolvedModes(
         method,
         omega_squared,

@@ -205,11 +205,8 @@ def contacts_with(scene: Scene, **values: Sequence[float]) -> Overrides:
     """
     if not scene.contacts:
         raise LeftOut("the scene has no contact")
-    return tuple(
-        f"contacts.{k}.{key}={value!r}"
-        for key, entries in values.items()
-        for k, value in enumerate(entries)
-    )
+    pairs = [(key, k, entry) for key, entries in values.items() for k, entry in enumerate(entries)]
+    return tuple(f"contacts.{k}.{key}={entry!r}" for key, k, entry in pairs)
 
 
 def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
@@ -226,11 +223,12 @@ def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
 
 def contact_stiffness(scene: Scene, scales: Scales, normal: float, tangential: float) -> Overrides:
     """Contact stiffnesses as multiples of the stiffness of the body at the contact."""
-    return contacts_with(
-        scene,
-        normal_stiffness=[normal * k for k in scales.normal_stiffness],
-        tangential_stiffness=[tangential * k for k in scales.tangential_stiffness],
-    )
+    along, across = scales.normal_stiffness, scales.tangential_stiffness
+    values = {
+        "normal_stiffness": [normal * stiffness for stiffness in along],
+        "tangential_stiffness": [tangential * stiffness for stiffness in across],
+    }
+    return contacts_with(scene, **values)
 
 
 def preload(scene: Scene, scales: Scales, factor: float) -> Overrides:
@@ -250,10 +248,8 @@ def _scene(scene: Scene, scales: Scales) -> Values:
 
 
 def _contact_stiffness(scene: Scene, scales: Scales) -> Values:
-    return {
-        f"{factor:g} times the body's": contact_stiffness(scene, scales, factor, factor)
-        for factor in (1e-4, 1e-2, 1.0, 1e2, 1e4)
-    }
+    factors = (1e-4, 1e-2, 1.0, 1e2, 1e4)
+    return {f"{x:g} times the body's": contact_stiffness(scene, scales, x, x) for x in factors}
 
 
 def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
@@ -280,25 +276,20 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-
-    gaps = [contact.gap for contact in scene.contacts]
-    return {
-        f"{x:g} times": contacts_with(scene, gap=[x * gap for gap in gaps])
-        for x in (0.5, 0.9, 1.1, 2.0)
-    }
+    gaps, factors = np.array([contact.gap for contact in scene.contacts]), (0.5, 0.9, 1.1, 2.0)
+    return {f"{x:g} times": contacts_with(scene, gap=(x * gaps).tolist()) for x in factors}
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
     moving = [(k, contact) for k, contact in enumerate(scene.contacts) if contact.approach]
     if not moving:
         raise LeftOut("no contact has an approach")
-    return {
-        f"{x:g} times": tuple(
-            f"contacts.{k}.approach={[[time, x * distance] for time, distance in contact.approach]}"
-            for k, contact in moving
-        )
-        for x in (0.0, 0.5, 2.0, 5.0)
-    }
+
+    def times(factor: float) -> Overrides:
+        steps = {k: [[t, factor * way] for t, way in contact.approach] for k, contact in moving}
+        return tuple(f"contacts.{k}.approach={approach}" for k, approach in steps.items())
+
+    return {f"{x:g} times": times(x) for x in (0.0, 0.5, 2.0, 5.0)}
 
 
 def _load(scene: Scene, scales: Scales) -> Values:
@@ -312,42 +303,34 @@ def _static_load(scene: Scene, scales: Scales) -> Values:
 
 def _frequency(scene: Scene, scales: Scales) -> Values:
     tables = scene_table(scene)["loads"]
-    given = {
-        k: float(table["frequency"])
-        for k, table in enumerate(tables)
-        if "frequency" in table and "engine_order" not in table
-    }
+    own = [k for k, load in enumerate(tables) if "frequency" in load and "engine_order" not in load]
+    given = {k: float(tables[k]["frequency"]) for k in own}
     if not given or any("sweep" in table for table in tables):
         raise LeftOut("no load has a constant frequency of its own")
-    first = scales.omega / (2.0 * math.pi)
-    lowest = min(given.values())
-    return {
-        f"{x:g} times the first natural frequency": tuple(
-            f"loads.{k}.frequency={x * first * value / lowest!r}" for k, value in given.items()
-        )
-        for x in (0.1, 0.5, 0.9, 1.0, 1.1, 2.0)
-    }
+    first, lowest = scales.omega / (2.0 * math.pi), min(given.values())
+
+    def lowest_at(x: float) -> Overrides:
+        changed = {k: x * first * value / lowest for k, value in given.items()}
+        return tuple(f"loads.{k}.frequency={value!r}" for k, value in changed.items())
+
+    factors = (0.1, 0.5, 0.9, 1.0, 1.1, 2.0)
+    return {f"{x:g} times the first natural frequency": lowest_at(x) for x in factors}
 
 
 def _damping(scene: Scene, scales: Scales) -> Values:
     """Damping ratios of the first mode: alpha = 2 ratio omega_1."""
-    return {
-        f"ratio {ratio:g}": (f"material.mass_damping={2.0 * ratio * scales.omega!r}",)
-        for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)
-    }
+    alpha = {ratio: 2.0 * ratio * scales.omega for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)}
+    return {f"ratio {x:g}": (f"material.mass_damping={alpha[x]!r}",) for x in alpha}
 
 
 def _steps(scene: Scene, scales: Scales) -> Values:
     if scene.period is not None:
-        return {
-            f"{n} a period": (f"time.steps_per_period={n}",) for n in (10, 20, 50, 100, 500, 2000)
-        }
+        counts = (10, 20, 50, 100, 500, 2000)
+        return {f"{n} a period": (f"time.steps_per_period={n}",) for n in counts}
     if scene.time.step is None:
         raise LeftOut("the step of the scene follows from its tolerance")
-    return {
-        f"{x:g} times as long": (f"time.step={x * scene.time.step!r}",)
-        for x in (10.0, 4.0, 2.0, 0.5, 0.1)
-    }
+    steps = {x: x * scene.time.step for x in (10.0, 4.0, 2.0, 0.5, 0.1)}
+    return {f"{x:g} times as long": (f"time.step={step!r}",) for x, step in steps.items()}
 
 
 def _tolerance(scene: Scene, scales: Scales) -> Values:
@@ -361,15 +344,13 @@ def _scheme(scene: Scene, scales: Scales) -> Values:
 def _poisson(scene: Scene, scales: Scales) -> Values:
     if not scene.material.is_isotropic:
         raise LeftOut("the material is not isotropic")
-    planes = [f"geometry.plane='{name}'" for name in ("stress", "strain")]
-    chosen = planes if scene.geometry.dimension == 2 else [""]
+    ratios = {f"{nu:g}": (f"material.poisson={nu!r}",) for nu in (0.0, 0.45, 0.499)}
+    if scene.geometry.dimension == 3:
+        return dict(ratios)
     return {
-        f"{nu:g}" + (f", plane {plane.split(chr(39))[1]}" if plane else ""): (
-            f"material.poisson={nu!r}",
-            *filter(None, [plane]),
-        )
-        for nu in (0.0, 0.45, 0.499)
-        for plane in chosen
+        f"{ratio}, plane {name}": (*change, f"geometry.plane='{name}'")
+        for ratio, change in ratios.items()
+        for name in ("stress", "strain")
     }
 
 
@@ -386,13 +367,11 @@ def _derivatives(scene: Scene, scales: Scales) -> Values:
     if not scene.geometrically_nonlinear:
         raise LeftOut("the scene is geometrically linear")
     other = "craig-bampton" if scene.basis.method == "rubin" else "rubin"
+    more = f"basis.modes={_mode_count(scene) + 1}"
     return {
         "none": ("basis.derivatives='none'",),
         "all": ("basis.derivatives='all'",),
-        "all of one mode more": (
-            "basis.derivatives='all'",
-            f"basis.modes={_mode_count(scene) + 1}",
-        ),
+        "all of one mode more": ("basis.derivatives='all'", more),
         f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'"),
     }
 

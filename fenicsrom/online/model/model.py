@@ -327,20 +327,11 @@ def _tidy(values: Any, integers: str = "") -> Any:
     )
 
 
-compile_methods(
-    ReducedModel,
-    (
-        "set_interval",
-        "pressure_work",
-        "elastic_over_step",
-        "elastic_at",
-        "solve_effective",
-        "contact_displacement",
-        "probe_displacement",
-        "mass_times",
-        "velocity_times",
-        "dot",
-        "load",
-        "write_momentum",
-    ),
+OPERATIONS = (
+    *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "solve_effective"),
+    *("contact_displacement", "probe_displacement", "mass_times", "velocity_times"),
+    *("dot", "load", "write_momentum"),
 )
+"""The methods that compiled code calls."""
+
+compile_methods(ReducedModel, OPERATIONS)
