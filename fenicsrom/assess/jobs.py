@@ -8,8 +8,6 @@ starts from nothing and only imports the program, forks the processes of this ma
 "forkserver" context). Systems that cannot fork start each process from nothing.
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import signal

@@ -4,8 +4,6 @@
 it treats the solid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NoReturn
 

@@ -32,8 +32,6 @@ Forces f at the nodes of the structure act on the finer elements as Jᵀ f, wher
 displacements u of the finer elements at these nodes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

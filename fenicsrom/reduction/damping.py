@@ -9,8 +9,6 @@ mode φ_k has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The last three t
 body only and not on the basis: the full model and all reduced models have the same damping.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

@@ -7,8 +7,6 @@ Zucca (2024), eqs. (14) to (17); for the method see Weeger, Wever and Simeon, In
 Eng. 108, 2016, and Wu, Tiso, Tatsis, Chatzi and van Keulen, Multibody Syst. Dyn. 45, 2019.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 

@@ -15,8 +15,6 @@ Against the solid at a speed between those of the basis, the model therefore has
 speed more in the basis would remove.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -19,8 +19,6 @@ The largest share counts. If it is above `LOAD_SHARE`, the static response K‚Åª¬
 mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

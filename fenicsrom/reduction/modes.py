@@ -28,8 +28,6 @@ mode above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1
 response. The responses of the modes that are left out are therefore small and nearly static.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ The displacement is u = u₀ + R q. Every matrix of the structure is projected b
 for example the mass Rᵀ M R; the elastic force is Rᵀ f(u₀ + R q).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -13,8 +13,6 @@ Zucca (2024), sec. 2.2; (1) and (2) are eqs. (19) and (20). `fenicsrom.reduction
 U_t and U_st.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@
 Each stage is one function. `Reduction` runs a stage when its result is first needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace

@@ -13,8 +13,6 @@ strain x becomes a column √w Lᵀ x of d (d + 1) / 2 numbers at each point, so
 of two columns is (2). BLAS multiplies the columns of many points at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

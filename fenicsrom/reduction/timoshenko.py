@@ -23,8 +23,6 @@ for any number of elements. The mass matrix is consistent, integrated exactly, i
 inertia, and is constant.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

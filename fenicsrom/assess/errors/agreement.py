@@ -1,7 +1,5 @@
 """Errors between motions, rank correlation, break-even and Pareto front."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ them changes and the other does not, the beam is another structure. The first na
 the displacements at the loads and at the observed place then differ between beam and solid.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

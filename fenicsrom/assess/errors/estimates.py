@@ -1,7 +1,5 @@
 """Estimates of the error of a motion due to its time step, its basis and its mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ weight it does not depend on the density of the nodes, and its sum over all redu
 part of the kinetic energy of φᵢ that the basis can represent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

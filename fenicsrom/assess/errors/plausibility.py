@@ -1,7 +1,5 @@
 """Loads and motions that are most likely consequences of wrong input."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

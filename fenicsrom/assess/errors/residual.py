@@ -13,8 +13,6 @@ to soft transverse forces. The plain norm |r|/|p| depends on both, and is comput
 how well the two norms rank the bases.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

@@ -1,7 +1,5 @@
 """Signals of a motion: spectra, envelope, states once per period, and energy per period."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

@@ -15,8 +15,6 @@ coordinates instead. A motion that its first coordinates describe well enough ke
 would cost another run, and the picture of the sizes shows what they would do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -16,8 +16,6 @@ method found has no estimates. Otherwise it ends with exit code 1; its files are
 why. The estimates of the largest normal force are printed and do not decide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

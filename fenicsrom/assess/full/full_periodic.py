@@ -16,8 +16,6 @@ thousands of periods. Where the residual does not fall by `GOOD_RATE`, D is enla
 modes and then by the residual itself, and the next full period carries P' D along exactly.
 """
 
-from __future__ import annotations
-
 import time as clock
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The error due to the basis, measured against the full model, beside its estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ model (`Scales`). A scene that is written in other units therefore has the same
 axes. An axis is left out, with the reason, if the scene lacks the feature that it varies.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ ones. The offline seconds of a combination are the sum of the stages that it nee
 the only combination. The indicator (`assess.errors.residual`) needs no full run.
 """
 
-from __future__ import annotations
-
 import itertools
 import time as clock
 from collections.abc import Callable, Iterator, Sequence

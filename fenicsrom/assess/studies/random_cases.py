@@ -6,8 +6,6 @@ few modes holds: frequencies far above the kept modes, axial loads, bases withou
 impacts and sweeps. A variant may therefore be refused, but its result must not be silently wrong.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One run of a sweep, as a job of a process: a stored model under other values of its scene."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Factorisations and eigenmodes by PETSc and SLEPc, on arrays of the unknowns of this rank."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 from slepc4py import SLEPc

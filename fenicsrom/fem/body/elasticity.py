@@ -26,8 +26,6 @@ Vectors are numpy arrays of the unknowns that this rank owns, zero on the clampe
 rows of K are those of the identity; the clamped rows of M are zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any

@@ -21,8 +21,6 @@ The equations of the body have F₀ = −Σ p g(u) of the static pressures on th
 force. Time-dependent pressures act in a motion only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

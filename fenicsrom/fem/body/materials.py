@@ -5,8 +5,6 @@ constant in each cell: λ and μ if all materials are isotropic, else the elasti
 Mandel's notation (`fenicsrom.online.stress.elasticity_tensor`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 

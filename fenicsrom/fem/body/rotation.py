@@ -28,8 +28,6 @@ with concentrated masses m_k, and with A = I for the mass matrix. The rotating f
 The pattern of (5) is part of that of a stiffness matrix, which couples all components of two nodes.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

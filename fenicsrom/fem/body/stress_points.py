@@ -1,7 +1,5 @@
 """The deformation of a solid at quadrature points, and the table from which its stresses follow."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import basix

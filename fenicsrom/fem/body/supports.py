@@ -18,8 +18,6 @@ Vectors with P u = u are an invariant space of these matrices. The other part of
 zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -26,8 +26,6 @@ found by Galerkin's method with the modes Φ of the symmetric part and their cor
 Source: Bolotin, Nonconservative Problems of the Theory of Elastic Stability, 1963.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

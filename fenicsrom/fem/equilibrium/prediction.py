@@ -18,8 +18,6 @@ that the body reaches as it spins up, also above a critical speed. If it loses i
 path, there is no prediction.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ always that of the full equations, so the equilibrium does not depend on the tan
 fails, at a limit load, plain Newton with the tangent of each state follows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

@@ -12,8 +12,6 @@ with the factor of S that the last iteration of the step left, and the contact t
 Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ The cells follow the curvature κ of the curves and faces, and grow from the ref
     h(x) = min(size, 2π / (curvature · κ), size_f + (growth − 1) · distance(x, f)).    (1)
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Checks of the cells and facets in an open gmsh, before they become a dolfinx mesh."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ sees it, because gmsh would run a script whatever the name of the file is. It wo
 a script that lies beside a file.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

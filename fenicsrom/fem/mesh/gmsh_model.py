@@ -4,8 +4,6 @@ The clean model holds the solid and its facet groups only. Every cell and every 
 one physical group, and the nodes are numbered from 1 without gaps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 Node numbers are those of gmsh. A "kind" is gmsh's number of an element type.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The content of a mesh file, read without a scene and without dolfinx."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path

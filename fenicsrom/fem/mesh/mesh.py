@@ -5,8 +5,6 @@ gmsh, and `mesh_from_dolfinx` a dolfinx mesh with tags. Rank 0 checks the cells 
 and dolfinx distributes a clean model. An error on rank 0 is raised on every rank.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace

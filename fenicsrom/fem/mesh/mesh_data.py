@@ -1,7 +1,5 @@
 """The mesh of a scene, whose facets and nodes are found by name or by coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

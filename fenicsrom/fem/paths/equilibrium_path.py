@@ -28,8 +28,6 @@ pivots changes by one at a limit point, where the tangent of the curve has no co
 other change is a bifurcation, where a mode of K has the eigenvalue zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The terms of the reactions of a solid: `fenicsrom.online.stress.reactions.ReactionTable`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

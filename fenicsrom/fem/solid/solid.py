@@ -7,8 +7,6 @@ linear one would lack the stiffening by the centrifugal tension. In a geometrica
 only the vibrations about this equilibrium are linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The reduced model works on millions of them, each too small for BLAS and LAPACK to be faster.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 from numba.extending import overload

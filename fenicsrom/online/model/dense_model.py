@@ -1,7 +1,5 @@
 """A model of dense matrices with an elastic force given as a function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 

@@ -16,8 +16,6 @@ sine ramps to its last frequency and stays there. An impact is half a period in 
 is interpolated linearly and keeps its first and last value outside of its times.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -15,8 +15,6 @@ A contact force F (m,) in the same frames acts against the displacement (its nor
 positive when the body presses on the surface): subtract B_c^T F from the right side of (1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any

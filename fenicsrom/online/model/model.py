@@ -1,7 +1,5 @@
 """The reduced model in coordinates q."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

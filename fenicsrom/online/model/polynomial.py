@@ -18,8 +18,6 @@ With a = A q and b = 1/2 B q q the tangent is T = K + a + b and the force f = f0
 q: one matrix-vector product gives both. No mesh is touched online.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

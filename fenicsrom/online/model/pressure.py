@@ -16,8 +16,6 @@ the integral of (2) along the straight line from q0 to q1 is then a polynomial o
 position in the step, which two Gauss points integrate exactly.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

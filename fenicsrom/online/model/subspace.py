@@ -10,8 +10,6 @@ one of matrices.
 A model of some of the coordinates of a larger one (`nested_model`) has parts of its arrays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -24,8 +24,6 @@ balances each step exactly. The angular momentum about the axis is L = Omega (J0
 1/2 G q), with the moment of inertia J0 of the body at rest.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Read the motions of a `history.npz`, the file of time histories that a run writes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

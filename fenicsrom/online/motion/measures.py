@@ -1,7 +1,5 @@
 """Numbers that are computed from a motion."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

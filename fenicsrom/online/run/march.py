@@ -28,8 +28,6 @@ The loop over the steps is in `fenicsrom.online.step.loop`, and the state before
 `fenicsrom.online.run.march_setup`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The state of a time integration before its first step, and while it runs."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Integrate a model as its scene says."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING
 from typing import Any
 

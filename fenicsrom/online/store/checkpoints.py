@@ -8,8 +8,6 @@ The checkpoint of a run that was stopped in its checks holds the whole motion to
 end, the run that continues takes this motion, and only checks it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time as clock
 from collections.abc import Callable

@@ -5,8 +5,6 @@ when it is complete, so that runs may share the folder. Using an archive renews 
 ones are removed when the limit is exceeded. `FENICSROM_CACHE` names another folder, or is "off".
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Keys that may change between two scenes of a stored model or of a continued run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any

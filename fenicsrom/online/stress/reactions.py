@@ -20,8 +20,6 @@ one; the difference shows how well the basis resolves the stresses at the suppor
 Moments are about the centroid of the clamped nodes of the support.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 `fenicsrom.reduction.strain_products` multiplies these columns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array
