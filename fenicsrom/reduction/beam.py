@@ -23,7 +23,7 @@ from fenicsrom.online.step.newton import Correction, newton, small_against_load
 from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.projection import projected_terms
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
+from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
@@ -285,7 +285,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
     """
     section = scene.reference.beam
     assert section is not None
-    beam = timoshenko(section, scene.material, not scene.geometrically_nonlinear, scene.source)
+    beam = TimoshenkoBeam(section, scene.material, not scene.geometrically_nonlinear, scene.source)
     _check_planar(scene)
     return BeamStructure(beam, scene)
 

@@ -185,35 +185,6 @@ class ConstrainedInverse:
         return np.asarray(free - self._masters @ inner(self._rows.T, free))
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedModes:
-    """The solutions of a method, from which component modes with fewer normal modes follow.
-
-    Attributes:
-        method: "rubin" or "craig-bampton".
-        omega_squared: (v,) ω² of the normal modes, ascending, rad²/s².
-        normal: (local, v) normal modes, mass-normalised, aligned with the loads.
-        rows: (m, local) Bᵀ of the master directions.
-        attachment: (local, m) G = K⁻¹ B.
-        flexibility: (m, m) Bᵀ G.
-        masters: (local, m) R_m of (2).
-        inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
-        load_responses: (local, k) K⁻¹ p of the loads that vary.
-        count: the number of normal modes that [basis] asks for.
-    """
-
-    method: str
-    omega_squared: Array
-    normal: Array
-    rows: Array
-    attachment: Array
-    flexibility: Array
-    masters: Array
-    inverse: Inverse
-    load_responses: Array
-    count: int
-
-
 def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     """Compute the normal and static modes of a method.
 
@@ -230,78 +201,49 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         ConvergenceError: the eigensolver did not find all modes.
         AccuracyError: a mode failed its residual check.
     """
-    solved = solve_modes(structure, options)
-    return first_modes(structure, solved, solved.count)
-
-
-def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
-    """The scene in which the number of normal modes replaces "auto"."""
-    return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
-
-
-def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
-    """Do the solves of `component_modes`, for the number of normal modes of [basis] or fewer.
-
-    Raises:
-        SceneError, ConvergenceError, AccuracyError: as `component_modes`.
-    """
-    method = options.method
+    rubin = options.method == "rubin"
     b, attachment = master_directions(structure, options.masters or "all")
     m = b.shape[0]
-    free = structure.free - (m if method == "craig-bampton" else 0)
-    flexibility = structure.inner(b.T, attachment)
-    masters = unit_displacements(structure, b, flexibility)
+    contact_flexibility = structure.inner(b.T, attachment)
+    masters = unit_displacements(structure, b, contact_flexibility)
     inverse: Inverse = structure.factor
-    if method == "craig-bampton" and m:
+    if m and not rubin:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
+    free = structure.free - (0 if rubin else m)
     omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     if np.any(omega_squared <= 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
         number = counted(int(np.sum(omega_squared <= 0)), "mode")
         structure.warnings.append(f"{what}: omega^2 < 0 of {number}")
-    return SolvedModes(
-        method,
-        omega_squared,
-        align_modes(structure, omega_squared, normal),
-        b,
-        attachment,
-        flexibility,
-        masters,
-        inverse,
-        load_responses(structure),
-        count,
-    )
-
-
-def first_modes(structure: Structure, solved: SolvedModes, count: int) -> ComponentModes:
-    """Give the component modes with the first `count` normal modes."""
-    b, method = solved.rows, solved.method
-    normal, omega_squared = solved.normal[:, :count], solved.omega_squared[:count]
-    # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
-    # non-diagonal
-    inertia = structure.mass_times(normal)
-    flexibility: Array = np.zeros((0, 0))
-    if count:
-        flexibility = structure.inner(inertia, solved.inverse.solve(inertia))
-    residual = solved.attachment - normal @ (flexibility @ structure.inner(normal, b.T))
-    rubin = method == "rubin"
-    contact_flexibility = structure.inner(b.T, residual) if rubin else solved.flexibility
-    normal_labels = [f"{k + 1}V" for k in range(count)]
-    static_labels = [f"{k + 1}S" for k in range(b.shape[0])]
+    normal = align_modes(structure, omega_squared, normal)[:, :count]
+    static = masters
+    if rubin:
+        # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
+        # non-diagonal
+        inertia, flexibility = structure.mass_times(normal), np.zeros((0, 0))
+        if count:
+            flexibility = structure.inner(inertia, inverse.solve(inertia))
+        static = attachment - normal @ (flexibility @ structure.inner(normal, b.T))
+        contact_flexibility = structure.inner(b.T, static)
+    labels = *(f"{k + 1}V" for k in range(count)), *(f"{k + 1}S" for k in range(m))
+    held = np.concatenate([masters, normal], axis=1)
     return ComponentModes(
-        method,
-        np.sqrt(np.maximum(omega_squared, 0.0)),
+        options.method,
+        np.sqrt(np.maximum(omega_squared[:count], 0.0)),
         normal,
-        residual if rubin else solved.masters,
-        solved.masters,
+        static,
+        masters,
         b,
-        solved.inverse,
-        (*normal_labels, *static_labels),
+        inverse,
+        labels,
         scaled_condition(contact_flexibility),
-        load_vectors(
-            structure, np.concatenate([solved.masters, normal], axis=1), solved.load_responses
-        ),
+        load_vectors(structure, held, load_responses(structure)),
     )
+
+
+def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
+    """The scene in which the number of normal modes replaces "auto"."""
+    return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
 
 
 def unit_displacements(structure: Structure, rows: Array, flexibility: Array) -> Array:

@@ -164,12 +164,14 @@ def finer_elements(run: Run) -> None:
     """Compare the solid with elements of one degree more, and reduce these with the same basis."""
     from fenicsrom.assess.errors import mesh_check
     from fenicsrom.reduction.candidates import finer_model
-    from fenicsrom.reduction.modes import solve_modes
+    from fenicsrom.reduction.modes import component_modes
 
     study, options = run.study, run.study.scene.basis
 
     def squares(solid: Solid) -> Array:
-        return solve_modes(solid, options).omega_squared
+        assert study.modes is not None
+        modes = component_modes(solid, replace(options, modes=study.modes.omega.size))
+        return modes.omega**2
 
     def reduce(solid: FinerSolid) -> None:
         if study.basis is not None:

@@ -3,10 +3,10 @@
 The choices are meshes, numbers of time steps and bases. The full model runs once, on the mesh and
 with the time steps of the scene; its motion is kept in the user's cache folder
 (`assess.full.full_cache`).
-The combinations of a mesh share it, the solid with its factor, the modes and the snapshots. The
-modes are computed once, for the largest requested number, and each combination uses the first
-ones. The offline seconds of a combination are the sum of the stages that it needs, as if it were
-the only combination. The indicator (`assess.errors.residual`) needs no full run.
+The combinations of a mesh share it and the solid with its factor; those with the same method and
+number of modes share these modes and the snapshots. The offline seconds of a combination are the
+sum of the stages that it needs, as if it were the only combination. The indicator
+(`assess.errors.residual`) needs no full run.
 """
 
 import itertools
@@ -35,7 +35,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.candidates import extended_basis
-from fenicsrom.reduction.modes import first_modes, solve_modes
+from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
@@ -211,26 +211,23 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
 class Workshop:
     """Makes the reduced models of a body; shared stages run once, and their seconds are kept."""
 
-    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float], largest: int):
+    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float]):
         """Start from a body.
 
         Args:
             body: the structure.
             scene: its scene.
             seconds: run times of its stages.
-            largest: the largest number of normal modes that will be requested.
         """
-        self.body, self._seconds, self._largest = body, dict(seconds), largest
-        self._scene = scene
+        self.body, self._scene, self._seconds = body, scene, dict(seconds)
         self._done: dict[Any, tuple[Any, float]] = {}
 
     def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
         """The stages of a scene's reduced model, and their seconds as if it were made alone."""
         method, count = scene.basis.method, scene.basis.modes
         assert isinstance(count, int)  # of [compare]
-        options = replace(self._scene.basis, method=method, modes=self._largest)
-        solved, taken = self._once(method, partial(solve_modes, self.body, options))
-        modes, _ = self._once((method, count), partial(first_modes, self.body, solved, count))
+        options = replace(self._scene.basis, method=method, modes=count)
+        modes, taken = self._once((method, count), partial(component_modes, self.body, options))
         # the snapshots always use the scheme of the scene of the body
         take = partial(Snapshots, self.body, self._scene, modes)
         snapshots, _ = self._once((method, count, "snapshots"), take)
@@ -385,16 +382,9 @@ def compare(scene: Scene, comm: Any) -> Comparison:
             workshop = _workshop(scenes[mesh], scene, comm, cold)
         chosen = [combination for combination in wanted if combination.mesh == mesh]
         outcomes += compare_bases(workshop, scene, full, wanted=chosen)
-    return Comparison(
-        scene,
-        outcomes,
-        full,
-        full_run,
-        solid.free,
-        solid.points,
-        cold["compilation"],
-        solid.warnings,
-    )
+    warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
+    seconds = cold["compilation"]
+    return Comparison(scene, outcomes, full, full_run, solid.free, solid.points, seconds, warned)
 
 
 def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> Workshop:
@@ -409,7 +399,6 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
 
-    largest = max(scene.compare.modes)
     seconds: dict[str, float] = {}
     with timed(seconds, "mesh"):
         mesh = build_mesh(first.geometry, comm)
@@ -417,11 +406,11 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     on_mesh = replace(scene, geometry=first.geometry)
     trial = solid_of(on_mesh, mesh)
     with timed(cold, "compilation"):
-        warm_up(Workshop(trial, scene, {}, largest), first)
+        warm_up(Workshop(trial, scene, {}), first)
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(on_mesh, mesh)
-    return Workshop(solid, scene, seconds, largest)
+    return Workshop(solid, scene, seconds)
 
 
 def warm_up(workshop: Workshop, scene: Scene) -> None:

@@ -48,7 +48,6 @@ from fenicsrom.online.run.march_setup import (
     joined_rows,
     last_coordinates,
     mass_norm,
-    set_up_run,
 )
 from fenicsrom.online.step.loop import (
     DONE,
@@ -115,7 +114,7 @@ def integrate(
     problem = problem.with_own_wear(None if resume is None else resume.worn)
     plan = scheme(problem.time.scheme, problem.model, problem.time.spectral_radius)
     advance = compiled_march if compiled and isinstance(problem.model, ReducedModel) else march
-    run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)
+    run = MarchRun(problem, plan, advance, start, resume, keep_coordinates)
     run.near, run.progress, run.keep, run.stop = near, progress, checkpoint, stop
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(problem.model, problem.contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
