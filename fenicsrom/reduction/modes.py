@@ -29,6 +29,7 @@ response. The responses of the modes that are left out are therefore small and n
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -273,12 +274,9 @@ def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
     Returns:
         The groups, in order; they cover all k frequencies.
     """
-    groups, start = [], 0
-    for k in range(1, omega.size + 1):
-        if k == omega.size or not abs(omega[k] - omega[k - 1]) <= tolerance * omega[k]:
-            groups.append(slice(start, k))
-            start = k
-    return groups if omega.size else []
+    apart = np.flatnonzero(~(np.abs(np.diff(omega)) <= tolerance * omega[1:])) + 1
+    ends = [0, *apart.tolist(), omega.size] if omega.size else []
+    return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
 def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Array:

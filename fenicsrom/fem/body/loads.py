@@ -6,16 +6,15 @@ With the deformation gradient F = I + ∇u, the outer normal N and the area dA o
 the current area is n da = cof(F) N dA (Nanson's formula). A pressure of size 1 gives the force g,
 its tangent T and the derivative B of the tangent,
 
-    v · g(u)    = −∫ a(F, F) · v dA,              a(F, F) = cof(F) N,    (1)
-    v · T(u) w  = −∫ [a(F, ∇w) + a(∇w, F)] · v dA,    (2)
-    v · B[x] w  = −∫ [a(∇x, ∇w) + a(∇w, ∇x)] · v dA,    (3)
+    v · g(u) = −∫ cof(F) N · v dA,    cof(F) N = N₁ F₂ × F₃ + N₂ F₃ × F₁ + N₃ F₁ × F₂,    (1)
+    T(u) w   = ∂g/∂u w,    (2)
+    B[x] w   = ∂T/∂u [x] w,    (3)
 
-where a(G, H) = N₁ G₂ × H₃ + N₂ G₃ × H₁ + N₃ G₁ × H₂ with the columns Gᵢ and Hᵢ. In 2D, cof(F) is
-linear in F and B is zero. The quadrature is exact, so T is symmetric up to an integral over the
-edge of the surface. T is symmetric if the edge is clamped, if the surface is closed, or if the
-displacement of the edge is held in the planes of symmetry. Otherwise the pressure has no potential:
-see Schweizerhof and Ramm, Displacement dependent pressure loads in nonlinear finite element
-analyses, Computers & Structures 18, 1984.
+with the columns Fᵢ. In 2D, cof(F) is linear in F and B is zero. The quadrature is exact, so T is
+symmetric up to an integral over the edge of the surface. T is symmetric if the edge is clamped, if
+the surface is closed, or if the displacement of the edge is held in the planes of symmetry.
+Otherwise the pressure has no potential: see Schweizerhof and Ramm, Displacement dependent pressure
+loads in nonlinear finite element analyses, Computers & Structures 18, 1984.
 
 The equations of the body have F₀ = −Σ p g(u) of the static pressures on the side of the internal
 force. Time-dependent pressures act in a motion only.
@@ -107,15 +106,14 @@ def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
         raise where.refuse(load.size, allowed, ErrorKind.PLACE)
 
 
-def _area(g: Any, h: Any, normal: Any) -> Any:
-    """a(G, H) of (1) in 3D; in 2D cof(H) N, which is linear in H."""
+def _area(f: Any, normal: Any) -> Any:
+    """cof(F) N."""
     if len(normal) == 2:
         return ufl.as_vector(
-            [h[1, 1] * normal[0] - h[1, 0] * normal[1], h[0, 0] * normal[1] - h[0, 1] * normal[0]]
+            [f[1, 1] * normal[0] - f[1, 0] * normal[1], f[0, 0] * normal[1] - f[0, 1] * normal[0]]
         )
-    columns = [[ufl.as_vector([m[i, k] for i in range(3)]) for k in range(3)] for m in (g, h)]
-    first, second = columns
-    return sum(normal[i] * ufl.cross(first[(i + 1) % 3], second[(i + 2) % 3]) for i in range(3))
+    columns = [ufl.as_vector([f[i, k] for i in range(3)]) for k in range(3)]
+    return sum(normal[i] * ufl.cross(columns[(i + 1) % 3], columns[(i + 2) % 3]) for i in range(3))
 
 
 class _Surface:
@@ -131,22 +129,13 @@ class _Surface:
     def __init__(self, body: Any, surface: ufl.Measure, u: Any, x: Any):
         trial, test = ufl.TrialFunction(body.space), ufl.TestFunction(body.space)
         facet, d = ufl.FacetNormal(body.mesh.domain), body.dimension
-        normal = [facet[k] for k in range(d)]
-        f, gx = ufl.Identity(d) + ufl.grad(u), ufl.grad(x)
         self.weight = body.constant(1.0)
-        scale = -self.weight * body.thickness
-
-        def change(g: Any, w: Any, v: Any) -> Any:
-            moved = _area(g, ufl.grad(w), normal)
-            if d == 3:
-                moved = moved + _area(ufl.grad(w), g, normal)
-            return scale * ufl.dot(moved, v)
-
-        self.force = compiled_form(scale * ufl.dot(_area(f, f, normal), test) * surface)
-        self.tangent = compiled_form(change(f, trial, test) * surface)
-        both = change(f, trial, test) + change(f, test, trial)
-        self.symmetric = compiled_form(0.5 * both * surface)
-        self.bend = compiled_form(change(gx, trial, test) * surface) if d == 3 else None
+        area = _area(ufl.Identity(d) + ufl.grad(u), [facet[k] for k in range(d)])
+        force = -self.weight * body.thickness * ufl.dot(area, test) * surface
+        tangent = ufl.derivative(force, u, trial)
+        self.force, self.tangent = compiled_form(force), compiled_form(tangent)
+        self.symmetric = compiled_form(0.5 * (tangent + ufl.adjoint(tangent)))
+        self.bend = compiled_form(ufl.derivative(tangent, u, x)) if d == 3 else None
 
 
 class FollowerPressures:

@@ -450,8 +450,7 @@ class Solid(ElasticBody):
             (loads, 1 + k) the moments on the undeformed body, and their derivatives by the block.
         """
         assert self.rotation is not None
-        forces = [self.load_vector(load, f"loads[{k}]") for k, load in enumerate(self.loads)]
-        found = self.rotation.moments(np.array(forces).reshape(-1, self.local).T, block)
+        found = self.rotation.moments(self._assembled_loads(), block)
         return np.asarray(self.comm.allreduce(found))
 
     def unload(self) -> None:
