@@ -111,8 +111,8 @@ def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: 
     labels = [f"{k + 1}V" for k in range(count)]
     pairs = all_pairs(labels) if with_derivatives else []
     attached = structure.factor.solve(np.ascontiguousarray(first.rows.T))
-    derivative, total = structure.tangent_derivative, structure.comm.allreduce
-    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor, total)
+    derivative = structure.tangent_derivative
+    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor)
     equilibrium = structure.equilibrium[:, None].copy()
     flexibility = structure.inner(first.rows.T, attached)
     return _Seen(omega, equilibrium, squares, modes, attached, found, flexibility)

@@ -141,14 +141,11 @@ def derivatives_along(
 
     Returns:
         The derivatives (local, k).
-
-    Raises:
-        AccuracyError: a derivative is not symmetric.
     """
     exact = options.differentiation == "exact"
     derivative = structure.tangent_derivative if exact else structure.tangent_difference
-    given, total = along or modes, structure.comm.allreduce
-    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse, total)
+    given = along or modes
+    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse)
 
 
 def differentiate(
@@ -167,9 +164,6 @@ def differentiate(
         options: how the tangent is differentiated.
         modes: component modes of the structure.
         selection: what `choose` selected, or (k,) labels of pairs of modes.
-
-    Raises:
-        AccuracyError: a derivative is not symmetric.
     """
     if not isinstance(selection, Selection):
         selection = Selection(modes.labels, selection, {}, {})
