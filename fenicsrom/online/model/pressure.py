@@ -57,11 +57,6 @@ def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:
     return np.asarray(pressure.linear[k] + np.tensordot(q[: len(quadratic)], quadratic, 1))
 
 
-def unit_force(pressure: PressurePolynomial, k: int, q: Array) -> Array:
-    """G q + 1/2 H q q (n,) of pressure k at q (n,)."""
-    return np.asarray(0.5 * (pressure.linear[k] + unit_tangent(pressure, k, q)) @ q)
-
-
 @kernel
 def write_pressure_factors(
     pressure: PressurePolynomial,
