@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import time as clock
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -61,11 +62,8 @@ def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
 
     model = full_model(body, scene)
     motion = simulate(model, scene, progress=progress)
-    note = {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": machine(),
-        "ranks": comm.size,
-    }
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    note = {"date": date, "machine": machine(), "ranks": comm.size}
     if folder is not None and key is not None and comm.rank == 0:
         tree, arrays = pack(replace(motion, end=None))
         write_results(folder, key, WHAT, {"note": note, "motion": tree}, arrays)
@@ -89,11 +87,9 @@ def cache_key(scene: Scene) -> str | None:
 def machine() -> dict[str, Any]:
     """The processor and the number of threads of the numerical libraries."""
     name = platform.processor() or platform.machine()
-    try:
+    with suppress(OSError):
         found = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text("utf-8"))
         name = found[1].strip() if found else name
-    except OSError:
-        pass
     return {
         "processor": name,
         "cores": os.cpu_count(),

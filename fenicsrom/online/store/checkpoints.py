@@ -78,13 +78,8 @@ def save_checkpoint(
         last=checkpoint.last._replace(coordinates=checkpoint.last.coordinates[:, :0]),
     )
     tree, arrays = pack((kept, motion and replace(motion, end=None)))
-    header = {
-        "format": FORMAT,
-        "model": fingerprint(model),
-        "source": scene.source,
-        "scene": scene_table(scene),
-        "tree": tree,
-    }
+    header = {"format": FORMAT, "model": fingerprint(model), "tree": tree}
+    header |= {"source": scene.source, "scene": scene_table(scene)}
     write_archive(path, header, arrays)
 
 
