@@ -88,10 +88,11 @@ def random_run(n: int, points: int) -> tuple[ReducedModel, Callable[[], Motion]]
     for i in range(2, n):
         rows[:, i % 2, i] = np.cos(i // 2 * along) / i if points > 1 else 0.0
     frames = np.tile(np.eye(2), (points, 1, 1))
+    tensor = np.array([[2.6, 1.0, 0.0], [1.0, 2.6, 0.0], [0.0, 0.0, 1.6]])
     model = reduced_model(
         np.eye(n),
         0.05,
-        elastic_polynomial(strain_products([(weights, gradients)], 1.0, 0.8, n), n),
+        elastic_polynomial(strain_products([(weights, gradients)], tensor, n), n),
         rng.uniform(0.5, 1.0, (n, 1)),
         harmonic(np.array([0.3]), np.array([1.0]), np.zeros(1)),
         ContactPoints(np.arange(points), np.ones(points), np.zeros((points, 2)), frames),

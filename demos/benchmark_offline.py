@@ -30,8 +30,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.mode_count import EXTRA_MODES
-from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.modes import EXTRA_MODES, ComponentModes, component_modes
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce

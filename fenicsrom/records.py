@@ -125,7 +125,7 @@ class Study:
         extended: the basis with its candidates (`fenicsrom.reduction.candidates`).
         further: labels of the candidates, in the order of the larger model.
         candidates: the larger model, which judges the basis.
-        finer: the model of finer elements, which judges the mesh (`fenicsrom.reduction.finer`).
+        finer: the model of finer elements, which judges the mesh.
         finer_labels: labels of its coordinates.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
         agreement: the modes of the reduced model beside those of the full model.

@@ -34,7 +34,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.progress import log
 from fenicsrom.reduction.strain_products import strain_products
-from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
+from fenicsrom.scene import Basis, Material, Scene, Time, override_table, parse_scene
 
 Array = NDArray[np.float64]
 
@@ -412,7 +412,20 @@ def random_polynomial(
     gradients = rng.standard_normal((points, 1 + n, dimension, dimension))
     gradients[:, 0] = 0.0
     weights = rng.uniform(0.5, 1.5, points) / points
-    return elastic_polynomial(strain_products([(weights, gradients)], 1.0, 0.8, n), n)
+    tensor = isotropic_tensor(1.0, 0.8, dimension)
+    return elastic_polynomial(strain_products([(weights, gradients)], tensor, n), n)
+
+
+def isotropic_tensor(lame: float, shear: float, dimension: int) -> Array:
+    """The elasticity tensor of λ and μ in Mandel's notation."""
+    trace = np.repeat([1.0, 0.0], [dimension, dimension * (dimension - 1) // 2])
+    return np.asarray(2.0 * shear * np.eye(trace.size) + lame * np.outer(trace, trace))
+
+
+def isotropic_material(lame: float, shear: float) -> Material:
+    """The material of λ and μ."""
+    young = shear * (3.0 * lame + 2.0 * shear) / (lame + shear)
+    return Material(young=young, poisson=0.5 * lame / (lame + shear), density=1.0)
 
 
 def random_model(

@@ -13,7 +13,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from support import beam_scene, oscillator, random_model, random_polynomial, refusal
+from support import (
+    beam_scene,
+    isotropic_tensor,
+    oscillator,
+    random_model,
+    random_polynomial,
+    refusal,
+)
 
 import fenicsrom
 from fenicsrom.assess.studies.sweep_runs import Sweep, digest_of
@@ -93,7 +100,8 @@ def prestressed(n: int) -> Any:
     """An elastic polynomial about a deformed state: its force at q = 0 is not zero."""
     rng = np.random.default_rng(7)
     gradients = 0.3 * rng.standard_normal((30, 1 + n, 2, 2))
-    return elastic_polynomial(strain_products([(np.full(30, 0.1), gradients)], 1.0, 0.8, n), n)
+    tensor = isotropic_tensor(1.0, 0.8, 2)
+    return elastic_polynomial(strain_products([(np.full(30, 0.1), gradients)], tensor, n), n)
 
 
 @pytest.mark.parametrize("elastic", [random_polynomial(4), prestressed(3)], ids=["flat", "bent"])

@@ -26,8 +26,8 @@ from fenicsrom.assess.errors.estimates import basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR
 from fenicsrom.assess.full.true_errors import full_distances
 from fenicsrom.assess.studies import stability
+from fenicsrom.assess.studies.axes import scales_of
 from fenicsrom.assess.studies.random_cases import random_cases
-from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.simulate import simulate

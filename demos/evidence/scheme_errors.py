@@ -27,7 +27,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import step_errors
-from fenicsrom.assess.errors.verdicts import check_time_error
+from fenicsrom.assess.errors.verdicts import check_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import (
@@ -248,7 +248,9 @@ def _run(model: Any, scene: Scene, exact: Motion, instants: int) -> Run:
     reason = None
     try:
         check_energy(motion)
-        check_time_error(scene, step_errors(model, scene, motion).largest, is_unsteady(motion))
+        check_error(
+            scene, "time step", step_errors(model, scene, motion).largest, is_unsteady(motion)
+        )
     except AccuracyError as error:
         reason = error
     return Run(

@@ -59,7 +59,7 @@ def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
     reference = full(
         kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis.")))
     )
-    workshop = Workshop(body(kind, of), of, {}, max(of.compare.modes))
+    workshop = Workshop(body(kind, of), of, {})
     return tuple(compare_bases(workshop, of, reference, timing=False))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.exchange.op4 import write_op4
-from fenicsrom.reduction.timoshenko import TimoshenkoBeam, timoshenko
+from fenicsrom.reduction.timoshenko import TimoshenkoBeam
 from fenicsrom.scene import BeamSection, Material
 
 SECTION = BeamSection(length=2.54, height=0.0254, width=0.0254, elements=20, load_at=0.7)
@@ -21,7 +21,7 @@ MODES = 5
 
 def full_beam() -> TimoshenkoBeam:
     """The beam of 60 unknowns."""
-    return timoshenko(SECTION, STEEL, linear=True)
+    return TimoshenkoBeam(SECTION, STEEL, linear=True)
 
 
 def craig_bampton(beam: TimoshenkoBeam) -> dict[str, np.ndarray]:

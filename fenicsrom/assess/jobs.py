@@ -8,8 +8,6 @@ starts from nothing and only imports the program, forks the processes of this ma
 "forkserver" context). Systems that cannot fork start each process from nothing.
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import signal
@@ -167,11 +165,7 @@ def _deadly() -> tuple[type[Exception], ...]:
 
 
 def _results(
-    pool: _Pool,
-    function: Job,
-    batch: Mapping[int, Any],
-    tell: Tell,
-    stop: Callable[[], bool],
+    pool: _Pool, function: Job, batch: Mapping[int, Any], tell: Tell, stop: Callable[[], bool]
 ) -> Iterator[tuple[int, Any]]:
     """Yield number and result of each job of a batch; arguments as `run_jobs`.
 

@@ -4,8 +4,6 @@
 it treats the solid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
@@ -22,10 +20,10 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.reduction.damping import viscous_damping
+from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.projection import projected_terms
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
+from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
@@ -134,7 +132,7 @@ class BeamStructure(DenseBody):
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
-        self.viscous = viscous_damping(self, scene.damping)
+        self.viscous = ViscousDamping(self, scene.damping)
 
     def _rows(self, node: int) -> Array:
         """(d, n) displacement of a node."""
@@ -180,10 +178,8 @@ class BeamStructure(DenseBody):
 
         The step turns no section by more than `LARGEST_TURN`.
         """
-        turn = max(
-            np.max(np.abs(x[2::UNKNOWNS])), np.max(self.largest(x[:, None])) / self.beam.length
-        )
-        h = LARGEST_TURN / turn
+        slope = np.max(self.largest(x[:, None])) / self.beam.length
+        h = LARGEST_TURN / max(np.max(np.abs(x[2::UNKNOWNS])), slope)
 
         def change(step: float) -> Array:
             return self.tangent_times(step * x, y) - self.tangent_times(-step * x, y)
@@ -289,7 +285,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
     """
     section = scene.reference.beam
     assert section is not None
-    beam = timoshenko(section, scene.material, not scene.geometrically_nonlinear, scene.source)
+    beam = TimoshenkoBeam(section, scene.material, not scene.geometrically_nonlinear, scene.source)
     _check_planar(scene)
     return BeamStructure(beam, scene)
 

@@ -9,8 +9,6 @@ mode φ_k has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The last three t
 body only and not on the basis: the full model and all reduced models have the same damping.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -23,34 +21,35 @@ class ViscousDamping:
     """The last three terms of (1) for a structure.
 
     Attributes:
+        acts: whether there is any such damping.
         stiffness: β, s.
         modal: (local, k) vectors sqrt(2 ζ_k ω_k) M φ_k.
         modes: (local, k) sqrt(2 ζ_k ω_k) φ_k.
         dashpots: (local,) coefficients c of the dashpots, N s/m.
     """
 
-    def __init__(self, structure: Structure, damping: Damping, dashpots: Array):
+    def __init__(self, structure: Structure, damping: Damping, dashpots: Array | None = None):
         """Compute the damped modes.
 
         Args:
             structure: the structure in its equilibrium.
             damping: the table [damping] of its scene.
-            dashpots: (local,) coefficients of the dashpots, N s/m.
+            dashpots: (local,) coefficients of the dashpots, N s/m; by default there are none.
 
         Raises:
             SceneError: there are more damping ratios than modes.
         """
-        self._structure = structure
-        self.stiffness, self.dashpots = damping.stiffness, dashpots
+        self._structure, self.stiffness = structure, damping.stiffness
+        self.dashpots = np.zeros(structure.local) if dashpots is None else dashpots
+        held = structure.comm.allreduce(bool(self.dashpots.any()))
+        self.acts = bool(damping.viscous or held)
         self.modal, self.modes = np.zeros((2, structure.local, 0))
         ratios = np.array(damping.modal)
         if not np.any(ratios):
             return
         if ratios.size >= structure.free:
-            reason = (
-                f"{ratios.size} damped modes are too many: the body has {structure.free} unknowns"
-            )
-            raise refuse(structure.source, reason, ErrorKind.RANGE, "damping.ratios")
+            reason = f"{ratios.size} damped modes are too many: the body has {structure.free} "
+            raise refuse(structure.source, f"{reason}unknowns", ErrorKind.RANGE, "damping.ratios")
         squares, modes = structure.eigenmodes(structure.factor, ratios.size)
         sizes = np.sqrt(2.0 * ratios * np.sqrt(squares))
         self.modes = modes[:, ratios > 0.0] * sizes[ratios > 0.0]
@@ -63,17 +62,3 @@ class ViscousDamping:
         if self.stiffness > 0.0:
             found += self.stiffness * self._structure.stiffness_times(block)
         return np.asarray(found)
-
-
-def viscous_damping(
-    structure: Structure, damping: Damping, dashpots: Array | None = None
-) -> ViscousDamping | None:
-    """The viscous damping of a structure, or None without damping; arguments as `ViscousDamping`.
-
-    Raises:
-        SceneError: as `ViscousDamping`.
-    """
-    dashpots = np.zeros(structure.local) if dashpots is None else dashpots
-    if not (damping.viscous or structure.comm.allreduce(bool(dashpots.any()))):
-        return None
-    return ViscousDamping(structure, damping, dashpots)

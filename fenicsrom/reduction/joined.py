@@ -15,10 +15,8 @@ Against the solid at a speed between those of the basis, the model therefore has
 speed more in the basis would remove.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -32,7 +30,6 @@ from fenicsrom.reduction.candidates import NEXT_MODES
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.projection import project, projected_gyroscopic
-from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Basis
 
 DEPENDENCE = 1e-5
@@ -43,23 +40,6 @@ At 1e-3 a joined basis misses its own speeds by up to 3e-4.
 
 LARGEST = 120
 """Largest number of coordinates: the cubic force of n = 120 takes 0.4 GB, as n⁴."""
-
-
-class Turning(Structure, Protocol):
-    """A structure that may turn at any speed."""
-
-    @property
-    def rotation(self) -> Any:
-        """The `fenicsrom.fem.body.rotation.RotatingFrame`."""
-
-    def spin(self, omega: float) -> None:
-        """Move to the equilibrium at another speed, rad/s."""
-
-    def load_moments(self, block: Array) -> Array:
-        """The moment of each unit load about the axis: at rest, and along a block (local, k)."""
-
-    def unload(self) -> None:
-        """Take the undeformed body at rest in place of the equilibrium."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +65,12 @@ class _Seen:
     flexibility: Array
 
 
-def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel:
+def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
     """The range model of a structure, with its errors between the speeds; none due to the mesh.
 
     Args:
-        structure: the structure at the middle one of the speeds; afterwards it is unloaded.
+        structure: a `fenicsrom.fem.solid.solid.Solid` at the middle one of the speeds; afterwards
+            it is unloaded.
         options: the options of the basis.
         speeds: (s,) speeds of the basis, ascending, rad/s.
 
@@ -123,26 +104,22 @@ def range_model(structure: Turning, options: Basis, speeds: Array) -> RangeModel
     return _projected(structure, basis, first, at, list(seen.values()))
 
 
-def _see(structure: Turning, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
+def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
     """What a structure shows at its present speed, with the masters of one speed."""
     count = first.omega.size
     squares, modes = structure.eigenmodes(structure.factor, count)
     labels = [f"{k + 1}V" for k in range(count)]
     pairs = all_pairs(labels) if with_derivatives else []
     attached = structure.factor.solve(np.ascontiguousarray(first.rows.T))
-    derivative, total = structure.tangent_derivative, structure.comm.allreduce
-    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor, total)
+    derivative = structure.tangent_derivative
+    found = modal_derivatives(modes, labels, pairs, derivative, structure.factor)
     equilibrium = structure.equilibrium[:, None].copy()
     flexibility = structure.inner(first.rows.T, attached)
     return _Seen(omega, equilibrium, squares, modes, attached, found, flexibility)
 
 
 def _projected(
-    structure: Turning,
-    basis: ReducedBasis,
-    first: ComponentModes,
-    at: list[_Seen],
-    seen: list[_Seen],
+    structure: Any, basis: ReducedBasis, first: ComponentModes, at: list[_Seen], seen: list[_Seen]
 ) -> RangeModel:
     """The range model on a basis, with its errors at the speeds between those of the basis."""
     r, frame = basis.vectors, structure.rotation
@@ -174,7 +151,7 @@ def _projected(
     return replace(found, errors=RangeErrors(*np.array(errors).T))
 
 
-def _errors(structure: Turning, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:
+def _errors(structure: Any, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:
     """The speed, and the errors of `RangeErrors` against what the structure shows there."""
 
     def size(vector: Array) -> float:

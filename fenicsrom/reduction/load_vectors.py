@@ -19,8 +19,6 @@ The largest share counts. If it is above `LOAD_SHARE`, the static response Kâ»Â
 mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,11 +55,9 @@ class LoadVectors:
 
 def varying_loads(structure: Structure) -> list[int]:
     """The numbers, from 0, of the loads that vary in time."""
-    histories = structure.load_histories
-    found = []
-    for k in range(histories.spans.shape[0]):
-        first, last, row, end = (int(entry) for entry in histories.spans[k])
-        if end > row or np.any(histories.sines[first:last, OMEGA] != 0.0):
+    sines, found = structure.load_histories.sines, []
+    for k, (first, last, row, end) in enumerate(structure.load_histories.spans):
+        if end > row or np.any(sines[first:last, OMEGA] != 0.0):
             found.append(k)
     return found
 

@@ -143,8 +143,6 @@ def _check_mobile(structure: Structure, mobility: Array) -> None:
     d = mobility.size // len(contact)
     for k in np.flatnonzero(~(mobility > IMMOBILE * np.max(mobility))):
         key = f"contacts[{contact[k // d]}]"
-        reason = (
-            f"the supports forbid a motion of the contact point along direction {k % d + 1} of "
-        )
-        reason += "[normal, tangents]; move the contact away from the supports"
+        reason = f"the supports forbid direction {k % d + 1} of [normal, tangents] of the contact "
+        reason += "point; move it away from the supports"
         raise refuse(structure.source, reason, ErrorKind.PLACE, key)

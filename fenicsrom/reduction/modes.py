@@ -21,11 +21,15 @@ The static modes depend on the method:
 Sources: Rubin, AIAA J. 13, 1975, and Craig and Bampton, AIAA J. 6, 1968. Equations (3) and (4) are
 eqs. (9) and (11) of Mashayekhi and Zucca (2024), corrected: the projection on B is missing in their
 eq. (9), and a minus sign in their eq. (11).
+
+With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highest frequency that the
+scene excites (`fenicsrom.scene.keys.excitation`), and the next one, but at least `LEAST_MODES`. A
+mode above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
+response. The responses of the modes that are left out are therefore small and nearly static.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,10 +37,86 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
 from fenicsrom.reduction.masters import master_directions
-from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
+from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.words import brief, counted
+
+ENOUGH = 1.5
+"""The last mode of any basis should be above this multiple of the highest excited frequency."""
+
+MOST_MODES = 12
+"""Most modes of "auto" in a nonlinear scene: its derivatives grow with the square of the modes."""
+
+MOST_LINEAR_MODES = 100
+"""Most modes of "auto" in a linear scene; at most half of the free unknowns in any scene."""
+
+EXTRA_MODES = 2
+"""Modes computed beyond the wanted ones, so that the last group of close modes is complete."""
+
+
+def solve_eigenmodes(
+    structure: Structure, inverse: Inverse, wanted: str | int, free: int
+) -> tuple[Array, Array, int]:
+    """Compute the normal modes that [basis] asks for, and a few more.
+
+    Args:
+        structure: the structure.
+        inverse: the inverse of its stiffness, with the contact displacements held or free.
+        wanted: the key `basis.modes`.
+        free: the number of free unknowns.
+
+    Returns:
+        ω² (k,) ascending, the modes (local, k), and the number of modes to keep.
+
+    Raises:
+        SceneError: there are fewer free unknowns than modes.
+        ConvergenceError: the eigensolver did not find all modes.
+        AccuracyError: a mode failed its residual check.
+    """
+    count = min(LEAST_MODES, free) if isinstance(wanted, str) else wanted
+    if count > free:
+        allowed = f"must be at most {free}, the number of free unknowns"
+        raise Where(structure.source, "basis.modes").refuse(count, allowed)
+    most = MOST_MODES if structure.geometrically_nonlinear else MOST_LINEAR_MODES
+    most = max(count, min(most, free // 2))  # all modes would leave no flexibility to static modes
+    while True:
+        solved = count + min(EXTRA_MODES, free - count) if count else 0
+        omega_squared, modes = structure.eigenmodes(inverse, solved)
+        if not isinstance(wanted, str):
+            return omega_squared, modes, count
+        frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
+        needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation)) + 1
+        if needed <= solved or count == most:
+            break
+        count = min(2 * count, most)
+    if needed - 1 > most:
+        structure.warnings.append(
+            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz, but '
+            f"the scene excites up to {structure.excitation:.5g} Hz; for more modes, set "
+            "basis.modes to a larger number"
+        )
+    return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
+
+
+def missing_modes(scene: Scene, frequencies: Array) -> str | None:
+    """Give a warning of loads that are too fast for the modes of a basis; None without such loads.
+
+    Args:
+        scene: the scene.
+        frequencies: (v,) natural frequencies of the normal modes, Hz.
+    """
+    highest, last = highest_frequency(scene), float(np.max(frequencies, initial=0.0))
+    if highest * ENOUGH <= last or highest == 0.0:
+        return None
+    return (
+        f"the scene excites up to {highest:.5g} Hz, and the normal modes of the basis "
+        f"({frequencies.size}) end at {last:.5g} Hz; they should reach {ENOUGH:g} times the "
+        'highest excited frequency: run the scene with basis.modes = "auto", or with more modes'
+    )
+
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
@@ -106,35 +186,6 @@ class ConstrainedInverse:
         return np.asarray(free - self._masters @ inner(self._rows.T, free))
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedModes:
-    """The solutions of a method, from which component modes with fewer normal modes follow.
-
-    Attributes:
-        method: "rubin" or "craig-bampton".
-        omega_squared: (v,) ω² of the normal modes, ascending, rad²/s².
-        normal: (local, v) normal modes, mass-normalised, aligned with the loads.
-        rows: (m, local) Bᵀ of the master directions.
-        attachment: (local, m) G = K⁻¹ B.
-        flexibility: (m, m) Bᵀ G.
-        masters: (local, m) R_m of (2).
-        inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
-        load_responses: (local, k) K⁻¹ p of the loads that vary.
-        count: the number of normal modes that [basis] asks for.
-    """
-
-    method: str
-    omega_squared: Array
-    normal: Array
-    rows: Array
-    attachment: Array
-    flexibility: Array
-    masters: Array
-    inverse: Inverse
-    load_responses: Array
-    count: int
-
-
 def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     """Compute the normal and static modes of a method.
 
@@ -151,79 +202,49 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         ConvergenceError: the eigensolver did not find all modes.
         AccuracyError: a mode failed its residual check.
     """
-    solved = solve_modes(structure, options)
-    return first_modes(structure, solved, solved.count)
+    rubin = options.method == "rubin"
+    b, attachment = master_directions(structure, options.masters or "all")
+    m = b.shape[0]
+    contact_flexibility = structure.inner(b.T, attachment)
+    masters = unit_displacements(structure, b, contact_flexibility)
+    inverse: Inverse = structure.factor
+    if m and not rubin:
+        inverse = ConstrainedInverse(structure.factor, b, masters, structure)
+    free = structure.free - (0 if rubin else m)
+    omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
+    if np.any(omega_squared <= 0.0):
+        what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
+        number = counted(int(np.sum(omega_squared <= 0)), "mode")
+        structure.warnings.append(f"{what}: omega^2 < 0 of {number}")
+    normal = align_modes(structure, omega_squared, normal)[:, :count]
+    static = masters
+    if rubin:
+        # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
+        # non-diagonal
+        inertia, flexibility = structure.mass_times(normal), np.zeros((0, 0))
+        if count:
+            flexibility = structure.inner(inertia, inverse.solve(inertia))
+        static = attachment - normal @ (flexibility @ structure.inner(normal, b.T))
+        contact_flexibility = structure.inner(b.T, static)
+    labels = *(f"{k + 1}V" for k in range(count)), *(f"{k + 1}S" for k in range(m))
+    held = np.concatenate([masters, normal], axis=1)
+    return ComponentModes(
+        options.method,
+        np.sqrt(np.maximum(omega_squared[:count], 0.0)),
+        normal,
+        static,
+        masters,
+        b,
+        inverse,
+        labels,
+        scaled_condition(contact_flexibility),
+        load_vectors(structure, held, load_responses(structure)),
+    )
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
     """The scene in which the number of normal modes replaces "auto"."""
     return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
-
-
-def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
-    """Do the solves of `component_modes`, for the number of normal modes of [basis] or fewer.
-
-    Raises:
-        SceneError, ConvergenceError, AccuracyError: as `component_modes`.
-    """
-    method = options.method
-    b, attachment = master_directions(structure, options.masters or "all")
-    m = b.shape[0]
-    free = structure.free - (m if method == "craig-bampton" else 0)
-    flexibility = structure.inner(b.T, attachment)
-    masters = unit_displacements(structure, b, flexibility)
-    inverse: Inverse = structure.factor
-    if method == "craig-bampton" and m:
-        inverse = ConstrainedInverse(structure.factor, b, masters, structure)
-    omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
-    if np.any(omega_squared <= 0.0):
-        what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
-        structure.warnings.append(
-            f"{what}: omega^2 < 0 of {counted(int(np.sum(omega_squared <= 0)), 'mode')}"
-        )
-    return SolvedModes(
-        method,
-        omega_squared,
-        align_modes(structure, omega_squared, normal),
-        b,
-        attachment,
-        flexibility,
-        masters,
-        inverse,
-        load_responses(structure),
-        count,
-    )
-
-
-def first_modes(structure: Structure, solved: SolvedModes, count: int) -> ComponentModes:
-    """Give the component modes with the first `count` normal modes."""
-    b, method = solved.rows, solved.method
-    normal, omega_squared = solved.normal[:, :count], solved.omega_squared[:count]
-    # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
-    # non-diagonal
-    inertia = structure.mass_times(normal)
-    flexibility: Array = np.zeros((0, 0))
-    if count:
-        flexibility = structure.inner(inertia, solved.inverse.solve(inertia))
-    residual = solved.attachment - normal @ (flexibility @ structure.inner(normal, b.T))
-    rubin = method == "rubin"
-    contact_flexibility = structure.inner(b.T, residual) if rubin else solved.flexibility
-    normal_labels = [f"{k + 1}V" for k in range(count)]
-    static_labels = [f"{k + 1}S" for k in range(b.shape[0])]
-    return ComponentModes(
-        method,
-        np.sqrt(np.maximum(omega_squared, 0.0)),
-        normal,
-        residual if rubin else solved.masters,
-        solved.masters,
-        b,
-        solved.inverse,
-        (*normal_labels, *static_labels),
-        scaled_condition(contact_flexibility),
-        load_vectors(
-            structure, np.concatenate([solved.masters, normal], axis=1), solved.load_responses
-        ),
-    )
 
 
 def unit_displacements(structure: Structure, rows: Array, flexibility: Array) -> Array:
@@ -253,12 +274,9 @@ def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
     Returns:
         The groups, in order; they cover all k frequencies.
     """
-    groups, start = [], 0
-    for k in range(1, omega.size + 1):
-        if k == omega.size or not abs(omega[k] - omega[k - 1]) <= tolerance * omega[k]:
-            groups.append(slice(start, k))
-            start = k
-    return groups if omega.size else []
+    apart = np.flatnonzero(~(np.abs(np.diff(omega)) <= tolerance * omega[1:])) + 1
+    ends = [0, *apart.tolist(), omega.size] if omega.size else []
+    return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
 def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Array:

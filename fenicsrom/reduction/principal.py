@@ -17,8 +17,6 @@ energy norm, outside of the linear vectors of the basis, are kept until the rest
 the elastic energy of the snapshots. None is kept where the motion is small.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

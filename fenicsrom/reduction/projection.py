@@ -4,8 +4,6 @@ The displacement is u = u₀ + R q. Every matrix of the structure is projected b
 for example the mass Rᵀ M R; the elastic force is Rᵀ f(u₀ + R q).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -49,12 +47,8 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
         pressure = structure.pressure_polynomial(r)
     else:
         force = structure.inner(r, structure.rest_force[:, None])[:, 0]
-        elastic = ElasticPolynomial(
-            force,
-            structure.inner(r, structure.stiffness_times(r)),
-            np.zeros((0, 0)),
-            np.zeros((0, 0)),
-        )
+        stiffness, none = structure.inner(r, structure.stiffness_times(r)), np.zeros((0, 0))
+        elastic = ElasticPolynomial(force, stiffness, none, none)
         pressure = None if structure.symmetric else _skew_pressure(structure, r, elastic.stiffness)
     return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
 
@@ -129,7 +123,7 @@ def projected_velocity_matrix(structure: Structure, r: Array) -> Array:
         Rᵀ D R (n, n), N s/m; (0, 0) without such forces.
     """
     found = projected_gyroscopic(structure, r)
-    if structure.viscous is None:
+    if not structure.viscous.acts:
         return found
     viscous = np.asarray(structure.inner(r, structure.viscous.times(r)))
     viscous = 0.5 * (viscous + viscous.T)

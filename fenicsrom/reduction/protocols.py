@@ -22,36 +22,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-class Communicator(Protocol):
-    """The part of an MPI communicator that the reduction and its callers use."""
-
-    @property
-    def rank(self) -> int:
-        """Number of this rank."""
-
-    @property
-    def size(self) -> int:
-        """Number of ranks."""
-
-    def allreduce(self, value: Any) -> Any:
-        """The sum of a number or an array over all ranks."""
-
-    def bcast(self, value: Any) -> Any:
-        """The value of rank 0."""
-
-
 class Inverse(Protocol):
     """The inverse of a stiffness matrix."""
 
     def solve(self, block: Array) -> Array:
         """The inverse times the columns of a block (local, k)."""
-
-
-class LinearMap(Protocol):
-    """A matrix that is known by its products."""
-
-    def times(self, block: Array) -> Array:
-        """The matrix times a block (local, k)."""
 
 
 class Structure(Protocol):
@@ -69,7 +44,7 @@ class Structure(Protocol):
         mass_damping: α of the damping C = α M, 1/s.
         factor: K⁻¹ at the equilibrium.
         gyroscopic: the gyroscopic matrix G of the Coriolis force −G u̇, or None without this force.
-        viscous: damping besides α M, or None without such damping.
+        viscous: the damping besides α M.
         equilibrium: (local,) displacement u₀ under the static loads, m.
         rest_force: (local,) internal force at the equilibrium, N.
         load_vectors: (local, loads) load vectors of unit loads.
@@ -96,8 +71,8 @@ class Structure(Protocol):
     probe_rows: Array
 
     @property
-    def comm(self) -> Communicator:
-        """The communicator."""
+    def comm(self) -> Any:
+        """The MPI communicator, or a `fenicsrom.reduction.beam.SerialCommunicator`."""
 
     @property
     def dimension(self) -> int:
@@ -124,8 +99,8 @@ class Structure(Protocol):
         """The gyroscopic matrix G, or None."""
 
     @property
-    def viscous(self) -> LinearMap | None:
-        """The damping besides α M, or None."""
+    def viscous(self) -> Any:
+        """The `fenicsrom.reduction.damping.ViscousDamping` besides α M."""
 
     def inner(self, a: Array, b: Array) -> Array:
         """Inner products aᵀ b over all ranks of two blocks (local, k) and (local, l): (k, l)."""
@@ -169,13 +144,6 @@ class Structure(Protocol):
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count)."""
-
-    def static(self, load: Array, guess: Array | None = None) -> Array:
-        """Nonlinear equilibrium (local,) under a load (local,), from a guess.
-
-        Raises:
-            ConvergenceError: no equilibrium was found.
-        """
 
     def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).

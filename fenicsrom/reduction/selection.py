@@ -13,8 +13,6 @@ Zucca (2024), sec. 2.2; (1) and (2) are eqs. (19) and (20). `fenicsrom.reduction
 U_t and U_st.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -92,12 +90,8 @@ def select(coordinates: Array, labels: Sequence[str], method: str, threshold: fl
     relative = dict(zip(labels, (largest / largest.max()).tolist(), strict=True))
     modes = tuple(label for label in labels if label.endswith("S") or relative[label] >= threshold)
     w = np.outer(largest, largest) if method == "mmi" else eta @ eta.T
-    position = {label: k for k, label in enumerate(labels)}
-    weights = {}
-    for k, first in enumerate(modes):
-        for second in modes[k:]:
-            weights[first + second] = float(w[position[first], position[second]])
-    top = max(weights.values())
-    weights = {label: weight / top for label, weight in weights.items()}
-    kept = tuple(label for label in all_pairs(modes) if weights[label] > threshold)
+    rows = [list(labels).index(label) for label in modes]
+    found = w[np.ix_(rows, rows)][np.triu_indices(len(rows))]
+    weights = dict(zip(all_pairs(modes), (found / found.max()).tolist(), strict=True))
+    kept = tuple(label for label, weight in weights.items() if weight > threshold)
     return Selection(modes, kept, relative, weights)

@@ -15,7 +15,6 @@ directions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -223,9 +222,17 @@ def linear_snapshots(
     def march(time: Time, resume: Checkpoint | None) -> Motion:
         return integrate(problem._replace(time=time), resume=resume, keep_coordinates=True)
 
-    motion = in_pieces(scene.time, problem.period, march)
-    assert motion.coordinates is not None
-    assert motion.coordinate_time is not None
+    if problem.period is None:
+        motion = march(scene.time, None)
+    else:  # a few periods at a time: a motion holds its own rows and the last period before
+        resume = None
+        for first in tracked(range(0, SNAPSHOT_PERIODS, PIECE)):
+            last = min(first + PIECE, SNAPSHOT_PERIODS)
+            motion = march(scene.time.changed(periods=last), resume)
+            if motion.steady:
+                break
+            resume = motion.end
+    assert motion.coordinates is not None and motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return np.ascontiguousarray(motion.coordinates[rows].T)
 
@@ -259,34 +266,6 @@ def mode_snapshots(scene: Scene, model: ReducedModel) -> Array:
     return np.concatenate(found, axis=1)
 
 
-def in_pieces(
-    time: Time, period: float | None, march: Callable[[Time, Checkpoint | None], Motion]
-) -> Motion:
-    """March until the motion is steady, a few periods at a time.
-
-    The motion of a piece holds the rows of its own periods and of the last period before.
-
-    Args:
-        time: the time integration.
-        period: period of the loads, s; with None there is one march over the whole duration.
-        march: function that marches with a time integration from a checkpoint; from rest with
-            None.
-
-    Returns:
-        The motion of the last piece.
-    """
-    if period is None:
-        return march(time, None)
-    motion = None
-    for first in tracked(range(0, SNAPSHOT_PERIODS, PIECE)):
-        piece = time.changed(periods=min(first + PIECE, SNAPSHOT_PERIODS))
-        motion = march(piece, None if motion is None else motion.end)
-        if motion.steady:
-            break
-    assert motion is not None
-    return motion
-
-
 def require_bounded(model: ReducedModel, scene: Scene) -> None:
     """Refuse the linear transient of an equilibrium that static follower pressures make unstable.
 
@@ -306,11 +285,8 @@ def require_bounded(model: ReducedModel, scene: Scene) -> None:
     rate, frequency = fastest_growth(model)
     if rate * (span or 0.0) <= np.log(UNBOUNDED):
         return
-    keys = " and ".join(
-        f"loads[{k}].pressure = {load.size:g}"
-        for k, load in enumerate(scene.loads)
-        if load.follower and load.static
-    )
+    pressures = [(k, load) for k, load in enumerate(scene.loads) if load.follower and load.static]
+    keys = " and ".join(f"loads[{k}].pressure = {load.size:g}" for k, load in pressures)
     how = f"it flutters at {frequency:.4g} Hz" if frequency > 0.0 else "it diverges"
     raise ConvergenceError(
         f"the equilibrium is unstable under the static follower pressure {keys}: {how} and grows "

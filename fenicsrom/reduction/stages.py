@@ -5,8 +5,6 @@
 Each stage is one function. `Reduction` runs a stage when its result is first needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -99,10 +97,7 @@ def choose(
     static = linear.vectors[:, :0] if wanted == "mmi" else snapshots.static
     scale = structure.largest(modes.vectors)
     found = modal_coordinates(
-        modes.vectors,
-        np.concatenate([static, linear.vectors], axis=1),
-        structure.mass_inner,
-        scale,
+        modes.vectors, np.concatenate([static, linear.vectors], axis=1), structure.mass_inner, scale
     )
     held, moving = np.split(found, [static.shape[1]], axis=1)
     coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)
@@ -146,14 +141,11 @@ def derivatives_along(
 
     Returns:
         The derivatives (local, k).
-
-    Raises:
-        AccuracyError: a derivative is not symmetric.
     """
     exact = options.differentiation == "exact"
     derivative = structure.tangent_derivative if exact else structure.tangent_difference
-    given, total = along or modes, structure.comm.allreduce
-    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse, total)
+    given = along or modes
+    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse)
 
 
 def differentiate(
@@ -172,9 +164,6 @@ def differentiate(
         options: how the tangent is differentiated.
         modes: component modes of the structure.
         selection: what `choose` selected, or (k,) labels of pairs of modes.
-
-    Raises:
-        AccuracyError: a derivative is not symmetric.
     """
     if not isinstance(selection, Selection):
         selection = Selection(modes.labels, selection, {}, {})
@@ -202,14 +191,10 @@ def enrich(
     Raises:
         AccuracyError: the basis lost its orthogonality.
     """
-    kept = [
-        k
-        for k, label in enumerate(modes.labels)
-        if label.endswith("V") and label in selection.modes
-    ]
-    vectors = np.concatenate(
-        [modes.normal[:, kept], modes.loads.vectors, derivatives.vectors], axis=1
-    )
+    numbered = enumerate(modes.labels)
+    kept = [k for k, name in numbered if name.endswith("V") and name in selection.modes]
+    blocks = modes.normal[:, kept], modes.loads.vectors, derivatives.vectors
+    vectors = np.concatenate(blocks, axis=1)
     labels = [*(modes.labels[k] for k in kept), *modes.loads.labels, *derivatives.labels]
     return build_basis(structure, modes, vectors, labels)
 

@@ -23,10 +23,6 @@ for any number of elements. The mass matrix is consistent, integrated exactly, i
 inertia, and is constant.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 
@@ -114,9 +110,8 @@ def _assemble(
     return energy, force, tangent
 
 
-@dataclass(frozen=True, eq=False)
 class TimoshenkoBeam:
-    """A cantilever of equal elements.
+    """A cantilever of equal elements with a rectangular section that bends along its height.
 
     The n = 3 × elements unknowns are u, w, θ of the first free node, then of the next.
 
@@ -133,16 +128,36 @@ class TimoshenkoBeam:
         translated: (n, 2) load vectors of unit accelerations along and across the beam, kg.
     """
 
-    elements: int
-    length: float
-    axial: float
-    shear: float
-    bending: float
-    linear: bool
-    mass: Array
-    stiffness: Array
-    load_node: int
-    translated: Array
+    def __init__(
+        self, section: BeamSection, material: Material, linear: bool, source: str = "scene"
+    ):
+        """Build the beam.
+
+        Args:
+            section: length, height and width in m, number of elements, and position of the load as
+                a fraction of the length.
+            material: Young's modulus in Pa, Poisson's ratio, density in kg/m³.
+            linear: whether displacements are small.
+            source: name of the scene file, for messages.
+
+        Raises:
+            SceneError: the load is not at a free node.
+        """
+        area = section.width * section.height
+        inertia = section.width * section.height**3 / 12.0
+        young, poisson = material.isotropic_constants
+        self.elements, self.length, self.linear = section.elements, section.length, linear
+        self.axial, self.bending = young * area, young * inertia
+        element = self.length / self.elements
+        section_shear = SHEAR_CORRECTION * self.axial / (2.0 * (1.0 + poisson))
+        self.shear = 1.0 / (1.0 / section_shear + element**2 / (12.0 * self.bending))
+        line = _consistent_mass(self.elements)
+        each = np.diag(material.density * element * np.array([area, area, inertia]))
+        self.mass: Array = np.kron(line[1:, 1:], each)
+        self.translated: Array = np.kron(line[1:].sum(axis=1)[:, None], each[:, :2])
+        tangent = self._free(np.zeros(UNKNOWNS * self.elements))[2]
+        self.stiffness = tangent[UNKNOWNS:, UNKNOWNS:].copy()
+        self.load_node = _node_at(section.load_at, self.elements, source)
 
     @property
     def tip_node(self) -> int:
@@ -182,52 +197,6 @@ class TimoshenkoBeam:
             nodes, self.length / self.elements, self.axial, self.shear, self.bending
         )
         return energy, force, tangent
-
-
-def timoshenko(
-    section: BeamSection, material: Material, linear: bool, source: str = "scene"
-) -> TimoshenkoBeam:
-    """Build the beam of a rectangular section that bends in the direction of its height.
-
-    Args:
-        section: length, height and width in m, number of elements, and position of the load as a
-            fraction of the length.
-        material: Young's modulus in Pa, Poisson's ratio, density in kg/m³.
-        linear: whether displacements are small.
-        source: name of the scene file, for messages.
-
-    Raises:
-        SceneError: the load is not at a free node.
-    """
-    area = section.width * section.height
-    inertia = section.width * section.height**3 / 12.0
-    young, poisson = material.isotropic_constants
-    axial = young * area
-    bending = young * inertia
-    n, length = section.elements, section.length / section.elements
-    section_shear = SHEAR_CORRECTION * axial / (2.0 * (1.0 + poisson))
-    shear = 1.0 / (1.0 / section_shear + length**2 / (12.0 * bending))
-    line = _consistent_mass(n)
-    each = np.diag(material.density * length * np.array([area, area, inertia]))
-    mass, translated = (
-        np.asarray(np.kron(block, part), np.float64)
-        for block, part in ((line[1:, 1:], each), (line[1:].sum(axis=1)[:, None], each[:, :2]))
-    )
-    stiffness = _assemble(np.zeros(UNKNOWNS * (n + 1)), length, axial, shear, bending)[2][
-        UNKNOWNS:, UNKNOWNS:
-    ].copy()
-    return TimoshenkoBeam(
-        n,
-        section.length,
-        axial,
-        shear,
-        bending,
-        linear,
-        mass,
-        stiffness,
-        load_node=_node_at(section.load_at, n, source),
-        translated=translated,
-    )
 
 
 def _consistent_mass(elements: int) -> Array:

@@ -59,8 +59,7 @@ def modes(run: Run) -> None:
 def set_modes(run: Run, found: ComponentModes) -> None:
     """Take component modes into the record, say what they lack, and begin the reduction."""
     from fenicsrom.reduction.load_vectors import LOAD_SHARE
-    from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.reduction.modes import with_mode_count
+    from fenicsrom.reduction.modes import missing_modes, with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 
@@ -148,7 +147,7 @@ def candidates(run: Run) -> None:
 
 def reduced_model(run: Run) -> None:
     """Project the solid on the extended basis; the model of the basis is a part of this one."""
-    from fenicsrom.online.model.nested import nested_model
+    from fenicsrom.online.model.subspace import nested_model
     from fenicsrom.reduction.projection import project, project_intrusively
 
     study, solid = run.study, run.study.solid
@@ -164,13 +163,15 @@ def reduced_model(run: Run) -> None:
 def finer_elements(run: Run) -> None:
     """Compare the solid with elements of one degree more, and reduce these with the same basis."""
     from fenicsrom.assess.errors import mesh_check
-    from fenicsrom.reduction.finer import finer_model
-    from fenicsrom.reduction.modes import solve_modes
+    from fenicsrom.reduction.candidates import finer_model
+    from fenicsrom.reduction.modes import component_modes
 
     study, options = run.study, run.study.scene.basis
 
     def squares(solid: Solid) -> Array:
-        return solve_modes(solid, options).omega_squared
+        assert study.modes is not None
+        modes = component_modes(solid, replace(options, modes=study.modes.omega.size))
+        return modes.omega**2
 
     def reduce(solid: FinerSolid) -> None:
         if study.basis is not None:

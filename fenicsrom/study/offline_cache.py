@@ -147,7 +147,7 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
 
 def _modes_contents(run: Run) -> Contents:
     """The archive of the equilibrium and the modes."""
-    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.reduction.modes import missing_modes
 
     study, modes, solid = run.study, run.study.modes, run.study.solid
     assert modes is not None

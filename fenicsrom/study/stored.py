@@ -47,7 +47,7 @@ def rerun(
     from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
     from fenicsrom.post.run.summary import CHECKPOINT
     from fenicsrom.records import Rerun
-    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.reduction.modes import missing_modes
 
     watch, model, scene = Stopwatch(), stored.model, stored.scene
     begin = load_start(resume, model, scene) if resume is not None else None

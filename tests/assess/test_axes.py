@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model
 
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of
-from fenicsrom.assess.studies.scales import Scales, buckling_preload, scales_of
+from fenicsrom.assess.studies.axes import AXES, Case, Scales, buckling_preload, cases_of, scales_of
 from fenicsrom.assess.studies.stability import build
 from fenicsrom.scene import Scene
 

@@ -19,8 +19,8 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation
 from fenicsrom.online.model.model import reduced_model
-from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import elastic_polynomial
+from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
 from fenicsrom.post.curves.backbone_report import rows, sentences

@@ -185,11 +185,11 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
     with pytest.raises(AccuracyError) as refusal:
         verdicts.estimate_errors(one, both, scene, motion, errors)
     assert refusal.value.kind is ErrorKind.BASIS and set(errors) == {"time step", "basis"}
-    verdicts.estimate_errors(one, None, scene, motion, errors)
+    verdicts.estimate_errors(one, None, scene, motion, {})
     between = 0.5 * (verdicts.BASIS_ERROR + verdicts.UNSETTLED_BASIS_ERROR)
-    verdicts.check_basis_error(scene, between, unsteady=True)
+    verdicts.check_error(scene, "basis", between, unsteady=True)
     with pytest.raises(AccuracyError):
-        verdicts.check_basis_error(scene, between)
+        verdicts.check_error(scene, "basis", between)
 
 
 def test_soft_candidate_of_little_energy_is_in_the_estimate() -> None:

@@ -26,7 +26,7 @@ from fenicsrom.assess.errors.sizing import (
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.export import export
 from fenicsrom.exchange.superelement import read_matrices
-from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate

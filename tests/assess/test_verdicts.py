@@ -88,7 +88,7 @@ def test_estimate_of_a_transient_covers_its_error(touching: bool) -> None:
     model, scene, motion = struck(0.2, touching)
     estimate = estimates.step_errors(model, scene, motion).amplitude
     with pytest.raises(AccuracyError) as refusal:
-        verdicts.check_time_error(scene, estimate, measures.is_unsteady(motion))
+        verdicts.check_error(scene, "time step", estimate, measures.is_unsteady(motion))
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.TIME_STEP, "time.step")
 
 
@@ -154,22 +154,26 @@ def test_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> No
 def test_long_steps_are_refused_with_their_key() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: ") as refusal:
-        verdicts.check_time_error(scene, estimates.step_errors(model, scene, motion).amplitude)
+        verdicts.check_error(
+            scene, "time step", estimates.step_errors(model, scene, motion).amplitude
+        )
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.TIME_STEP, "time.steps_per_period")
     assert verdicts.recommended_step(scene, 0.1).time.steps_per_period == 12
-    verdicts.check_time_error(scene, 0.9 * verdicts.TIME_ERROR)
+    verdicts.check_error(scene, "time step", 0.9 * verdicts.TIME_ERROR)
     with pytest.raises(AccuracyError, match="a motion that does not settle"):
-        verdicts.check_time_error(scene, float("inf"))
+        verdicts.check_error(scene, "time step", float("inf"))
 
 
 @pytest.mark.parametrize("steps", [6, 10, 14])
 def test_recommended_steps_pass_the_check(steps: int) -> None:
     model, scene, motion = oscillator(steps)
     with pytest.raises(AccuracyError, match=r"try steps_per_period = \d+$") as refusal:
-        verdicts.check_time_error(scene, estimates.step_errors(model, scene, motion).amplitude)
+        verdicts.check_error(
+            scene, "time step", estimates.step_errors(model, scene, motion).amplitude
+        )
     advised = int(str(refusal.value).split(" = ")[-1].split()[0])
     assert advised % steps == 0 and advised <= 64 * steps
-    verdicts.check_time_error(scene, estimates.step_errors(*oscillator(advised)).amplitude)
+    verdicts.check_error(scene, "time step", estimates.step_errors(*oscillator(advised)).amplitude)
 
 
 def test_recommended_step_uses_the_key_of_the_scene() -> None:
@@ -180,7 +184,7 @@ def test_recommended_step_uses_the_key_of_the_scene() -> None:
             AccuracyError,
             match=rf'try {key} = {advised:g}; or try time.scheme = "generalised-alpha"',
         ):
-            verdicts.check_time_error(replace(scene, time=time), float("inf"))
+            verdicts.check_error(replace(scene, time=time), "time step", float("inf"))
 
 
 def test_only_periodic_motion_has_settled() -> None:
@@ -194,21 +198,21 @@ def test_only_periodic_motion_has_settled() -> None:
 
 def test_basis_error_above_five_percent_is_refused() -> None:
     scene = beam_scene(2)
-    verdicts.check_basis_error(scene, 0.049)
+    verdicts.check_error(scene, "basis", 0.049)
     for estimate in (0.051, np.inf):
         with pytest.raises(AccuracyError) as caught:
-            verdicts.check_basis_error(scene, estimate)
+            verdicts.check_error(scene, "basis", estimate)
         assert (caught.value.kind, caught.value.key) == (ErrorKind.BASIS, "basis")
 
 
 def test_mesh_error_above_ten_percent_is_refused_with_the_cheapest_remedy() -> None:
     scene = beam_scene(2)
-    verdicts.check_mesh_error(scene, 0.099)
-    verdicts.check_mesh_error(scene, 0.24, unsteady=True)
+    verdicts.check_error(scene, "mesh", 0.099)
+    verdicts.check_error(scene, "mesh", 0.24, unsteady=True)
     linear = replace(scene, geometry=replace(scene.geometry, degree=1))
     for estimate in (0.101, np.inf):
         with pytest.raises(AccuracyError) as caught:
-            verdicts.check_mesh_error(scene, estimate)
+            verdicts.check_error(scene, "mesh", estimate)
         assert (caught.value.kind, caught.value.key) == (ErrorKind.MESH, "geometry")
         assert "times smaller" in str(caught.value)
         assert "geometry.degree = 2" in verdicts.finer_mesh(linear, estimate)
@@ -290,7 +294,7 @@ def test_unresolved_contact_has_an_estimate_only_if_shorter_steps_do_the_same(
 
     assert estimate(motion) == 0.0 and estimate(contrary) == np.inf
     with pytest.raises(AccuracyError) as refusal:
-        verdicts.check_time_error(scene, np.inf, unsteady=not settles)
+        verdicts.check_error(scene, "time step", np.inf, unsteady=not settles)
     assert ("motion that settles" in str(refusal.value)) is not settles
 
 
@@ -314,15 +318,15 @@ def test_full_model_that_gains_energy_is_refused() -> None:
 
 def test_unsettled_motion_has_its_own_limit() -> None:
     scene = beam_scene(2)
-    verdicts.check_time_error(scene, 0.49, unsteady=True)
+    verdicts.check_error(scene, "time step", 0.49, unsteady=True)
     with pytest.raises(AccuracyError, match="50 % is accepted for a motion that does not settle"):
-        verdicts.check_time_error(scene, 0.51, unsteady=True)
+        verdicts.check_error(scene, "time step", 0.51, unsteady=True)
 
 
 def test_advice_names_shorter_steps_and_a_richer_basis() -> None:
     """Where a run fails, either may be the cure: an undamped axial wave needs axial modes."""
     with pytest.raises(AccuracyError) as caught:
-        verdicts.check_time_error(beam_scene(2), np.inf)
+        verdicts.check_error(beam_scene(2), "time step", np.inf)
     for part in ("steps_per_period = 800", "generalised-alpha", "basis.modes"):
         assert part in str(caught.value)
     assert "will not help" not in str(caught.value)

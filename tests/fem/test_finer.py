@@ -18,7 +18,7 @@ from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.solid import finer as finer_module
 from fenicsrom.fem.solid.finer import FinerSolid, too_large
-from fenicsrom.reduction.finer import finer_model
+from fenicsrom.reduction.candidates import finer_model
 from fenicsrom.reduction.stages import Reduction
 
 SPREAD = {

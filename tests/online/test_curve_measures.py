@@ -18,7 +18,7 @@ from fenicsrom.online.curves.curve_measures import (
 )
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.periodic.steady import periods_of
-from fenicsrom.online.run.march_records import joined_rows
+from fenicsrom.online.run.march_setup import joined_rows
 from fenicsrom.online.step.state import Record, no_record
 from fenicsrom.online.store.packing import pack, unpack
 

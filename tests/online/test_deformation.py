@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from support import isotropic_material
 
 from fenicsrom.online.stress.deformation import NOWHERE, deformation, extremes
 from fenicsrom.online.stress.stress import StressLaw
@@ -13,7 +14,7 @@ LAME, SHEAR = 2.0, 1.0
 
 
 def law(plane: str | None = None, linear: bool = False) -> StressLaw:
-    return StressLaw(LAME, SHEAR, plane, linear, not linear)
+    return StressLaw(plane, linear, not linear, (isotropic_material(LAME, SHEAR),))
 
 
 def test_stretches_of_a_rotated_body_are_those_of_its_stretching() -> None:

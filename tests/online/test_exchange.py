@@ -50,10 +50,10 @@ def rubbing_scene() -> Scene:
 
 
 def beam_matrices(scene: Scene) -> MatrixSet:
-    from fenicsrom.reduction.timoshenko import timoshenko
+    from fenicsrom.reduction.timoshenko import TimoshenkoBeam
 
     assert scene.reference.beam is not None
-    beam = timoshenko(scene.reference.beam, scene.material, True)
+    beam = TimoshenkoBeam(scene.reference.beam, scene.material, True)
     return MatrixSet(np.array(beam.mass), np.array(beam.stiffness))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from support import random_model
 
-from fenicsrom.online.model.nested import nested_model
+from fenicsrom.online.model.subspace import nested_model
 
 
 def test_nested_model_has_the_force_and_energy_of_the_larger_one() -> None:

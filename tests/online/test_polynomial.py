@@ -14,6 +14,7 @@ from support import (
     beam_scene,
     enriched,
     free_unknowns,
+    isotropic_tensor,
     make_solid,
     random_polynomial,
     scene_of,
@@ -61,7 +62,9 @@ def test_polynomial_energy_matches_strain_at_points(dimension: int) -> None:
     )
     # in two chunks, as the mesh gives them
     chunks = [(weights[:2], gradients[:2]), (weights[2:], gradients[2:])]
-    elastic = elastic_polynomial(strain_products(chunks, lame, mu, n), n)
+    elastic = elastic_polynomial(
+        strain_products(chunks, isotropic_tensor(lame, mu, dimension), n), n
+    )
 
     def energy(q: Array) -> float:
         total = 0.0

@@ -23,7 +23,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.loads import factors, harmonic
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.pressure import PressurePolynomial, unit_force, unit_tangent
+from fenicsrom.online.model.pressure import PressurePolynomial, unit_tangent
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.periodic.families import damping_family, force_family, frequency_family
@@ -95,7 +95,8 @@ def test_force_of_a_step_is_its_mean_and_its_tangent(name: str, depth: int | Non
         both = (1.0 - s) * factors(*begin) + s * factors(*end)
         for k, number in enumerate(model.pressure.numbers):
             q = q0 + s * dq
-            expected += weight * both[number] * unit_force(model.pressure, k, q)
+            tangent = model.pressure.linear[k] + unit_tangent(model.pressure, k, q)
+            expected += weight * both[number] * 0.5 * tangent @ q
     np.testing.assert_allclose(
         over_step(without, dq)[0] - over_step(model, dq)[0], expected, rtol=1e-12
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support import isotropic_material
 
 from fenicsrom.online.stress.stress import (
     CAUCHY,
@@ -23,7 +24,7 @@ LAME, MU = 3.0, 2.0
 
 def law(plane: str | None = None, linear: bool = False, deformed: bool = True) -> StressLaw:
     """A law of simple numbers."""
-    return StressLaw(LAME, MU, plane, linear, deformed)
+    return StressLaw(plane, linear, deformed, (isotropic_material(LAME, MU),))
 
 
 def rotation(angle: float, d: int = 3) -> Array:

@@ -19,7 +19,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.motion.wear import worn_under_points
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run.march import end_of, integrate
-from fenicsrom.online.run.march_setup import set_up_run
+from fenicsrom.online.run.march_setup import MarchRun
 from fenicsrom.online.step.loop import compiled_march
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.step import accept, attempt
@@ -196,7 +196,7 @@ def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
     plan = scheme("discrete-gradient", problem.model, 0.8)
     end = integrate(problem).end
     assert end is not None
-    run = set_up_run(problem.with_own_wear(end.worn), plan, compiled_march, None, end, False)
+    run = MarchRun(problem.with_own_wear(end.worn), plan, compiled_march, None, end, False)
     model, contacts, begin = problem.model, run.problem.contacts, 10.0 * problem.period
     later = worn_of(integrate(rubbing(7500.0, periods=11)))
     deepest = int(np.argmax(later - end.worn))  # there are two steps between nodes

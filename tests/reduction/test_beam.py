@@ -14,7 +14,7 @@ from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.reduction.beam import beam_structure
-from fenicsrom.reduction.timoshenko import TimoshenkoBeam, _assemble, timoshenko
+from fenicsrom.reduction.timoshenko import TimoshenkoBeam, _assemble
 from fenicsrom.scene import BeamSection, Material
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ def bent(seed: int, n: int) -> Array:
 
 @pytest.mark.parametrize("linear", [False, True])
 def test_force_is_the_derivative_of_the_energy(linear: bool) -> None:
-    beam = timoshenko(replace(STOCKY, elements=4), STEEL, linear)
+    beam = TimoshenkoBeam(replace(STOCKY, elements=4), STEEL, linear)
     q, h = bent(1, 12), 1e-6
     differences = [(beam.energy(q + h * d) - beam.energy(q - h * d)) / (2 * h) for d in np.eye(12)]
     force = beam.elastic(q)[0]
@@ -73,7 +73,7 @@ def test_force_is_the_derivative_of_the_energy(linear: bool) -> None:
 
 @pytest.mark.parametrize("linear", [False, True])
 def test_tangent_is_the_derivative_of_the_force(linear: bool) -> None:
-    beam = timoshenko(replace(STOCKY, elements=4), STEEL, linear)
+    beam = TimoshenkoBeam(replace(STOCKY, elements=4), STEEL, linear)
     q, h = bent(2, 12), 1e-6
     differences = np.array(
         [(beam.elastic(q + h * d)[0] - beam.elastic(q - h * d)[0]) / (2 * h) for d in np.eye(12)]
@@ -91,7 +91,7 @@ def test_compiled_beam_equals_plain_python() -> None:
 
 
 def test_linear_beam_is_the_tangent_at_rest() -> None:
-    linear, exact = (timoshenko(STOCKY, STEEL, choice) for choice in (True, False))
+    linear, exact = (TimoshenkoBeam(STOCKY, STEEL, choice) for choice in (True, False))
     q = bent(4, 60)
     np.testing.assert_array_equal(linear.elastic(q)[1], exact.elastic(np.zeros(60))[1])
     np.testing.assert_allclose(linear.elastic(q)[0], linear.stiffness @ q)
@@ -131,7 +131,7 @@ def test_rigid_motion_has_no_energy_and_no_force(angle: float) -> None:
 @pytest.mark.parametrize("elements", [1, 2, 20])
 def test_linear_statics_is_exact_at_the_nodes(elements: int) -> None:
     """A tip force gives P L³/3EI by bending and P L/κGA by shear, for any number of elements."""
-    beam = timoshenko(replace(STOCKY, elements=elements), STEEL, True)
+    beam = TimoshenkoBeam(replace(STOCKY, elements=elements), STEEL, True)
     axial, shear, bending = rigidities(STOCKY)
     _, w, theta = tip(beam, equilibrium(beam, [tip_load(beam, 1, 1e3)]))
     assert w == pytest.approx(1e3 / (3 * bending) + 1e3 / shear, rel=1e-12)
@@ -142,7 +142,7 @@ def test_linear_statics_is_exact_at_the_nodes(elements: int) -> None:
 
 def test_mass_and_rotary_inertia_match_closed_form() -> None:
     """The fields u = x, w = x, θ = x give ρA/3, ρA/3, ρI/3 on a beam of unit length."""
-    beam = timoshenko(STOCKY, STEEL, False)
+    beam = TimoshenkoBeam(STOCKY, STEEL, False)
     x = np.arange(1, 21) / 20
     area, inertia = STOCKY.width * STOCKY.height, STOCKY.width * STOCKY.height**3 / 12
     for component, value in enumerate((area, area, inertia)):
@@ -179,7 +179,7 @@ def timoshenko_frequencies(
 
 
 def frequencies(section: BeamSection, number: int) -> Array:
-    beam = timoshenko(section, STEEL, True)
+    beam = TimoshenkoBeam(section, STEEL, True)
     squares: Array = eigh(
         beam.stiffness, beam.mass, eigvals_only=True, subset_by_index=[0, number - 1]
     )
@@ -218,7 +218,7 @@ def test_linear_amplitude_matches_paper_beam() -> None:
     factor = (2j * np.pi * 3.2) * STEEL.mass_damping - (2 * np.pi * 3.2) ** 2
     amplitudes = []
     for place in (0.65, 0.7, 0.75):
-        beam = timoshenko(replace(PAPER, load_at=place), STEEL, True)
+        beam = TimoshenkoBeam(replace(PAPER, load_at=place), STEEL, True)
         force = np.zeros(60)
         force[beam.unknown(beam.load_node, 1)] = 111.29
         solution = np.linalg.solve(beam.stiffness + factor * beam.mass, force)
@@ -232,7 +232,7 @@ def test_linear_amplitude_matches_paper_beam() -> None:
 def test_beam_under_end_moment_is_an_arc(turns: float) -> None:
     """The end moment is 2π EI/L times the turns: the tip turns by M L/EI, and the elements are
     chords of an arc."""
-    beam = timoshenko(PAPER, STEEL, False)
+    beam = TimoshenkoBeam(PAPER, STEEL, False)
     moment = 2 * np.pi * turns * rigidities(PAPER)[2] / PAPER.length
     u, w, theta = tip(
         beam, equilibrium(beam, [tip_load(beam, 2, s * moment) for s in np.linspace(0, 1, 41)[1:]])
@@ -283,7 +283,7 @@ def test_large_deflection_matches_elastica(load: float, w: float, u: float) -> N
     force = load * rigidities(SLENDER)[2]
     exact = reissner_tip(SLENDER, 0.0, force)
     np.testing.assert_allclose(exact[:2], [-u, w], atol=6e-6)
-    beam = timoshenko(SLENDER, STEEL, False)
+    beam = TimoshenkoBeam(SLENDER, STEEL, False)
     found = tip(
         beam, equilibrium(beam, [tip_load(beam, 1, s * force) for s in np.linspace(0, 1, 41)[1:]])
     )
@@ -300,7 +300,7 @@ def test_stocky_cantilever_converges_to_reissner() -> None:
     assert np.abs(rigid_in_shear / exact - 1).max() > 0.01
     errors = []
     for n in (10, 20, 40):
-        beam = timoshenko(replace(STOCKY, elements=n), STEEL, False)
+        beam = TimoshenkoBeam(replace(STOCKY, elements=n), STEEL, False)
         load = tip_load(beam, 0, along) + tip_load(beam, 1, across)
         errors.append(
             tip(beam, equilibrium(beam, [s * load for s in np.linspace(0, 1, 21)[1:]])) - exact
@@ -317,7 +317,7 @@ def test_shortening_by_bending_matches_second_order_theory() -> None:
     shortening = []
     for force in (5.0, 10.0):
         linear, exact = (
-            timoshenko(replace(PAPER, elements=60), STEEL, choice) for choice in (True, False)
+            TimoshenkoBeam(replace(PAPER, elements=60), STEEL, choice) for choice in (True, False)
         )
         load = tip_load(exact, 1, force)
         assert tip(linear, equilibrium(linear, [load]))[0] == 0.0
@@ -329,7 +329,7 @@ def test_shortening_by_bending_matches_second_order_theory() -> None:
 
 
 def test_places_of_beam_are_nodes() -> None:
-    beam = timoshenko(PAPER, STEEL, False)
+    beam = TimoshenkoBeam(PAPER, STEEL, False)
     assert (beam.load_node, beam.tip_node, beam.unknown(1, 0), beam.unknown(20, 2)) == (
         14,
         20,
@@ -344,7 +344,7 @@ def test_places_of_beam_are_nodes() -> None:
 )
 def test_load_between_nodes_is_refused(load_at: float, allowed: str) -> None:
     with refusal(ErrorKind.RANGE, "reference.beam_section.load_at", names=f"at {allowed}"):
-        timoshenko(replace(PAPER, load_at=load_at), STEEL, False)
+        TimoshenkoBeam(replace(PAPER, load_at=load_at), STEEL, False)
 
 
 def test_beam_of_a_solid_in_space_moves_in_the_plane() -> None:

@@ -13,8 +13,14 @@ from support import beam_scene
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.load_vectors import LOAD_SHARE
-from fenicsrom.reduction.mode_count import MOST_LINEAR_MODES, MOST_MODES, missing_modes
-from fenicsrom.reduction.modes import ComponentModes, component_modes, with_mode_count
+from fenicsrom.reduction.modes import (
+    MOST_LINEAR_MODES,
+    MOST_MODES,
+    ComponentModes,
+    component_modes,
+    missing_modes,
+    with_mode_count,
+)
 from fenicsrom.reduction.selection import modal_coordinates
 from fenicsrom.reduction.snapshots import (
     SNAPSHOTS,

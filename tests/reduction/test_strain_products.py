@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support import isotropic_tensor
 
 from fenicsrom.online.model.polynomial import pairs
 from fenicsrom.reduction import strain_products as module
@@ -44,5 +45,5 @@ def test_strain_products_equal_those_of_single_pairs(
     monkeypatch.setattr(module, "BLOCK_BYTES", 3 * 8 * 15 * 6)  # some blocks, the last one smaller
     chunks = [(weights[:7], gradients[:7]), (weights[7:], gradients[7:])]
     expected = one_by_one(weights, gradients, lame, 0.7)
-    found = strain_products(chunks, lame, 0.7, n)
+    found = strain_products(chunks, isotropic_tensor(lame, 0.7, dimension), n)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())

@@ -226,10 +226,9 @@ def _follow(
         ConvergenceError: the path was lost.
         KeyboardInterrupt: `stop` returned True.
     """
-    from fenicsrom.fem.body.deformation import DeformationGauge
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     table, last = found.scene.statics, clock.perf_counter()
-    gauge = DeformationGauge(body, found.scene)
     log.info("path ..")
     for point in follower.points():
         visit(point)
@@ -241,7 +240,7 @@ def _follow(
                 float(body.largest(point.displacement[:, None])[0]),
                 point.negative,
                 point.residual,
-                gauge.measure(point.displacement),
+                body_deformation(body, found.scene, point.displacement),
                 point.kind,
             )
         )

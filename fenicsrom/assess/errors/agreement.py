@@ -1,7 +1,5 @@
 """Errors between motions, rank correlation, break-even and Pareto front."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,10 +18,9 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float |
     Returns:
         The correlation; None if all values of one list are equal.
     """
-    ranks = np.array([scipy.stats.rankdata(values) for values in (first, second)])
-    deviation = ranks - ranks.mean(axis=1, keepdims=True)
-    size = np.sqrt(np.sum(deviation**2, axis=1))
-    return float(deviation[0] @ deviation[1] / (size[0] * size[1])) if size.all() else None
+    if not (np.ptp(first) and np.ptp(second)):
+        return None
+    return float(scipy.stats.spearmanr(first, second).statistic)
 
 
 def break_even(offline: float, online: float, full: float) -> int | None:

@@ -5,19 +5,13 @@ them changes and the other does not, the beam is another structure. The first na
 the displacements at the loads and at the observed place then differ between beam and solid.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.reduction.beam import beam_structure
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 AGREEMENT = 0.05
 """Largest relative difference; a slender solid on a usual mesh is within 1 %."""
@@ -59,8 +53,6 @@ def _properties(body: Structure) -> dict[str, Array]:
     at_probe = (body.probe_rows @ under_loads).ravel()
     return {
         "the first natural frequency in Hz": np.sqrt(np.abs(squares)) / (2.0 * np.pi),
-        "the flexibility at the loads in m/N": np.asarray(body.comm.allreduce(at_loads)),
-        "the displacement of the observed place by 1 N in m": np.asarray(
-            body.comm.allreduce(at_probe)
-        ),
+        "the flexibility at the loads in m/N": body.comm.allreduce(at_loads),
+        "the displacement of the observed place by 1 N in m": body.comm.allreduce(at_probe),
     }

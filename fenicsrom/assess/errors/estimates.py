@@ -1,7 +1,5 @@
 """Estimates of the error of a motion due to its time step, its basis and its mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -250,12 +248,11 @@ def _nearby_motion(
     if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
     assert scene.period is not None and motion.search is not None
-    steps = motion.time[motion.last_period()] / scene.period if adaptive else None
-    shooting = Shooting(
-        Problem.of(model, scene).settled(),
-        motion.search.periods,
-        None if steps is None else steps - steps[0],
-    )
+    fractions = None
+    if adaptive:
+        steps = motion.time[motion.last_period()] / scene.period
+        fractions = steps - steps[0]
+    shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods, fractions)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
         found = solve(shooting, s, step_tolerance=NEARBY_STEP)
@@ -360,7 +357,7 @@ def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
     """Estimate the errors of a motion due to its mesh, from that of a model of finer elements.
 
     The estimate is `MESH_SAFETY` times the distance of the two motions
-    (`fenicsrom.reduction.finer`).
+    (`fenicsrom.reduction.candidates`).
 
     Args:
         motion: the motion.
@@ -374,11 +371,8 @@ def _times_distance(factor: float, motion: Motion, other: Motion | None) -> Moti
     if other is None:
         return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     found = distances(motion, other)
-    return MotionErrors(
-        factor * found.amplitude,
-        factor * found.peak_force,
-        tuple(factor * value for value in found.directions),
-    )
+    each = tuple(factor * value for value in found.directions)
+    return MotionErrors(factor * found.amplitude, factor * found.peak_force, each)
 
 
 def distances(motion: Motion, other: Motion) -> MotionErrors:
@@ -411,23 +405,20 @@ def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
     points = motion.displacement.shape[1:]
     if has_settled(motion):
         still = at_rest(motion) and at_rest(other)
-        return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
-    if motion.period is not None:
+        pairs = [] if still else [(amplitude(motion), amplitude(other))]
+    elif motion.period is not None:
         # a check of fewer periods is compared with as many, unless the run was resumed
         shorter = is_unsteady(other) and not _start(motion)
         until = float(other.time[-1]) if shorter else np.inf
-        return [_shaped(points, rms(motion, until=until), rms(other, _start(motion)))]
-    late = other.time >= _start(motion)
-    span = tuple(np.ptp(x, axis=0) / 2.0 for x in (motion.displacement, other.displacement[late]))
-    return [
-        _shaped(points, *span),
-        _shaped(points, *(_parts_rms(m, _start(motion)) for m in (motion, other))),
-    ]
-
-
-def _shaped(points: tuple[int, ...], ours: Array, theirs: Array) -> tuple[Array, Array]:
-    """Two arrays of displacements as (k, P, d)."""
-    return ours.reshape(-1, *points), theirs.reshape(-1, *points)
+        pairs = [(rms(motion, until=until), rms(other, _start(motion)))]
+    else:
+        first = _start(motion)
+        late = other.displacement[other.time >= first]
+        pairs = [
+            (np.ptp(motion.displacement, axis=0) / 2.0, np.ptp(late, axis=0) / 2.0),
+            (_parts_rms(motion, first), _parts_rms(other, first)),
+        ]
+    return [(ours.reshape(-1, *points), theirs.reshape(-1, *points)) for ours, theirs in pairs]
 
 
 def _parts_rms(motion: Motion, since: float) -> Array:

@@ -63,11 +63,11 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
 
 def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
     """The deformation in the equilibrium of a solid; None of an undeformed one. Collective."""
-    from fenicsrom.fem.body.deformation import DeformationGauge
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     if not solid.loaded or not StressLaw.of(scene).deformed:
         return None
-    return DeformationGauge(solid, scene).measure(solid.equilibrium)
+    return body_deformation(solid, scene, solid.equilibrium)
 
 
 def equilibrium_warnings(found: Deformation | None) -> list[str]:
@@ -84,14 +84,14 @@ def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) 
         vectors: (local, n) the basis.
         motion: a motion with the coordinates of its last period.
     """
-    from fenicsrom.fem.body.deformation import DeformationGauge
+    from fenicsrom.fem.body.stress_points import body_deformation
 
     assert motion.coordinates is not None and motion.coordinate_time is not None
     energies = motion.elastic[-motion.coordinate_time.size :]
     k = int(np.argmax(energies))
     u = solid.equilibrium + vectors @ motion.coordinates[k]
     where = f"at t = {motion.coordinate_time[k]:.6g} s"
-    return strain_warnings([(where, DeformationGauge(solid, scene).measure(u))])
+    return strain_warnings([(where, body_deformation(solid, scene, u))])
 
 
 def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:

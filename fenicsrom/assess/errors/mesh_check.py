@@ -17,7 +17,7 @@ from scipy.linalg import eigvalsh
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
-from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_mesh_error, finer_mesh, in_percent
+from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.step.speed_range import RangeModel
 from fenicsrom.online.store.archive import StoredModel
@@ -81,7 +81,7 @@ class MeshCheck:
             scene: the scene, for the remedy.
         """
         try:
-            check_mesh_error(scene, self.deflection or 0.0)
+            check_error(scene, "mesh", self.deflection or 0.0)
         except AccuracyError as error:
             return error
         return None
@@ -111,9 +111,8 @@ def of_solid(
         return MeshCheck(missing=reason)
     try:
         finer = FinerSolid(scene, solid)
-        frequencies = (
-            () if squares is None else _relative(squares[0], squares[1](finer)[: len(squares[0])])
-        )
+        ours, theirs = squares or (np.zeros(0), lambda finer: np.zeros(0))
+        frequencies = _relative(ours, theirs(finer)[: ours.size])
         moved = None if deflection is None else _moved(deflection, solid, finer)
         further(finer)
         finer.destroy()

@@ -10,17 +10,12 @@ weight it does not depend on the density of the nodes, and its sum over all redu
 part of the kinetic energy of φᵢ that the basis can represent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
+from fenicsrom.reduction.protocols import Structure
 
 MOST_COMPARED = 12
 """Largest number of modes of the full model that are compared."""
@@ -69,10 +64,8 @@ def mode_agreement(structure: Structure, vectors: Array) -> ModeAgreement:
     size = vectors.shape[1]
     squares, full = structure.eigenmodes(structure.factor, min(size, MOST_COMPARED))
     stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
-    mass = structure.mass_inner(vectors, vectors)
-    reduced_squares, shapes = scipy.linalg.eigh(
-        0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
-    )
+    both = (0.5 * (a + a.T) for a in (stiffness, structure.mass_inner(vectors, vectors)))
+    reduced_squares, shapes = scipy.linalg.eigh(*both)
     products = structure.mass_inner(full, vectors) @ shapes
     sizes = np.diag(structure.mass_inner(full, full))
     mac = products**2 / sizes[:, None]  # eigh gives ψᵀ M ψ = 1

@@ -1,7 +1,5 @@
 """Whether a motion is the only one: warnings of buckled equilibria and of sticking points."""
 
-from __future__ import annotations
-
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.words import are, counted
 

@@ -1,7 +1,5 @@
 """Loads and motions that are most likely consequences of wrong input."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -84,11 +82,8 @@ def _overdamped(model: ReducedModel) -> list[str]:
     squares, shapes = eigh(model.elastic.stiffness, model.mass, subset_by_index=[0, 0])
     if squares[0] <= 0.0:
         return []
-    viscous = (
-        float(np.sum(shapes.T @ model.velocity_matrix @ shapes))
-        if model.velocity_matrix.size
-        else 0.0
-    )
+    damped = model.velocity_matrix
+    viscous = float(np.sum(shapes.T @ damped @ shapes)) if damped.size else 0.0
     ratio = (model.damping + viscous) / (2.0 * np.sqrt(squares[0]))
     if ratio <= 1.0:
         return []

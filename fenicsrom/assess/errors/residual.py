@@ -13,10 +13,6 @@ to soft transverse forces. The plain norm |r|/|p| depends on both, and is comput
 how well the two norms rank the bases.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -26,10 +22,8 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import no_state
 from fenicsrom.online.step.step import step_coefficients, write_residual
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 INSTANTS = 16  # steps of the last period at which the residual is taken
 
@@ -59,10 +53,8 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         state.v[:] = vectors @ motion.velocity[k]
         state.a[:] = vectors @ motion.acceleration[k]
         trial.dq[:] = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
-        coefficients = step_coefficients(plan, time[k + 1] - time[k])
-        trial.inertia_offset[:] = (
-            coefficients.inertia_v * state.v + coefficients.inertia_a * state.a
-        )
+        at = step_coefficients(plan, time[k + 1] - time[k])
+        trial.inertia_offset[:] = at.inertia_v * state.v + at.inertia_a * state.a
         trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
         trial.external_force[:] += plan.alpha_f * model.load(time[k])
         if plan.start_weight:
@@ -70,7 +62,7 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         elastic, _ = model.elastic_over_step(
             state.elastic_force, state.q, trial.dq, plan.start_weight, plan.points, plan.weights
         )
-        write_residual(model, plan, state, coefficients, elastic)
+        write_residual(model, plan, state, at, elastic)
         force = motion.mean_force[first + k + 1].reshape(-1)
         found.append(trial.residual + body.contact_rows.T @ force)
     return np.array(found).T
@@ -86,15 +78,12 @@ def indicators(
     """
     found = residuals(body, vectors, motion, scene)
     varying = [not load.static for load in scene.loads]
-    loads = (
-        np.abs(body.load_vectors) @ np.where(varying, largest(body.load_histories), 0.0)[:, None]
-    )
+    factors = np.where(varying, largest(body.load_histories), 0.0)
+    loads = np.abs(body.load_vectors) @ factors[:, None]
 
-    def sizes(block: Array) -> tuple[Array, Array]:
-        total = body.comm.allreduce
-        return total(np.sum(block * body.factor.solve(block), axis=0)), total(
-            np.sum(block**2, axis=0)
-        )
+    def sizes(block: Array) -> tuple[Array, ...]:
+        work = block * body.factor.solve(block), block**2
+        return tuple(body.comm.allreduce(np.sum(part, axis=0)) for part in work)
 
     energy, plain = (
         float(np.sqrt(np.mean(size) / load[0])) if load[0] > 0.0 else None

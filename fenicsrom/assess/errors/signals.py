@@ -1,7 +1,5 @@
 """Signals of a motion: spectra, envelope, states once per period, and energy per period."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -110,12 +108,10 @@ def stroboscopic_states(motion: Motion, point: int = 0) -> tuple[Array, Array]:
     time, x = motion.time[part], motion.displacement[part, point]
     count = int((time[-1] - max(time[0], 0.5 * motion.time[-1])) / motion.load_period + 1e-9)
     instants = time[-1] - motion.load_period * np.arange(count, -1, -1)
-    velocity = np.gradient(x, time, axis=0)
-    found = [
-        np.column_stack([np.interp(instants, time, column) for column in values.T])
-        for values in (x, velocity)
-    ]
-    return found[0], found[1]
+    both = np.hstack([x, np.gradient(x, time, axis=0)])
+    found = np.column_stack([np.interp(instants, time, column) for column in both.T])
+    displacement, velocity = np.hsplit(found, 2)
+    return displacement, velocity
 
 
 def energy_per_period(motion: Motion) -> dict[str, Array]:

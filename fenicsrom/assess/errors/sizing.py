@@ -15,8 +15,6 @@ coordinates instead. A motion that its first coordinates describe well enough ke
 would cost another run, and the picture of the sizes shows what they would do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -215,10 +213,7 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
 
 
 def fitted(
-    stored: StoredModel,
-    motion: Motion,
-    stop: Callable[[], bool],
-    warnings: list[str],
+    stored: StoredModel, motion: Motion, stop: Callable[[], bool], warnings: list[str]
 ) -> Sized | None:
     """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
 
@@ -257,14 +252,10 @@ def unreached(stored: StoredModel, error: float, limit: float) -> str:
         limit: largest accepted error.
     """
     known = counted(stored.size + len(stored.further), "coordinate")
-    found = (
-        f"the error due to the basis is estimated as {in_percent(error)}"
-        if np.isfinite(error)
-        else "the error due to the basis is not known"
-    )
+    found = f"estimated as {in_percent(error)}" if np.isfinite(error) else "not known"
     return (
         f"basis.accuracy = {limit:g} is not reached with {stored.size} of the {known} that the "
-        f"model holds: {found}; run the scene with a larger basis.modes to reach it"
+        f"model holds: the error is {found}; run the scene with a larger basis.modes to reach it"
     )
 
 

@@ -16,8 +16,6 @@ method found has no estimates. Otherwise it ends with exit code 1; its files are
 why. The estimates of the largest normal force are printed and do not decide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,6 +48,13 @@ MESH_ERROR = 0.1
 # the same of the root mean squares of a motion that does not settle: half of `UNSETTLED_ERROR`,
 # because both models take the same steps, and a basis that misses more is too small
 UNSETTLED_BASIS_ERROR = 0.25
+
+LIMITS = {
+    "time step": (TIME_ERROR, UNSETTLED_ERROR),
+    "basis": (BASIS_ERROR, UNSETTLED_BASIS_ERROR),
+    "mesh": (MESH_ERROR, UNSETTLED_BASIS_ERROR),
+}
+"""The limits of an error by its cause: of a motion that settles or has no period, and of others."""
 
 
 def estimate_errors(
@@ -88,11 +93,8 @@ def estimate_errors(
         own, finer, numbers = meshes
         near = motion if own is model else nested_motion(own, scene, motion, numbers)
         errors["mesh"] = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
-    check_time_error(scene, errors["time step"].largest, unsteady)
-    if basis is not None:
-        check_basis_error(scene, basis.largest, unsteady)
-    if meshes is not None:
-        check_mesh_error(scene, errors["mesh"].largest, unsteady)
+    for cause, found in errors.items():
+        check_error(scene, cause, found.largest, unsteady)
 
 
 def check_settled(scene: Scene, motion: Motion) -> None:
@@ -127,27 +129,39 @@ def check_settled(scene: Scene, motion: Motion) -> None:
             "time.steady_tolerance = 0 to accept a motion that does not repeat"
         )
     raise AccuracyError(
-        f"time.periods = {motion.periods}: {said}",
-        kind=ErrorKind.CONVERGENCE,
-        key="time.periods",
+        f"time.periods = {motion.periods}: {said}", kind=ErrorKind.CONVERGENCE, key="time.periods"
     )
 
 
-def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
-    """Refuse a motion whose estimated error due to the time step is too large.
+def check_error(scene: Scene, cause: str, estimate: float, unsteady: bool = False) -> None:
+    """Refuse a motion whose estimated error is too large.
 
     Args:
         scene: the scene of the motion.
+        cause: "time step", "basis" or "mesh".
         estimate: the relative error, infinite if there is no estimate.
-        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_ERROR` instead of
-        `TIME_ERROR`.
+        unsteady: whether the motion does not settle.
 
     Raises:
-        AccuracyError: the estimate is above the limit.
+        AccuracyError: the estimate is above the limit in `LIMITS`.
     """
-    allowed = UNSETTLED_ERROR if unsteady else TIME_ERROR
+    allowed = LIMITS[cause][unsteady]
     if estimate <= allowed:
         return
+    sentence = {"time step": _step_sentence, "basis": _basis_sentence, "mesh": _mesh_sentence}
+    found, remedy, kind, key = sentence[cause](scene, estimate, unsteady)
+    motion = " for a motion that does not settle" if unsteady else ""
+    raise AccuracyError(
+        f"{found} (at most {100.0 * allowed:g} % is accepted{motion}): {remedy}", kind=kind, key=key
+    )
+
+
+Sentence = tuple[str, str, ErrorKind, str]
+"""What is wrong, what to do, and the kind and the key of an error."""
+
+
+def _step_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:
+    """The sentence on an error due to the time step; arguments as `check_error`."""
     name = step_key(scene)
     given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
     if np.isfinite(estimate):
@@ -158,14 +172,31 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
         differs = "settles" if unsteady else "does not settle"
         found = f"another step gives a motion that {differs}, or no motion"
         other = f"{other_scheme(scene)}; or add modes that the loads may excite, basis.modes"
-    raise AccuracyError(
-        f"time.{name} = {given:g}: the steps are too long: a run with {found} "
-        f"(at most {100.0 * allowed:g} % is accepted"
-        f"{' for a motion that does not settle' if unsteady else ''}): "
-        f"try {name} = {better:g}{other}",
-        kind=ErrorKind.TIME_STEP,
-        key=f"time.{name}",
-    )
+    said = f"time.{name} = {given:g}: the steps are too long: a run with {found}"
+    return said, f"try {name} = {better:g}{other}", ErrorKind.TIME_STEP, f"time.{name}"
+
+
+def _basis_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:
+    """The sentence on an error due to the basis; arguments as `check_error`."""
+    said = "the basis is too small: a basis with the modes or derivatives that the motion lacks "
+    modes = scene.basis.modes
+    more = 'to more modes than "auto" takes' if modes == "auto" else f"above {modes}"
+    remedy = f'lower basis.threshold, set basis.derivatives = "all", or set basis.modes {more}'
+    return f"{said}gives {_difference(estimate)}", remedy, ErrorKind.BASIS, "basis"
+
+
+def _mesh_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:
+    """The sentence on an error due to the mesh; arguments as `check_error`."""
+    said = f"the mesh is too coarse: elements of degree {scene.geometry.degree + 1} give "
+    remedy = finer_mesh(scene, estimate)
+    return f"{said}{_difference(estimate)}", remedy, ErrorKind.MESH, "geometry"
+
+
+def _difference(estimate: float) -> str:
+    """What another basis or mesh gives, in words."""
+    if np.isfinite(estimate):
+        return f"displacements that differ by {in_percent(estimate)}"
+    return "a motion that does not settle, or no motion"
 
 
 def in_percent(error: float) -> str:
@@ -180,67 +211,6 @@ def other_scheme(scene: Scene) -> str:
     return (
         '; or try time.scheme = "generalised-alpha", which damps the waves that the steps do not '
         "resolve"
-    )
-
-
-def _difference(estimate: float) -> str:
-    """What another basis or mesh gives, in words."""
-    if np.isfinite(estimate):
-        return f"displacements that differ by {in_percent(estimate)}"
-    return "a motion that does not settle, or no motion"
-
-
-def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
-    """Refuse a motion whose estimated error due to the basis is too large.
-
-    Args:
-        scene: the scene of the motion.
-        estimate: the relative error, infinite if there is no estimate.
-        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_BASIS_ERROR`
-            instead of `BASIS_ERROR`.
-
-    Raises:
-        AccuracyError: the estimate is above the limit.
-    """
-    allowed = UNSETTLED_BASIS_ERROR if unsteady else BASIS_ERROR
-    if estimate <= allowed:
-        return
-    found = _difference(estimate)
-    modes = scene.basis.modes
-    more = 'to more modes than "auto" takes' if modes == "auto" else f"above {modes}"
-    raise AccuracyError(
-        f"the basis is too small: a basis with the modes or derivatives that the motion lacks "
-        f"gives {found} (at most {100.0 * allowed:g} % is accepted"
-        f"{' for a motion that does not settle' if unsteady else ''}): lower basis.threshold, set "
-        f'basis.derivatives = "all", or set basis.modes {more}',
-        kind=ErrorKind.BASIS,
-        key="basis",
-    )
-
-
-def check_mesh_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
-    """Refuse a motion whose estimated error due to the mesh is too large.
-
-    Args:
-        scene: the scene of the motion.
-        estimate: the relative error, infinite if there is no estimate.
-        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_BASIS_ERROR`
-            instead of `MESH_ERROR`.
-
-    Raises:
-        AccuracyError: the estimate is above the limit.
-    """
-    allowed = UNSETTLED_BASIS_ERROR if unsteady else MESH_ERROR
-    if estimate <= allowed:
-        return
-    degree = scene.geometry.degree
-    found = _difference(estimate)
-    motion = " for a motion that does not settle" if unsteady else ""
-    raise AccuracyError(
-        f"the mesh is too coarse: elements of degree {degree + 1} give {found} "
-        f"(at most {100.0 * allowed:g} % is accepted{motion}): {finer_mesh(scene, estimate)}",
-        kind=ErrorKind.MESH,
-        key="geometry",
     )
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import time as clock
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -60,11 +62,8 @@ def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
 
     model = full_model(body, scene)
     motion = simulate(model, scene, progress=progress)
-    note = {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": machine(),
-        "ranks": comm.size,
-    }
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    note = {"date": date, "machine": machine(), "ranks": comm.size}
     if folder is not None and key is not None and comm.rank == 0:
         tree, arrays = pack(replace(motion, end=None))
         write_results(folder, key, WHAT, {"note": note, "motion": tree}, arrays)
@@ -88,18 +87,12 @@ def cache_key(scene: Scene) -> str | None:
 def machine() -> dict[str, Any]:
     """The processor and the number of threads of the numerical libraries."""
     name = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next(
-            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
-            name,
-        )
-    except OSError:
-        pass
-    threads = os.environ.get("OMP_NUM_THREADS", "not set")
+    with suppress(OSError):
+        found = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text("utf-8"))
+        name = found[1].strip() if found else name
     return {
         "processor": name,
         "cores": os.cpu_count(),
         "system": platform.system(),
-        "OMP_NUM_THREADS": threads,
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "not set"),
     }

@@ -16,8 +16,6 @@ thousands of periods. Where the residual does not fall by `GOOD_RATE`, D is enla
 modes and then by the residual itself, and the next full period carries P' D along exactly.
 """
 
-from __future__ import annotations
-
 import time as clock
 from dataclasses import dataclass
 
@@ -131,9 +129,9 @@ def full_periodic_motion(
 
     z = problem.expanded(shooting.scaled(reduced.z))
     matrix = shooting.scaled_matrix(reduced.end.matrix)
-    jacobian = _Jacobian(problem, matrix, problem.expanded(matrix))
+    columns = problem.expanded(matrix)
     end, is_exact = march(z), False
-    step, rest = jacobian.step(end.z - z)
+    step, rest = problem.step(matrix, columns, end.z - z)
     while not problem.has_converged(end.z - z, step, z, tolerance):
         if not is_exact:
             before, residual = z, end.z - z
@@ -149,8 +147,8 @@ def full_periodic_motion(
             problem.enlarge(rest)
             end = march(z, problem.directions())
         if is_exact:
-            jacobian = _Jacobian(problem, problem.coordinates(end.columns), end.columns)
-        step, rest = jacobian.step(end.z - z)
+            matrix, columns = problem.coordinates(end.columns), end.columns
+        step, rest = problem.step(matrix, columns, end.z - z)
     seconds = clock.perf_counter() - begin
     return FullPeriodicMotion(z, tuple(residuals), derived, end.record, seconds)
 
@@ -213,6 +211,19 @@ class _Problem:
         """D (N, k)."""
         return self.expanded(np.eye(self.map.blocks * self.q.shape[1] + self.map.memory.size))
 
+    def step(self, matrix: Array, columns: Array, residual: Array) -> tuple[Array, Array]:
+        """Newton's step (1) dz (N,), and its part outside of the span of D.
+
+        Args:
+            matrix: (k, k) D^T M P' D, exact or of the reduced model.
+            columns: (N, k) P' D.
+            residual: (N,) r.
+        """
+        y = _least_squares(np.eye(len(matrix)) - matrix, self.coordinates(residual))
+        rest = residual + columns @ y
+        rest -= self.expanded(self.coordinates(rest))
+        return self.expanded(y) + rest, rest
+
     def norm(self, z: Array) -> float:
         """Size of variables z (N,)."""
         *parts, sliders = self._blocks(z)
@@ -250,23 +261,6 @@ class _Problem:
                 count //= 2
                 if count == 0:
                     raise
-
-
-class _Jacobian:
-    """Newton's step (1) with P' D, exact or of the reduced model."""
-
-    def __init__(self, problem: _Problem, matrix: Array, columns: Array):
-        """Keep D^T P' D (k, k) and P' D (N, k)."""
-        self._problem, self._matrix, self._columns = problem, matrix, columns
-
-    def step(self, residual: Array) -> tuple[Array, Array]:
-        """The step dz (N,) and its part outside of the span of D."""
-        problem = self._problem
-        equation = np.eye(self._matrix.shape[0]) - self._matrix
-        y = _least_squares(equation, problem.coordinates(residual))
-        rest = residual + self._columns @ y
-        rest -= problem.expanded(problem.coordinates(rest))
-        return problem.expanded(y) + rest, rest
 
 
 def _least_squares(matrix: Array, right: Array) -> Array:

@@ -1,7 +1,5 @@
 """The error due to the basis, measured against the full model, beside its estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -92,11 +90,9 @@ def settled_full_motion(
         found = full_periodic_motion(solid, vectors, shooting, reduced)
     except ConvergenceError as error:
         return full, f"{begin}; Newton's method did not find its periodic motion either: {error}"
-    periodic = replace(
-        motion_of(found.record, reduced.period),
-        seconds=full.seconds + found.seconds,
-        periods=full.periods + found.periods,
-    )
+    seconds, periods = full.seconds + found.seconds, full.periods + found.periods
+    periodic = motion_of(found.record, reduced.period)
+    periodic = replace(periodic, seconds=seconds, periods=periods)
     return periodic, (
         f"{begin}; its periodic motion was found by Newton's method in "
         f"{counted(found.periods, 'period')} from that of the reduced model, and its stability was "

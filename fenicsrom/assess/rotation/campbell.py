@@ -40,7 +40,6 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.body.deformation import DeformationGauge
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
 
@@ -145,21 +144,17 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
             speed, or for another range.
         ConvergenceError, AccuracyError: the first speed failed.
     """
-    from fenicsrom.fem.body.deformation import DeformationGauge
-
     begin = clock.perf_counter()
     scene = given if isinstance(given, Scene) else given.scene
     speeds, count = speeds_rpm(scene), scene.campbell.modes
-    gauge: DeformationGauge | None = None
     solid: Solid | RangeBody
     if isinstance(given, Scene):
-        body = _solid_at(float(speeds[0]), scene, comm)
-        solid, gauge = body, DeformationGauge(body, scene.at_speed(float(speeds.max())))
+        solid = _solid_at(float(speeds[0]), scene, comm)
     else:
         solid = range_body(given, speeds)
         assert given.whole is not None
         count = min(count, given.whole.modes)
-    tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
+    tracked = _Tracked(min(count + EXTRA_MODES, solid.free), scene.at_speed(float(speeds.max())))
     unfinished = tracked.follow_speeds(solid, speeds, count)
     body, names = None, list[str]()
     if isinstance(solid, RangeBody):
@@ -247,8 +242,8 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
 class _Tracked:
     """The modes of a body at successive speeds, in the order of the modes at the first speed."""
 
-    def __init__(self, count: int, gauge: DeformationGauge | None):
-        self.count, self.gauge = count, gauge
+    def __init__(self, count: int, fastest: Scene):
+        self.count, self.fastest = count, fastest
         self.squares: list[Array] = []
         self.mac: list[Array] = []
         self.largest: list[float] = []
@@ -265,15 +260,17 @@ class _Tracked:
         values, vectors, change = modes_at_speed(solid, self.count)
         common: Array = np.ones(self.count)
         if self.shapes:
-            values, vectors, common = follow(
-                solid, self.squares[-1], self.shapes[-1], values, vectors
-            )
+            before = self.squares[-1], self.shapes[-1]
+            values, vectors, common = follow(solid, *before, values, vectors)
         self.shapes.append(vectors)
         self.squares.append(values)
         self.mac.append(common)
         self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
-        if self.gauge is not None:
-            self.deformations.append(self.gauge.measure(solid.equilibrium))
+        if not isinstance(solid, RangeBody):
+            from fenicsrom.fem.body.stress_points import body_deformation
+
+            found = body_deformation(solid, self.fastest, solid.equilibrium)
+            self.deformations.append(found)
         self.changes.append(change)
 
     def follow_speeds(
@@ -351,10 +348,8 @@ def _warnings(found: Campbell) -> list[str]:
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
                 "use speeds that are closer together"
             )
-        doubtful = np.flatnonzero(
-            (found.mac[:, mode] >= LEAST_MAC) & (found.mac[:, mode] < DOUBTFUL_MAC)
-        )
-        for k in map(int, doubtful):
+        mac = found.mac[:, mode]
+        for k in np.flatnonzero((mac >= LEAST_MAC) & (mac < DOUBTFUL_MAC)):
             warnings.append(
                 f"mode {mode + 1} may have been swapped with another mode between "
                 f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "

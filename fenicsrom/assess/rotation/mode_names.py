@@ -14,8 +14,6 @@ these lengths gives the letter:
 The number counts the modes of one letter in the order of their frequencies.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,20 +1,122 @@
 """The axes along which `fenicsrom stability` drives a scene to its extremes.
 
 The values of an axis have no unit: they multiply a value of the scene, or a scale of its reduced
-model (`assess.studies.scales`). A scene that is written in other units therefore has the same
+model (`Scales`). A scene that is written in other units therefore has the same
 axes. An axis is left out, with the reason, if the scene lacks the feature that it varies.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from fenicsrom.assess.studies.scales import Scales
+import numpy as np
+import scipy.linalg
+
+from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.scene import Scene, scene_table
 from fenicsrom.scene.checks.checks import LEAST_MODES
+
+# a smaller inverse buckling factor, relative to the largest, is rounding
+LEAST_INVERSE_FACTOR = 1e-9
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The scales of a scene, in its units.
+
+    Attributes:
+        normal_stiffness: for each contact, the `normal_stiffness` at which the contact is as stiff
+            as the body under it.
+        tangential_stiffness: for each contact, the `tangential_stiffness` at which the contact is
+            as stiff as the body in its most flexible tangential direction.
+        preload: for each contact, the `preload` that buckles the body; None if nothing presses on
+            the body, or if no preload buckles it.
+        omega: first natural frequency of the reduced model about its equilibrium, rad/s.
+    """
+
+    normal_stiffness: tuple[float, ...]
+    tangential_stiffness: tuple[float, ...]
+    preload: tuple[float, ...] | None
+    omega: float
+
+
+def scales_of(model: ReducedModel, scene: Scene) -> Scales:
+    """Compute the scales of a scene from its reduced model."""
+    stiffness = [_body_stiffness(model, k) for k in range(len(scene.contacts))]
+    squares = scipy.linalg.eigh(_symmetric_stiffness(model), model.mass, eigvals_only=True)
+    first, rest = (tuple(pair[i] for pair in stiffness) for i in range(2))
+    omega = float(np.sqrt(max(squares[0], 0.0)))
+    return Scales(first, rest, buckling_preload(model, scene), omega)
+
+
+def _symmetric_stiffness(model: ReducedModel) -> Array:
+    """The symmetric part (n, n) of the tangent at q = 0; all of it without follower pressures."""
+    stiffness = model.rest_stiffness()
+    return np.asarray(0.5 * (stiffness + stiffness.T)) if model.pressure.numbers.size else stiffness
+
+
+def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
+    """Stiffness of the body at a contact along the normal and the softest tangent.
+
+    With the flexibility C = B^T K^-1 B at the contact points and a unit force spread by their
+    tributary areas a_p, f_p = a_p / sum a, the body has the stiffness 1 / (f^T C f). Springs of
+    stiffness k per tributary area together have the stiffness k sum a.
+    """
+    areas = np.where(model.points.contact == contact, model.points.tributary_area, 0.0)
+    dimension = model.points.position.shape[1]
+    flexibility = []
+    for direction in range(dimension):
+        force = np.zeros((areas.size, dimension))
+        force[:, direction] = areas / areas.sum()
+        load = model.contact_rows.T @ force.reshape(-1)
+        flexibility.append(float(load @ np.linalg.solve(model.rest_stiffness(), load)))
+    softest = flexibility[0], max(flexibility[1:])
+    normal, tangential = (float(1.0 / (c * areas.sum())) for c in softest)
+    return normal, tangential
+
+
+def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | None:
+    """The preload of each contact that buckles the body, or None.
+
+    Linear buckling: the preload N displaces the body by q1 = -K^-1 B^T N. This changes the tangent
+    by K_g = A q1. The buckling factor is the least positive factor with det(K + factor K_g) = 0.
+    The contact springs and the curvature of the surface are left out.
+
+    Args:
+        model: the reduced model.
+        scene: its scene. One factor scales all its preloads. If it has neither preloads nor gaps,
+            all contacts get equal preloads.
+    """
+    pattern = np.array([contact.preload for contact in scene.contacts])
+    if not pattern.any() and not any(contact.gap > 0.0 for contact in scene.contacts):
+        pattern = np.ones(len(scene.contacts))
+    if model.linear or not pattern.any():
+        return None
+    force = np.zeros((model.points.contact.size, scene.geometry.dimension))
+    force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
+    stiffness = _symmetric_stiffness(model)
+    q: Array = np.asarray(
+        -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64
+    )
+    # the tangent is a polynomial of second degree: this difference is exact
+    geometric = 0.5 * (_tangent(model, q) - _tangent(model, -q))
+    inverse_factors = scipy.linalg.eigh(-geometric, stiffness, eigvals_only=True)
+    largest = float(inverse_factors[-1])
+    if not largest > LEAST_INVERSE_FACTOR * float(np.max(np.abs(inverse_factors))):
+        return None
+    return tuple(float(preload) / largest for preload in pattern)
+
+
+def _tangent(model: Any, q: Array) -> Array:
+    """The tangent stiffness (n, n) at q (n,)."""
+    force, tangent = np.empty_like(q), np.empty((q.size, q.size))
+    elastic_force(model.elastic, np.ascontiguousarray(q), force, tangent)
+    return tangent
+
 
 Overrides = tuple[str, ...]
 Values = dict[str, Overrides]
@@ -101,11 +203,8 @@ def contacts_with(scene: Scene, **values: Sequence[float]) -> Overrides:
     """
     if not scene.contacts:
         raise LeftOut("the scene has no contact")
-    return tuple(
-        f"contacts.{k}.{key}={value!r}"
-        for key, entries in values.items()
-        for k, value in enumerate(entries)
-    )
+    pairs = [(key, k, entry) for key, entries in values.items() for k, entry in enumerate(entries)]
+    return tuple(f"contacts.{k}.{key}={entry!r}" for key, k, entry in pairs)
 
 
 def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
@@ -122,11 +221,12 @@ def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
 
 def contact_stiffness(scene: Scene, scales: Scales, normal: float, tangential: float) -> Overrides:
     """Contact stiffnesses as multiples of the stiffness of the body at the contact."""
-    return contacts_with(
-        scene,
-        normal_stiffness=[normal * k for k in scales.normal_stiffness],
-        tangential_stiffness=[tangential * k for k in scales.tangential_stiffness],
-    )
+    along, across = scales.normal_stiffness, scales.tangential_stiffness
+    values = {
+        "normal_stiffness": [normal * stiffness for stiffness in along],
+        "tangential_stiffness": [tangential * stiffness for stiffness in across],
+    }
+    return contacts_with(scene, **values)
 
 
 def preload(scene: Scene, scales: Scales, factor: float) -> Overrides:
@@ -146,10 +246,8 @@ def _scene(scene: Scene, scales: Scales) -> Values:
 
 
 def _contact_stiffness(scene: Scene, scales: Scales) -> Values:
-    return {
-        f"{factor:g} times the body's": contact_stiffness(scene, scales, factor, factor)
-        for factor in (1e-4, 1e-2, 1.0, 1e2, 1e4)
-    }
+    factors = (1e-4, 1e-2, 1.0, 1e2, 1e4)
+    return {f"{x:g} times the body's": contact_stiffness(scene, scales, x, x) for x in factors}
 
 
 def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
@@ -176,25 +274,20 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-
-    gaps = [contact.gap for contact in scene.contacts]
-    return {
-        f"{x:g} times": contacts_with(scene, gap=[x * gap for gap in gaps])
-        for x in (0.5, 0.9, 1.1, 2.0)
-    }
+    gaps, factors = np.array([contact.gap for contact in scene.contacts]), (0.5, 0.9, 1.1, 2.0)
+    return {f"{x:g} times": contacts_with(scene, gap=(x * gaps).tolist()) for x in factors}
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
     moving = [(k, contact) for k, contact in enumerate(scene.contacts) if contact.approach]
     if not moving:
         raise LeftOut("no contact has an approach")
-    return {
-        f"{x:g} times": tuple(
-            f"contacts.{k}.approach={[[time, x * distance] for time, distance in contact.approach]}"
-            for k, contact in moving
-        )
-        for x in (0.0, 0.5, 2.0, 5.0)
-    }
+
+    def times(factor: float) -> Overrides:
+        steps = {k: [[t, factor * way] for t, way in contact.approach] for k, contact in moving}
+        return tuple(f"contacts.{k}.approach={approach}" for k, approach in steps.items())
+
+    return {f"{x:g} times": times(x) for x in (0.0, 0.5, 2.0, 5.0)}
 
 
 def _load(scene: Scene, scales: Scales) -> Values:
@@ -208,42 +301,34 @@ def _static_load(scene: Scene, scales: Scales) -> Values:
 
 def _frequency(scene: Scene, scales: Scales) -> Values:
     tables = scene_table(scene)["loads"]
-    given = {
-        k: float(table["frequency"])
-        for k, table in enumerate(tables)
-        if "frequency" in table and "engine_order" not in table
-    }
+    own = [k for k, load in enumerate(tables) if "frequency" in load and "engine_order" not in load]
+    given = {k: float(tables[k]["frequency"]) for k in own}
     if not given or any("sweep" in table for table in tables):
         raise LeftOut("no load has a constant frequency of its own")
-    first = scales.omega / (2.0 * math.pi)
-    lowest = min(given.values())
-    return {
-        f"{x:g} times the first natural frequency": tuple(
-            f"loads.{k}.frequency={x * first * value / lowest!r}" for k, value in given.items()
-        )
-        for x in (0.1, 0.5, 0.9, 1.0, 1.1, 2.0)
-    }
+    first, lowest = scales.omega / (2.0 * math.pi), min(given.values())
+
+    def lowest_at(x: float) -> Overrides:
+        changed = {k: x * first * value / lowest for k, value in given.items()}
+        return tuple(f"loads.{k}.frequency={value!r}" for k, value in changed.items())
+
+    factors = (0.1, 0.5, 0.9, 1.0, 1.1, 2.0)
+    return {f"{x:g} times the first natural frequency": lowest_at(x) for x in factors}
 
 
 def _damping(scene: Scene, scales: Scales) -> Values:
     """Damping ratios of the first mode: alpha = 2 ratio omega_1."""
-    return {
-        f"ratio {ratio:g}": (f"material.mass_damping={2.0 * ratio * scales.omega!r}",)
-        for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)
-    }
+    alpha = {ratio: 2.0 * ratio * scales.omega for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)}
+    return {f"ratio {x:g}": (f"material.mass_damping={alpha[x]!r}",) for x in alpha}
 
 
 def _steps(scene: Scene, scales: Scales) -> Values:
     if scene.period is not None:
-        return {
-            f"{n} a period": (f"time.steps_per_period={n}",) for n in (10, 20, 50, 100, 500, 2000)
-        }
+        counts = (10, 20, 50, 100, 500, 2000)
+        return {f"{n} a period": (f"time.steps_per_period={n}",) for n in counts}
     if scene.time.step is None:
         raise LeftOut("the step of the scene follows from its tolerance")
-    return {
-        f"{x:g} times as long": (f"time.step={x * scene.time.step!r}",)
-        for x in (10.0, 4.0, 2.0, 0.5, 0.1)
-    }
+    steps = {x: x * scene.time.step for x in (10.0, 4.0, 2.0, 0.5, 0.1)}
+    return {f"{x:g} times as long": (f"time.step={step!r}",) for x, step in steps.items()}
 
 
 def _tolerance(scene: Scene, scales: Scales) -> Values:
@@ -257,15 +342,13 @@ def _scheme(scene: Scene, scales: Scales) -> Values:
 def _poisson(scene: Scene, scales: Scales) -> Values:
     if not scene.material.is_isotropic:
         raise LeftOut("the material is not isotropic")
-    planes = [f"geometry.plane='{name}'" for name in ("stress", "strain")]
-    chosen = planes if scene.geometry.dimension == 2 else [""]
+    ratios = {f"{nu:g}": (f"material.poisson={nu!r}",) for nu in (0.0, 0.45, 0.499)}
+    if scene.geometry.dimension == 3:
+        return dict(ratios)
     return {
-        f"{nu:g}" + (f", plane {plane.split(chr(39))[1]}" if plane else ""): (
-            f"material.poisson={nu!r}",
-            *filter(None, [plane]),
-        )
-        for nu in (0.0, 0.45, 0.499)
-        for plane in chosen
+        f"{ratio}, plane {name}": (*change, f"geometry.plane='{name}'")
+        for ratio, change in ratios.items()
+        for name in ("stress", "strain")
     }
 
 
@@ -282,13 +365,11 @@ def _derivatives(scene: Scene, scales: Scales) -> Values:
     if not scene.geometrically_nonlinear:
         raise LeftOut("the scene is geometrically linear")
     other = "craig-bampton" if scene.basis.method == "rubin" else "rubin"
+    more = f"basis.modes={_mode_count(scene) + 1}"
     return {
         "none": ("basis.derivatives='none'",),
         "all": ("basis.derivatives='all'",),
-        "all of one mode more": (
-            "basis.derivatives='all'",
-            f"basis.modes={_mode_count(scene) + 1}",
-        ),
+        "all of one mode more": ("basis.derivatives='all'", more),
         f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'"),
     }
 

@@ -3,13 +3,11 @@
 The choices are meshes, numbers of time steps and bases. The full model runs once, on the mesh and
 with the time steps of the scene; its motion is kept in the user's cache folder
 (`assess.full.full_cache`).
-The combinations of a mesh share it, the solid with its factor, the modes and the snapshots. The
-modes are computed once, for the largest requested number, and each combination uses the first
-ones. The offline seconds of a combination are the sum of the stages that it needs, as if it were
-the only combination. The indicator (`assess.errors.residual`) needs no full run.
+The combinations of a mesh share it and the solid with its factor; those with the same method and
+number of modes share these modes and the snapshots. The offline seconds of a combination are the
+sum of the stages that it needs, as if it were the only combination. The indicator
+(`assess.errors.residual`) needs no full run.
 """
-
-from __future__ import annotations
 
 import itertools
 import time as clock
@@ -18,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -37,17 +35,15 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.candidates import extended_basis
-from fenicsrom.reduction.modes import first_modes, solve_modes
+from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.words import brief, counted
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 # a run of more seconds is timed over two periods only; the time is scaled by the number of steps
 SLOW = 1.0
@@ -204,9 +200,8 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
     table["basis"] |= {"method": c.method, "modes": c.modes, "elastic_force": c.elastic_force}
     table["basis"].pop("size", None)
     table["basis"] |= {} if c.size is None else {"size": c.size}
-    table["basis"]["derivatives"] = (
-        c.derivatives if isinstance(c.derivatives, str) else list(c.derivatives)
-    )
+    given = c.derivatives
+    table["basis"]["derivatives"] = given if isinstance(given, str) else list(given)
     if c.mesh:
         table = override_table(table, c.mesh, scene.source)
     steps = {} if c.steps is None else {"steps_per_period": c.steps}
@@ -216,26 +211,23 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
 class Workshop:
     """Makes the reduced models of a body; shared stages run once, and their seconds are kept."""
 
-    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float], largest: int):
+    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float]):
         """Start from a body.
 
         Args:
             body: the structure.
             scene: its scene.
             seconds: run times of its stages.
-            largest: the largest number of normal modes that will be requested.
         """
-        self.body, self._seconds, self._largest = body, dict(seconds), largest
-        self._scene = scene
+        self.body, self._scene, self._seconds = body, scene, dict(seconds)
         self._done: dict[Any, tuple[Any, float]] = {}
 
     def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
         """The stages of a scene's reduced model, and their seconds as if it were made alone."""
         method, count = scene.basis.method, scene.basis.modes
         assert isinstance(count, int)  # of [compare]
-        options = replace(self._scene.basis, method=method, modes=self._largest)
-        solved, taken = self._once(method, partial(solve_modes, self.body, options))
-        modes, _ = self._once((method, count), partial(first_modes, self.body, solved, count))
+        options = replace(self._scene.basis, method=method, modes=count)
+        modes, taken = self._once((method, count), partial(component_modes, self.body, options))
         # the snapshots always use the scheme of the scene of the body
         take = partial(Snapshots, self.body, self._scene, modes)
         snapshots, _ = self._once((method, count, "snapshots"), take)
@@ -252,10 +244,8 @@ class Workshop:
     def _once(self, key: Any, work: Callable[[], Any]) -> tuple[Any, float]:
         """The result of some work, and the seconds that it took when it was done first."""
         if key not in self._done:
-            spent: dict[str, float] = {}
-            with timed(spent, "work"):
-                found = work()
-            self._done[key] = found, spent["work"]
+            begin = clock.perf_counter()
+            self._done[key] = work(), clock.perf_counter() - begin
         return self._done[key]
 
 
@@ -293,16 +283,14 @@ def try_out(
             with timed(outcome.offline, "size"):
                 basis, model, motion = _sized(workshop.body, scene, reduction, motion)
         outcome.labels = basis.labels
-        outcome.indicator, outcome.residual = indicators(
-            workshop.body, basis.vectors, motion, scene
-        )
+        found = indicators(workshop.body, basis.vectors, motion, scene)
+        outcome.indicator, outcome.residual = found
         outcome.motion = replace(
             motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None
         )
         if timing:
-            outcome.online, outcome.timed_periods = time_runs(
-                model, scene, motion, workshop.body.comm
-            )
+            timings = time_runs(model, scene, motion, workshop.body.comm)
+            outcome.online, outcome.timed_periods = timings
     except (ConvergenceError, AccuracyError, SceneError) as error:  # no such `basis.size`
         outcome.failure = str(error)
         return outcome
@@ -336,11 +324,11 @@ def _sized(
         candidates=whole,
         further=extended.labels[found.basis.size :],
     )
-    chosen = sized(
-        stored,
-        motion,
-        lambda larger, near: simulate(larger.model, scene, near=near, keep_coordinates=True),
-    )
+
+    def run(larger: StoredModel, near: Any) -> Motion:
+        return simulate(larger.model, scene, near=near, keep_coordinates=True)
+
+    chosen = sized(stored, motion, run)
     if chosen is None or chosen.stored is stored:
         return found.basis, found.model, motion
     part = extended.part(chosen.stored.labels, chosen.stored.model.mass)
@@ -394,16 +382,9 @@ def compare(scene: Scene, comm: Any) -> Comparison:
             workshop = _workshop(scenes[mesh], scene, comm, cold)
         chosen = [combination for combination in wanted if combination.mesh == mesh]
         outcomes += compare_bases(workshop, scene, full, wanted=chosen)
-    return Comparison(
-        scene,
-        outcomes,
-        full,
-        full_run,
-        solid.free,
-        solid.points,
-        cold["compilation"],
-        solid.warnings,
-    )
+    warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
+    seconds = cold["compilation"]
+    return Comparison(scene, outcomes, full, full_run, solid.free, solid.points, seconds, warned)
 
 
 def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> Workshop:
@@ -418,7 +399,6 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
 
-    largest = max(scene.compare.modes)
     seconds: dict[str, float] = {}
     with timed(seconds, "mesh"):
         mesh = build_mesh(first.geometry, comm)
@@ -426,11 +406,11 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     on_mesh = replace(scene, geometry=first.geometry)
     trial = solid_of(on_mesh, mesh)
     with timed(cold, "compilation"):
-        warm_up(Workshop(trial, scene, {}, largest), first)
+        warm_up(Workshop(trial, scene, {}), first)
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(on_mesh, mesh)
-    return Workshop(solid, scene, seconds, largest)
+    return Workshop(solid, scene, seconds)
 
 
 def warm_up(workshop: Workshop, scene: Scene) -> None:

@@ -1,7 +1,5 @@
 """The first mode of a scene, from which the numbers of a starter scene follow."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -13,8 +13,6 @@ from another start, which may lead to another motion. With layers that wear, hal
 at each speed, and another start is not: it has another history of wear.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time as clock
 from collections.abc import Callable, Iterator

@@ -1,20 +1,17 @@
 """Random variants of a scene, from a seed: other loads, contacts, damping, bases and spans of time.
 
 The ranges are relative to the scene and to the scales of its reduced model
-(`assess.studies.scales`), like the axes of the stability matrix. They reach beyond what a basis of
+(`assess.studies.axes`), like the axes of the stability matrix. They reach beyond what a basis of
 few modes holds: frequencies far above the kept modes, axial loads, bases without derivatives,
 impacts and sweeps. A variant may therefore be refused, but its result must not be silently wrong.
 """
-
-from __future__ import annotations
 
 import math
 from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.studies.axes import SCHEMES, Case
-from fenicsrom.assess.studies.scales import Scales
+from fenicsrom.assess.studies.axes import SCHEMES, Case, Scales
 from fenicsrom.scene import Scene, scene_table
 from fenicsrom.scene.base.toml import toml_value
 from fenicsrom.scene.keys.loads import ACTIONS

@@ -33,9 +33,8 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.true_errors import estimates_found, full_distances, missed
 from fenicsrom.assess.jobs import run_jobs
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion, scales_of
 from fenicsrom.assess.studies.random_cases import random_cases
-from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
@@ -276,22 +275,16 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with an eighth of the step the motion differs by {error:.0%}"
-        return (
-            Verdict.UNSTEADY,
-            f"the motion does not repeat after {counted(motion.periods, 'period')}",
-        )
+        why = f"the motion does not repeat after {counted(motion.periods, 'period')}"
+        return Verdict.UNSTEADY, why
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
-        return (
-            Verdict.WRONG,
-            f"the error against half the step is {error:.1e}, but the estimate is {estimate:.1e}",
-        )
+        why = f"the error against half the step is {error:.1e}, but the estimate is {estimate:.1e}"
+        return Verdict.WRONG, why
     if not has_settled(fine):
-        return (
-            Verdict.UNSTEADY,
-            "the amplitudes settle but the motion does not; with half the step neither settles",
-        )
+        why = "the amplitudes settle but the motion does not; with half the step neither settles"
+        return Verdict.UNSTEADY, why
     if (apart := numbers.get("basis_error", 0.0)) > BASIS_ERROR:
         return Verdict.WRONG, f"the amplitude differs by {apart:.1e} from that of a richer basis"
     remarks = {
@@ -332,12 +325,8 @@ def stability(
     begin = clock.perf_counter()
     for axis in axes:
         if axis not in AXES:
-            known = ", ".join(AXES)
-            raise SceneError(
-                f"axis {axis!r} does not exist; the axes are {known}",
-                kind=ErrorKind.UNKNOWN_KEY,
-                key=axis,
-            )
+            reason = f"axis {axis!r} does not exist; the axes are {', '.join(AXES)}"
+            raise SceneError(reason, kind=ErrorKind.UNKNOWN_KEY, key=axis)
     from fenicsrom.reduction.modes import with_mode_count
 
     table, scene = load(path, changes)
@@ -382,9 +371,8 @@ def run_all(
         case, why = finding.case, f": {finding.why}" if finding.why else ""
         place = f"{len(found)}/{len(wanted)}"
         left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
-        log.info(
-            f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}"
-        )
+        name = f"{case.axis}, {case.value} ({case.model})"
+        log.info(f"{place} {name}: {finding.verdict}{why}; {left}")
     return [found[k] for k in range(len(wanted))]
 
 

@@ -1,7 +1,5 @@
 """One run of a sweep, as a job of a process: a stored model under other values of its scene."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json
@@ -101,9 +99,8 @@ def digest_of(scene: Scene, origin: str) -> str:
         scene: the scene of a run.
         origin: digest of the file of the model, or of the inputs from which the model is made.
     """
-    return hashlib.sha256(
-        f"{FORMAT}\n{toml_text(scene_table(scene))}\n{origin}".encode()
-    ).hexdigest()
+    content = f"{FORMAT}\n{toml_text(scene_table(scene))}\n{origin}"
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def file_digest(path: Path) -> str:

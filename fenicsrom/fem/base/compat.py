@@ -1,7 +1,5 @@
 """All code that depends on the version of dolfinx (0.9 to 0.11)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import dolfinx.mesh

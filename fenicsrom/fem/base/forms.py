@@ -6,8 +6,6 @@ by which diverging iterations are recognised. The code suits every processor of 
 that computers may share a cache.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy.typing as npt

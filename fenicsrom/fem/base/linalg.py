@@ -1,7 +1,5 @@
 """Factorisations and eigenmodes by PETSc and SLEPc, on arrays of the unknowns of this rank."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 from slepc4py import SLEPc
@@ -81,9 +79,7 @@ class Factorisation:
                 f"unknowns (error {status}): there is too little memory, most likely",
                 kind=ErrorKind.MEMORY,
             )
-        raise ConvergenceError(
-            "the stiffness matrix is singular: its factorisation met a zero pivot"
-        )
+        raise ConvergenceError("the stiffness matrix is singular: a pivot is zero")
 
     def destroy(self, matrix: bool = False) -> None:
         """Free the factors, and the matrix too if asked; PETSc frees nothing itself in parallel."""

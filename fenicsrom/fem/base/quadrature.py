@@ -16,8 +16,6 @@ with the mean over the volume. C was measured: quarters of rings of 1 to 4 curve
 along the arc, and a twisted blade of hexahedra, give errors of 0.2 to 4 times (2) for δ below 1.
 """
 
-from __future__ import annotations
-
 import basix
 import dolfinx.mesh
 import numpy as np

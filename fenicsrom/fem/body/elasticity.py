@@ -26,8 +26,6 @@ Vectors are numpy arrays of the unknowns that this rank owns, zero on the clampe
 rows of K are those of the identity; the clamped rows of M are zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
@@ -45,11 +43,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form
 from fenicsrom.fem.base.linalg import add_to_diagonal
 from fenicsrom.fem.base.quadrature import quadrature_degree
-from fenicsrom.fem.body.inertia import Inertia
 from fenicsrom.fem.body.materials import Materials
-from fenicsrom.fem.body.rotation import RotatingFrame
-from fenicsrom.fem.body.slanted import Slanted
-from fenicsrom.fem.body.supports import conditions, held_displacements
+from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
+from fenicsrom.fem.body.supports import Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Scene
 
@@ -82,7 +78,7 @@ class ElasticBody:
         inertia: the matrices of inertia forces.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
-        pressures: the follower pressures, a `fenicsrom.fem.body.pressure.FollowerPressures`.
+        pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
@@ -391,7 +387,8 @@ class ElasticBody:
                     gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             if part.size:
                 detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
-                yield (self.materials.thickness_of(part) * detj * weights).reshape(-1), gradients
+                thickness = self.materials.thickness[self.materials.number[part], None]
+                yield (thickness * detj * weights).reshape(-1), gradients
 
     def tabulated(self, fields: Array, about: Array, **rule: Any) -> tuple[Array, Array]:
         """All chunks of `tabulate` together: weights (k,) and gradients (1 + n, k, d, d)."""

@@ -5,8 +5,6 @@ constant in each cell: λ and μ if all materials are isotropic, else the elasti
 Mandel's notation (`fenicsrom.online.stress.elasticity_tensor`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -33,7 +31,6 @@ class Materials:
         every: the materials, that of [material] first.
         number: (cells,) number of the material of each local cell, ghosts included.
         thickness: (materials,) thickness of each material, m; 1 in 3D.
-        single: whether one isotropic material fills the body.
     """
 
     def __init__(self, mesh: Mesh, scene: Scene):
@@ -58,7 +55,6 @@ class Materials:
             self.number[cells] = 1 + k
         whole = scene.geometry.thickness or 1.0
         self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])
-        self.single = not groups and scene.material.is_isotropic
         self._mesh, self._geometry = mesh, scene.geometry
 
     @property
@@ -93,12 +89,6 @@ class Materials:
         topology = self._mesh.domain.topology
         own = self.number[: topology.index_map(topology.dim).size_local]
         return np.repeat(own if cells is None else self.number[cells], points)
-
-    def thickness_of(self, cells: npt.NDArray[np.int32]) -> Any:
-        """The thickness in m: a number, or (cells, 1) if it differs between the materials."""
-        if self.has_one_thickness:
-            return float(self.thickness[0])
-        return self.thickness[self.number[cells], None]
 
     @property
     def has_one_thickness(self) -> bool:
@@ -136,9 +126,8 @@ class Materials:
         d, count = self._geometry.dimension, len(self.every)
         thickness = [float(size) for size in self.thickness]
         if self.isotropic:
-            pairs = [self.lame(k) for k in range(count)]
-            lame = self.field([pair[0] * t for pair, t in zip(pairs, thickness, strict=True)])
-            mu = self.field([pair[1] * t for pair, t in zip(pairs, thickness, strict=True)])
+            pairs = [np.multiply(self.lame(k), thickness[k]) for k in range(count)]
+            lame, mu = (self.field([pair[i] for pair in pairs]) for i in range(2))
 
             def isotropic(strain: Expression) -> Expression:
                 return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain

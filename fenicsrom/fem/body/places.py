@@ -3,8 +3,6 @@
 A place is represented by rows (d, local) that give its displacement from the unknowns.
 """
 
-from __future__ import annotations
-
 import basix.ufl
 import dolfinx.mesh
 import numpy as np

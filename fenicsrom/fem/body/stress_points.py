@@ -1,6 +1,4 @@
-"""The table of displacement gradients of a solid, from which its stresses follow without a mesh."""
-
-from __future__ import annotations
+"""The deformation of a solid at quadrature points, and the table from which its stresses follow."""
 
 from dataclasses import dataclass
 
@@ -10,6 +8,7 @@ import numpy.typing as npt
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.online.stress.deformation import NOWHERE, Deformation, deformation, extremes
 from fenicsrom.online.stress.stress import StressLaw, StressTable
 from fenicsrom.scene import Scene
 
@@ -119,10 +118,21 @@ def local_part(solid: ElasticBody) -> LocalPart:
     own = counts[solid.comm.rank]
     cell = solid.mesh.domain.basix_cell()
     at_nodes = _shapes_at(cell, 1, np.asarray(solid.space.element.basix_element.points))
-    index_map = dofmap.index_map
-    return LocalPart(
-        slice(first, first + own),
-        np.asarray(dofmap.list[:own]),
-        at_nodes,
-        index_map.size_local + index_map.num_ghosts,
-    )
+    count = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+    return LocalPart(slice(first, first + own), np.asarray(dofmap.list[:own]), at_nodes, count)
+
+
+def body_deformation(body: ElasticBody, scene: Scene, u: Array) -> Deformation:
+    """The deformation at a displacement u (local,), over all ranks. Collective.
+
+    It is that of the points at which the forms of the body of a scene are integrated.
+    """
+    position, found = body.quadrature_points(body.quadrature_degree), [NOWHERE]
+    number = body.materials.of_points(len(position) // max(1, body.owned_cells().size))
+    for weights, gradients in body.tabulate(np.zeros((body.local, 0)), u):
+        here, position = np.split(position, [weights.size])
+        mine, number = np.split(number, [weights.size])
+        law = StressLaw.of(scene).at(mine if scene.materials else None)
+        change = gradients[:, 0]
+        found.append(deformation(law, here, change, np.zeros_like(change)))
+    return extremes(body.comm.allgather(extremes(found)))

@@ -1,30 +1,108 @@
 """Clamped supports, and the check that they hold the body.
 
 A support clamps components of the displacement at its nodes, or the displacement along a normal
-(`fenicsrom.fem.body.slanted`). The linear rigid-body motions
+(2). The linear rigid-body motions
 
     u(x) = t + w × (x − c)    (3 in the plane, 6 in space)    (1)
 
 must all move a clamped component: the matrix of the motions, restricted to what is clamped of a
 connected piece of the mesh, must have full rank.
+
+A node that is held along the orthonormal directions n_1, .. has the displacement P u with the
+orthogonal projection P = I − Σ n_k n_kᵀ. With the projection P of all nodes, the components of
+vectors remain those along the global axes, and forces and matrices become
+
+    P f,    P K P + c (I − P),    P M P.    (2)
+
+Vectors with P u = u are an invariant space of these matrices. The other part of a solution stays
+zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from dolfinx import fem
+from petsc4py import PETSc
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.body.slanted import Held
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
+from fenicsrom.words import counted
+
+
+class Held(NamedTuple):
+    """The displacements that supports hold, ghosts included.
+
+    Attributes:
+        unknowns: (c,) sorted local numbers of the clamped unknowns.
+        nodes: (s,) local numbers of the nodes that are also held along slanted directions.
+        slanted: (s, d, d) Σ n_k n_kᵀ of these directions, which are orthogonal to the clamped axes.
+    """
+
+    unknowns: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    slanted: Array
+
+
+class Slanted:
+    """The projection (2) on a displacement space. Every method is collective.
+
+    Attributes:
+        rank: number of directions that are held, over all ranks.
+        nodes: (s,) local numbers of the nodes of this rank.
+        held: (s, d, d) Σ n_k n_kᵀ of the directions along which they are held.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, held: Held):
+        """Make the projection of the nodes that this rank owns."""
+        index = space.dofmap.index_map
+        own = held.nodes < index.size_local
+        self.nodes, self.held = held.nodes[own], held.slanted[own]
+        d, local = space.dofmap.index_map_bs, index.size_local * space.dofmap.index_map_bs
+        self._unknowns = self.nodes[:, None] * d + np.arange(d)
+        comm, first = space.mesh.comm, index.local_range[0] * d
+        self.rank = round(comm.allreduce(float(np.trace(self.held, axis1=1, axis2=2).sum())))
+        rows = np.repeat(self._unknowns[:, :, None], d, axis=2).ravel()
+        columns = np.repeat(self._unknowns[:, None, :], d, axis=1).ravel()
+        blocks = scipy.sparse.csr_array((self.held.ravel(), (rows, columns)), shape=(local, local))
+        matrix: Any = scipy.sparse.eye_array(local, format="csr") - blocks
+        size = (local, index.size_global * d)
+        starts, columns = (a.astype(PETSc.IntType) for a in (matrix.indptr, matrix.indices + first))
+        self._matrix = PETSc.Mat().createAIJ(
+            (size, size), csr=(starts, columns, matrix.data), comm=comm
+        )
+        self._first = first
+
+    def project(self, block: Array) -> None:
+        """Replace a block (local,) or (local, k) by its projection."""
+        values = block[self._unknowns]
+        block[self._unknowns] = values - np.einsum("sij,sj...->si...", self.held, values)
+
+    def project_matrix(self, matrix: PETSc.Mat, diagonal: float) -> None:
+        """Replace an assembled matrix by (2), with the same pattern.
+
+        Args:
+            matrix: the matrix.
+            diagonal: c, relative to the largest entry on the diagonal of the node. Rounding couples
+                the two parts by a 1e-16 of this entry.
+        """
+        product = matrix.ptap(self._matrix)
+        entries = np.abs(product.getDiagonal().array_r[self._unknowns]).max(axis=1, initial=0.0)
+        product.copy(matrix, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        product.destroy()
+        scales = diagonal * np.where(entries > 0.0, entries, 1.0)
+        for unknowns, block in zip(self._unknowns, scales[:, None, None] * self.held, strict=True):
+            rows = (self._first + unknowns).astype(PETSc.IntType)
+            matrix.setValues(rows, rows, block, PETSc.InsertMode.ADD_VALUES)
+        matrix.assemble()
+
 
 SAME_DIRECTION = 1e-12
 """Directions at a node with a smaller angle, squared, are one direction that was rounded."""
@@ -124,11 +202,7 @@ def conditions(
 
 
 def check_rigid_motions(
-    mesh: Mesh,
-    space: fem.FunctionSpace,
-    held: Held,
-    supports: Sequence[Support],
-    source: str,
+    mesh: Mesh, space: fem.FunctionSpace, held: Held, supports: Sequence[Support], source: str
 ) -> None:
     """Check that no piece of the mesh can move as a rigid body. Collective.
 
@@ -199,9 +273,7 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
     """The error of pieces of the mesh that no support touches."""
     named = ", ".join(support.group or "picked by coordinates" for support in supports)
     some = (
-        "1 connected piece of the mesh touches"
-        if pieces == 1
-        else f"{pieces} connected pieces of the mesh touch"
+        f"{counted(pieces, 'connected piece')} of the mesh {'touches' if pieces == 1 else 'touch'}"
     )
     reason = f"{some} no support ({named}), so the stiffness is singular; clamp every piece, or "
     reason += "join the parts of the mesh (coincident nodes do not join them)"

@@ -18,8 +18,6 @@ that the body reaches as it spins up, also above a critical speed. If it loses i
 path, there is no prediction.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -113,9 +111,8 @@ def _basis(body: Any, load: Array) -> Array:
         body.derivative_at(rest, vectors[:, i], vectors[:, j])
         for i, j in zip(first, second, strict=True)
     ]
-    return _orthonormal(
-        body, np.concatenate([vectors, body.factor.solve(np.array(changes).T)], axis=1)
-    )
+    derivatives = body.factor.solve(np.array(changes).T)
+    return _orthonormal(body, np.concatenate([vectors, derivatives], axis=1))
 
 
 def _orthonormal(body: Any, vectors: Array) -> Array:

@@ -8,8 +8,6 @@ always that of the full equations, so the equilibrium does not depend on the tan
 fails, at a limit load, plain Newton with the tangent of each state follows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -126,7 +124,7 @@ class Statics:
             found = self._newton(predicted, load)
             if found is not None:
                 return found
-            self.approach(u)
+            self.renew(u)
 
         def solve(u: Array, part: float) -> Array | None:
             if rotation:
@@ -156,17 +154,13 @@ class Statics:
             )
         return u
 
-    def approach(self, u: Array) -> bool:
-        """Make the factor that of the tangent at a state u (local,); False if it is singular."""
-        return self._renew(u, None)
-
     def finish(self, u: Array, load: Array) -> None:
         """Make the factor that of the tangent at an equilibrium u (local,), and check its residual.
 
         Raises:
             ConvergenceError: the tangent is singular, or the residual is too large.
         """
-        if not self._renew(u, None):
+        if not self.renew(u):
             raise ConvergenceError("static equilibrium: the tangent stiffness is singular", u)
         residual = self._body.residual(u, load)
         decrement = abs(self._body.dot(residual, self._solve(residual)))
@@ -180,8 +174,12 @@ class Statics:
                 decrements=[*self._decrements, decrement],
             )
 
-    def _renew(self, u: Array, change: Array | None) -> bool:
-        """Factorise the mixed tangent at u (local,) after a change; False if it is singular."""
+    def renew(self, u: Array, change: Array | None = None) -> bool:
+        """Factorise the tangent at u (local,), or the mixed tangent after a change (local,) of u.
+
+        Returns:
+            False if it is singular.
+        """
         try:
             if self._borrowed:
                 matrix = self._factor.matrix.duplicate()
@@ -211,7 +209,7 @@ class Statics:
                     return None
                 step.factorisations += 1
                 step.forget()
-                if not self._renew(u, None if self._plain else step.change):
+                if not self.renew(u, None if self._plain else step.change):
                     return None
                 change = self._solve(residual)
                 decrement = abs(self._body.dot(residual, change))
@@ -225,15 +223,8 @@ class Statics:
             coming = decrement * (decrement / last) if contracts else decrement
             return coming <= self._tolerance**2 * step.scale or (small and not contracts)
 
-        return newton(
-            start,
-            correct,
-            converged,
-            STATIC_ITERATIONS,
-            STATIC_GROWTH,
-            STATIC_LAST_RESORT,
-            self._decrements,
-        )
+        limits = STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
+        return newton(start, correct, converged, *limits, self._decrements)
 
     def _solve(self, residual: Array) -> Array:
         """Minus the inverse of the factorised tangent times a residual (local,)."""

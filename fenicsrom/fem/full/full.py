@@ -136,7 +136,7 @@ class _Progress:
 
 
 class FullModel:
-    """The full model of a solid: a `fenicsrom.online.model.operations.Model` of q = u − u₀.
+    """The full model of a solid: it has the operations of a `ReducedModel` for q = u − u₀.
 
     Vectors hold the unknowns that this rank owns.
     """
@@ -166,7 +166,7 @@ class FullModel:
         self.loads, self.load_histories = solid.load_vectors, solid.load_histories
         self.points = solid.points
         self._viscous = solid.viscous
-        self.velocity_forces = solid.gyroscopic is not None or self._viscous is not None
+        self.velocity_forces = solid.gyroscopic is not None or self._viscous.acts
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
         self._probe_offset = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
@@ -245,7 +245,7 @@ class FullModel:
         residual: Array,
         directions: NDArray[np.int64],
     ) -> tuple[Array, Array, Compliance]:
-        """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.model.operations.Model`.
+        """Solve S [y, Z] = [-residual, B] with S of `ReducedModel.solve_effective`.
 
         In a time step, S of an earlier state serves as long as the iteration contracts with it.
         """
@@ -323,7 +323,7 @@ class FullModel:
         Woodbury.
         """
         self._modal = np.zeros((self.local, 0))
-        if self._viscous is None or weight == 0.0 or not self._viscous.modal.shape[1]:
+        if weight == 0.0 or not self._viscous.modal.shape[1]:
             return
         assert self._factor is not None
         self._modal = self._viscous.modal
@@ -336,9 +336,8 @@ class FullModel:
         assert self._factor is not None
         found = self._factor.solve(block)
         if self._modal.shape[1]:
-            found -= self._modal_unit @ (
-                self._modal_inverse @ self._solid.inner(self._modal, found)
-            )
+            inner = self._solid.inner(self._modal, found)
+            found -= self._modal_unit @ (self._modal_inverse @ inner)
         return np.asarray(found)
 
     @property
@@ -402,15 +401,13 @@ class FullModel:
                 if weight != 0.0:
                     u = self._solid.equilibrium + q
                     self._solid.add_tangent(self._effective, u, weight)
-                    self._pressures.add_tangent(
-                        self._effective, u, weight * pressing, symmetric=symmetric
-                    )
+                    factors = weight * pressing
+                    self._pressures.add_tangent(self._effective, u, factors, symmetric=symmetric)
         self._effective.axpy(wanted.mass, self._mass, structure=_SUBSET)
-        if self._viscous is not None and self._viscous.stiffness > 0.0:
+        if self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
             self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
-        if self._viscous is not None:
-            add_to_diagonal(self._effective, wanted.velocity * self._viscous.dashpots)
+        add_to_diagonal(self._effective, wanted.velocity * self._viscous.dashpots)
         if self._solid.gyroscopic is not None and wanted.velocity != 0.0:
             self._effective.axpy(wanted.velocity, self._solid.gyroscopic, structure=_SUBSET)
 
@@ -420,9 +417,8 @@ class FullModel:
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""
-        return np.asarray(
-            self._probe_offset + self._solid.comm.allreduce(self._solid.probe_rows @ q)
-        )
+        moved = self._solid.comm.allreduce(self._solid.probe_rows @ q)
+        return np.asarray(self._probe_offset + moved)
 
     def mass_times(self, v: Array) -> Array:
         """M times v (local,) or a block (local, k)."""
@@ -433,7 +429,7 @@ class FullModel:
         found = np.zeros_like(v)
         if self._solid.gyroscopic is not None:
             found += self._solid.gyroscopic_times(v)
-        if self._viscous is not None:
+        if self._viscous.acts:
             block = v.reshape(len(v), -1)
             found += self._viscous.times(block).reshape(v.shape)
         return found

@@ -12,8 +12,7 @@ with the factor of S that the last iteration of the step left, and the contact t
 Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
 """
 
-from __future__ import annotations
-
+import copy
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.state import OPEN
+from fenicsrom.online.contact.state import OPEN, ContactState
 from fenicsrom.online.contact.surfaces import PLANE
 from fenicsrom.online.derivative.contact_sensitivity import (
     ComplexInterval,
@@ -32,13 +31,11 @@ from fenicsrom.online.derivative.period_sensitivity import REST
 from fenicsrom.online.derivative.sensitivity import no_drift
 from fenicsrom.online.derivative.step_sensitivity import end_coefficients
 from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.run.march_setup import initial_state
-from fenicsrom.online.step.loop import SMALLEST_STEP, write
-from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.run.march_setup import copied_rows, initial_state, joined_rows
+from fenicsrom.online.step.loop import FAILED, FULL, SMALLEST_STEP, march
+from fenicsrom.online.step.scheme import Control, Scheme
 from fenicsrom.online.step.state import LAST_STEP, STEP, TIME, Record, State, no_record
-from fenicsrom.online.step.step import accept, attempt, step_coefficients
-
-ROOM = 4  # rows of the record for each nominal step; halved steps need more than one
+from fenicsrom.online.step.step import step_coefficients
 
 
 @dataclass(eq=False)
@@ -164,48 +161,44 @@ class FullPeriodMap:
         Raises:
             ConvergenceError: the smallest step did not converge.
         """
-        model, contacts, plan, times = self.model, self.contacts, self.plan, self.times
-        record = no_record(ROOM * times.size, self._points, self._dimension)
-        s, rows, k = state.scalars, 0, 1
+        times, rows, s = self.times, list[Record](), state.scalars
+        control = Control(float(np.max(np.diff(times))), 0.0, 0.0, times)
+        row, status = no_record(1, self._points, self._dimension), FULL
         s[STEP] = times[1] - times[0]
-        while k < times.size:
-            begin, goal = float(s[TIME]), times[k]
-            grid = goal - times[k - 1]
-            h = min(s[STEP], goal - begin)
-            lands = goal - begin - h <= 1e-9 * grid
-            if lands:
-                h = goal - begin
-            load_ahead = model.load(begin + h)
-            if attempt(model, contacts, plan, state, h, load_ahead)[0] and rows < record.time.size:
-                before = _Before(state)
-                accept(model, contacts, plan, state, h, load_ahead)
-                write(model, contacts, state, record, rows)
-                rows += 1
-                if columns is not None:
-                    self._linearise(state, before, begin, h, columns)
-                s[STEP] = 2.0 * h
-                if lands:
-                    s[TIME] = goal
-                    k += 1
-                    s[STEP] = times[min(k, times.size - 1)] - times[min(k, times.size - 1) - 1]
-            else:
-                s[STEP] = 0.5 * h
-                if not s[STEP] > SMALLEST_STEP * grid:
-                    raise ConvergenceError(
-                        f"a period of the full model stopped at t = {begin:.6g} s: no convergence "
-                        f"with the smallest step {SMALLEST_STEP * grid:.3g} s",
-                        Record._make(array[:rows].copy() for array in record),
-                    )
-        return Record._make(array[:rows].copy() for array in record)
+        while status == FULL:  # after each step
+            begin, q, contact = float(s[TIME]), state.q.copy(), copy.deepcopy(state.contact)
+            status, count = march(
+                self.model, self.contacts, self.plan, control, state, 0.0, times[-1], row
+            )
+            rows += [copied_rows(row, 1)] * count
+            if count and columns is not None:
+                self._linearise(state, q, contact, begin, columns)
+        record = joined_rows(rows, [1] * len(rows))
+        if status == FAILED:
+            raise ConvergenceError(
+                f"a period of the full model stopped at t = {s[TIME]:.6g} s: no convergence with "
+                f"the smallest step {SMALLEST_STEP * control.grid:.3g} s",
+                record,
+            )
+        return record
 
     def _linearise(
-        self, state: State, before: _Before, begin: float, h: float, columns: _Columns
+        self, state: State, q: Array, before: ContactState, begin: float, columns: _Columns
     ) -> None:
-        """Carry the derivatives over the step of size h that was just accepted."""
+        """Carry the derivatives over the step that was just accepted.
+
+        Args:
+            state: the state at its end.
+            q: (local,) coordinates at its start.
+            before: the contact at its start.
+            begin: time of its start, s.
+            columns: the derivatives.
+        """
         model, plan, d = self.model, self.plan, self._dimension
+        h = float(state.scalars[TIME]) - begin
         f, e = step_coefficients(plan, h), end_coefficients(plan, h)
         moved = model.mass_times(f.inertia_v * columns.v + f.inertia_a * columns.a)
-        moved += model.elastic_by_start(before.q, before.dq, plan, columns.q)
+        moved += model.elastic_by_start(q, state.q - q, plan, columns.q)
         if plan.velocity_forces:
             moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
         m = self._points * d
@@ -218,7 +211,7 @@ class FullPeriodMap:
                 continue
             ends, blending = (before.x[p], state.contact.x[p]), state.trial.scratch.blending[p]
             follows = not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0
-            self._differentiate(step_times, p, *ends, before.w[p], blending, follows)
+            self._differentiate(step_times, p, *ends, before.slider[p], blending, follows)
             by, mine = self._law.force[p], slice(p * d, (p + 1) * d)
             by_x = by[:, :d] + by[:, d : 2 * d]
             force[mine] = by_x @ columns.x[mine] + by[:, 2 * d : 3 * d] @ columns.w[mine]
@@ -235,19 +228,6 @@ class FullPeriodMap:
             if state.trial.scratch.mode[p] == OPEN:
                 columns.w[mine] = x1[mine]
                 continue
-            by = self._law.slider[p]
-            columns.w[mine] = (
-                by[:, :d] @ columns.x[mine]
-                + by[:, d : 2 * d] @ x1[mine]
-                + by[:, 2 * d : 3 * d] @ columns.w[mine]
-            )
+            changes = np.concatenate([columns.x[mine], x1[mine], columns.w[mine]])
+            columns.w[mine] = self._law.slider[p][:, : 3 * d] @ changes
         columns.x = x1
-
-
-class _Before:
-    """Copies of the arrays of `State` and `Trial` that the derivative of a step needs."""
-
-    def __init__(self, state: State):
-        self.q, self.dq = state.q.copy(), state.trial.dq.copy()
-        self.x, self.w = state.contact.x.copy(), state.contact.slider.copy()
-        self.trial_normal_force = state.contact.trial_normal_force.copy()

@@ -1,7 +1,5 @@
 """Checks that the cells of a mesh join at whole facets."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

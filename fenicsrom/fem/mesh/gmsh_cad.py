@@ -5,8 +5,6 @@ The cells follow the curvature κ of the curves and faces, and grow from the ref
     h(x) = min(size, 2π / (curvature · κ), size_f + (growth − 1) · distance(x, f)).    (1)
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -147,9 +145,7 @@ def _refine(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> None:
     for index, near in enumerate(meshing.near or ()):
         if near.group not in faces:
             key, named = f"geometry.meshing.near[{index}].group", ", ".join(sorted(faces))
-            reason = (
-                f"there is no facet group {near.group!r}; the mesh has the facet groups {named}"
-            )
+            reason = f"there is no facet group {near.group!r}; the facet groups are {named}"
             raise refuse(source, reason, ErrorKind.PLACE, key)
         size = near.size or 0.5 * geometry.size
         distance = gmsh.model.mesh.field.add("Distance")
@@ -192,11 +188,8 @@ def _generate(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> lis
         if not problem:
             if not attempt:
                 return []
-            used = (
-                f"curvature = {meshing.curvature * finer:g}"
-                if meshing.curvature
-                else f"size = {size / finer:.3g}"
-            )
+            used = f"curvature = {meshing.curvature * finer:g}"
+            used = used if meshing.curvature else f"size = {size / finer:.3g}"
             return [f"{source}: {failure}; the body was meshed with {used} instead"]
         failure = failure or problem
     least = f"size = {size / finer:.3g} m and curvature = {meshing.curvature * finer:g}"
@@ -220,11 +213,8 @@ def _attempt(gmsh: Any, d: int, faces: dict[str, list[int]]) -> str:
     if not errors and not failure:
         return ""
     names = {face: name for name, members in faces.items() for face in members}
-    failed = [
-        names.get(tag, str(tag))
-        for dim, tag in gmsh.model.mesh.getLastEntityError()
-        if dim == d - 1
-    ]
+    entities = gmsh.model.mesh.getLastEntityError()
+    failed = [names.get(tag, str(tag)) for dim, tag in entities if dim == d - 1]
     text = " ".join(errors)
     failed += [names.get(int(tag), tag) for tag in re.findall(r"\bsurface (\d+)", text)]
     place = re.search(r"\(([-+.\de]+),([-+.\de]+),([-+.\de]+)\)", text)

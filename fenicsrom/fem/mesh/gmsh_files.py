@@ -1,13 +1,14 @@
 """Mesh and geometry files in gmsh: its own formats, and those that `fenicsrom.formats` reads.
 
-A .geo file is a program that gmsh runs. Every other file is data: its header is checked before gmsh
-sees it, because gmsh would run a script whatever the name of the file is.
+A .geo file is a program that gmsh runs. Every other file is data: its beginning is checked before
+gmsh sees it, because gmsh would run a script whatever the name of the file is. It would also run a
+script that lies beside a file.
 """
-
-from __future__ import annotations
 
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -20,12 +21,60 @@ from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
-from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile
 from fenicsrom.formats.mesh_file import Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
+
+STEP_ENDS = rb"\s*(/\*.*?\*/\s*)*ISO-10303-21\s*;", rb"\bEND-ISO-10303-21\s*;"
+ENDS = {
+    ".msh": (rb"\$(MeshFormat|NOD|Comments)\b", rb"\$E(nd|ND)\w+\s*\Z"),
+    ".unv": (rb"\s*-1\s", rb"\s-1\s*\Z"),
+    ".step": STEP_ENDS,
+    ".stp": STEP_ENDS,
+}
+"""Beginning and end of a data file that gmsh reads, by its suffix."""
+
+END_BYTES = 10_000
+"""Part of a file in which its beginning, and its end, is looked for."""
+
+
+def check_ends(path: Path) -> None:
+    """Check that a data file begins and ends as its format does.
+
+    If it began otherwise, gmsh would run it as a script. Of a file that is cut short, gmsh would
+    take the first part, or crash.
+
+    Raises:
+        SceneError: the file begins or ends otherwise.
+    """
+    first, last = ENDS[path.suffix.lower()]
+    with path.open("rb") as file:
+        head = file.read(END_BYTES)
+        file.seek(-min(END_BYTES, path.stat().st_size), os.SEEK_END)
+        tail = file.read()
+    if not re.match(first, head, flags=re.DOTALL):
+        reason = f"the file does not begin as a {path.suffix} file does; it may be damaged, or it "
+        raise refuse(path, f"{reason}has the wrong suffix")
+    if not re.search(last, tail):
+        raise refuse(path, f"the file does not end as a {path.suffix} file does; it is cut short")
+
+
+@contextmanager
+def linked_alone(path: Path) -> Iterator[str]:
+    """Give a link to a file in a folder of its own, because gmsh runs a script beside a file.
+
+    The script that gmsh looks for has the name of the file and the suffix .opt.
+    """
+    with tempfile.TemporaryDirectory(prefix="fenicsrom-") as folder:
+        link = Path(folder) / f"mesh{path.suffix}"
+        try:
+            link.symlink_to(path.resolve())
+        except OSError:  # a system without links
+            shutil.copyfile(path, link)
+        yield str(link)
+
 
 FARTHEST = 1e15
 """Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
@@ -64,9 +113,7 @@ def open_gmsh() -> Iterator[Any]:
     import gmsh
 
     if gmsh.isInitialized():
-        raise RuntimeError(
-            "gmsh is in use in this process: call gmsh.finalize() before you build a mesh"
-        )
+        raise RuntimeError("gmsh is in use: call gmsh.finalize() before you build a mesh")
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -127,9 +174,8 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
             gmsh.merge(source)
         _check_reach(gmsh, geometry)
         return Loaded()
-    check_header(geometry.mesh)
+    check_ends(geometry.mesh)
     with _errors(gmsh, source), linked_alone(geometry.mesh) as link:
-        check_survival(source, link)
         if form == "mesh":
             gmsh.merge(link)
             _check_content(gmsh, source)

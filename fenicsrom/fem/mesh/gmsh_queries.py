@@ -3,8 +3,6 @@
 Node numbers are those of gmsh. A "kind" is gmsh's number of an element type.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -31,9 +29,8 @@ def group_entities(gmsh: Any, source: str, d: int) -> dict[str, list[int]]:
         name = gmsh.model.getPhysicalName(d, tag) or str(tag)
         groups[name] = [*groups.get(name, []), *gmsh.model.getEntitiesForPhysicalGroup(d, tag)]
     for name, entities in groups.items():
-        if not any(
-            len(block) for entity in entities for block in gmsh.model.mesh.getElements(d, entity)[1]
-        ):
+        blocks = [block for on in entities for block in gmsh.model.mesh.getElements(d, on)[1]]
+        if not any(len(block) for block in blocks):
             reason = f"group {name!r} is empty; it must have cells or facets of the mesh"
             raise refuse(source, reason, ErrorKind.MESH)
     return groups
@@ -52,10 +49,8 @@ def fits(gmsh: Any, given: int, kind: int) -> bool:
     Elements can be used if they are of this kind, or if this kind is straight and has the same
     vertices.
     """
-    _, _, degree, _, _, vertices = gmsh.model.mesh.getElementProperties(kind)
-    return given == kind or (
-        degree == 1 and gmsh.model.mesh.getElementProperties(given)[5] == vertices
-    )
+    wanted, found = (gmsh.model.mesh.getElementProperties(k) for k in (kind, given))
+    return given == kind or (wanted[2] == 1 and found[5] == wanted[5])
 
 
 def elements_of(gmsh: Any, d: int, entities: list[int], kind: int) -> Ints:

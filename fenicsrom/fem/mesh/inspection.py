@@ -1,7 +1,5 @@
 """The content of a mesh file, read without a scene and without dolfinx."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,12 +13,7 @@ from fenicsrom.errors import SceneError
 from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
-from fenicsrom.fem.mesh.gmsh_queries import (
-    boundary_facets,
-    elements_of,
-    model_nodes,
-    straight_kind,
-)
+from fenicsrom.fem.mesh.gmsh_queries import boundary_facets, elements_of, model_nodes, straight_kind
 from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
 from fenicsrom.scene import Geometry
@@ -193,9 +186,8 @@ def _cells(gmsh: Any, geometry: Geometry) -> tuple[dict[str, int], Floats, Float
     count: Counter[str] = Counter()
     used = [np.empty(0, dtype=np.int64)]
     for _, entity in gmsh.model.getEntities(geometry.dimension):
-        for kind, elements, nodes in zip(
-            *gmsh.model.mesh.getElements(geometry.dimension, entity), strict=True
-        ):
+        found = gmsh.model.mesh.getElements(geometry.dimension, entity)
+        for kind, elements, nodes in zip(*found, strict=True):
             name = gmsh.model.mesh.getElementProperties(kind)[0]
             count[SHAPES[int(kind)].name if int(kind) in SHAPES else name] += len(elements)
             used.append(np.searchsorted(numbers, nodes))
@@ -223,9 +215,8 @@ def _described(
             rows = np.searchsorted(numbers, elements_of(gmsh, dim, on, element))
             size = sum(_measure(gmsh, dim, entity) for entity in on)
             members = None if dim == d else rows
-            groups.append(
-                _group(name, "cells" if dim == d else "facets", points[rows], d, size, members)
-            )
+            what = "cells" if dim == d else "facets"
+            groups.append(_group(name, what, points[rows], d, size, members))
     for name, (nodes, _) in clean.nodes.items():
         groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
     if d == 3:

@@ -1,7 +1,5 @@
 """The mesh of a scene, whose facets and nodes are found by name or by coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -136,9 +134,8 @@ class Mesh:
             self.domain, self.domain.topology.dim - 1, inside
         )
         if not self.domain.comm.allreduce(len(facets)):
-            reach = " to ".join(
-                f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
-            )
+            ends = [", ".join(f"{value:.6g}" for value in corner[:d]) for corner in (low, high)]
+            reach = f"({ends[0]}) to ({ends[1]})"
             reason = f"no facet of the boundary lies there; the mesh extends from {reach}"
             raise refuse(self.source, f"{what}: {reason}", ErrorKind.PLACE)
         return np.sort(facets)

@@ -10,8 +10,6 @@ solid at the nodes of the solid,
 Body forces and follower pressures are assembled on the finer elements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -52,10 +52,7 @@ LEAVES = 0.1
 """A direction leaves the body through a facet if its cosine with the outer normal is above this."""
 
 MOST = 4
-"""Points of a contact that are judged one by one."""
-
-FLAT = 0.5
-"""The mean of the normals of a region is a direction if its size is larger."""
+"""Points of a contact without facets that are judged."""
 
 
 def implausible_inputs(scene: Scene, mesh: Mesh) -> list[str]:
@@ -92,7 +89,7 @@ def _material_sentence(key: str, material: Elasticity) -> str | None:
 
 def _likely_units(young: float, density: float) -> str:
     """The units in which these numbers are those of a solid: of one of them, else of both."""
-    or_units = "or the units of all numbers in [units]"
+    units = "or the units of all numbers in [units]"
     found: list[tuple[float, str]] = []
 
     def consider(modulus: float, mass: float, words: str) -> None:
@@ -101,21 +98,19 @@ def _likely_units(young: float, density: float) -> str:
             found.append((abs(math.log(speed / USUAL_SPEED)), words))
 
     for unit, factor in MODULI.items():
-        consider(
-            factor, 1.0, f"is Young's modulus in {unit}? Give {young * factor:.6g} Pa, {or_units}"
-        )
+        given = f"Give {young * factor:.6g} Pa, {units}"
+        consider(factor, 1.0, f"is Young's modulus in {unit}? {given}")
     for unit, factor in PER_VOLUME.items():
-        consider(
-            1.0, factor, f"is the density in {unit}? Give {density * factor:.6g} kg/m³, {or_units}"
-        )
+        given = f"Give {density * factor:.6g} kg/m³, {units}"
+        consider(1.0, factor, f"is the density in {unit}? {given}")
     if not found:
         for length, mass, time in product(LENGTHS, MASSES, TIMES):
             if (length == "in") != (mass == "slinch"):
                 continue
-            units = Units(length=length, mass=mass, time=time)
+            system = Units(length=length, mass=mass, time=time)
             given = f'[units] length = "{length}", mass = "{mass}", time = "{time}"'
             words = f"are the units {length}, {mass} and {time}? Give {given}"
-            consider(float(units.factor("Pa")), float(units.factor("kg/m³")), words)
+            consider(float(system.factor("Pa")), float(system.factor("kg/m³")), words)
     return min(found)[1] if found else "all numbers are in SI units, or in those of [units]"
 
 
@@ -153,14 +148,7 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
         between = any(o.place == contact.place and n @ normal < 0.0 for o, n in others)
         if between:
             continue
-        if mesh.has_facets(contact.place):
-            outward = _outward(mesh, contact.place)
-            size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
-            into = float(outward @ normal) < OPPOSITE * size
-        else:
-            places = points.position[points.contact == k][:MOST]
-            into = all([_enters(mesh, place, normal) for place in places])  # collective
-        if into:
+        if _enters(mesh, contact.place, points.position[points.contact == k][:MOST], normal):
             name = "normal" if contact.surface is None else "surface"
             words = ", ".join(f"{x + 0.0:.3g}" for x in normal)
             return [
@@ -171,23 +159,25 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
     return []
 
 
-def _enters(mesh: Mesh, at: Array, direction: Array) -> bool:
-    """Whether a direction (d,) enters the body at a node (d,) of its boundary. Collective.
+def _enters(mesh: Mesh, region: Region, at: Array, direction: Array) -> bool:
+    """Whether a direction (d,) enters the body at a region. Collective.
 
-    It does if it enters through a facet at the node and leaves through none. A node inside of the
+    It does if it enters through a facet of the boundary and leaves through none. The facets are
+    those of the region, or those at nodes (k, d) of a region without facets. A node inside of the
     body, or at the middle of a curved edge, has no such facet.
     """
     domain, d = mesh.domain, mesh.domain.topology.dim
     domain.topology.create_connectivity(d - 1, d)
-    corners, normals = _facets(mesh, dolfinx.mesh.exterior_facet_indices(domain.topology))
-    cosines = np.zeros(0)
-    if corners.size:
-        places = (corners[:, :, None] + corners[:, None]).reshape(len(corners), -1, 3) / 2.0
-        size = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
-        away = np.linalg.norm(places[..., :d] - at, axis=2).min(axis=1)
-        near = normals[away <= NEAR * size, :d]
-        cosines = near @ direction / np.linalg.norm(near, axis=1) / np.linalg.norm(direction)
-    every = np.concatenate(domain.comm.allgather(cosines))
+    facets = dolfinx.mesh.exterior_facet_indices(domain.topology)
+    if mesh.has_facets(region):
+        facets = np.intersect1d(facets, mesh.facets(region))
+    corners, normals = _facets(mesh, facets)
+    if not mesh.has_facets(region):
+        places = (corners[:, :, None] + corners[:, None])[..., None, :d] / 2.0
+        away = np.linalg.norm(places - at, axis=4).min(axis=(1, 2, 3), initial=np.inf)
+        normals = normals[away <= NEAR * np.linalg.norm(np.ptp(corners, axis=1), axis=1)]
+    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(direction)
+    every = np.concatenate(domain.comm.allgather(normals[:, :d] @ direction / sizes))
     return bool(every.size and every.min() < OPPOSITE and every.max() < LEAVES)
 
 
@@ -204,19 +194,3 @@ def _facets(mesh: Mesh, facets: Array) -> tuple[Array, Array]:
     normals = np.cross(corners[:, 1] - corners[:, 0], across)
     normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]
     return corners, normals
-
-
-def _outward(mesh: Mesh, region: Region) -> Array:
-    """The direction (d,) out of the body at a region; 0 where it has none. Collective."""
-    domain, d = mesh.domain, mesh.domain.topology.dim
-    facets = mesh.facets(region)
-    domain.topology.create_connectivity(d - 1, d)
-    cells = domain.topology.connectivity(d - 1, d)
-    outer = facets[np.diff(cells.offsets)[facets] == 1]
-    _, normals = _facets(mesh, outer)
-    found = np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
-    *mean, area = domain.comm.allreduce(found)
-    inside = domain.comm.allreduce(int(facets.size - outer.size))
-    if inside or np.linalg.norm(mean) <= FLAT * area:
-        return np.zeros(d)
-    return np.array(mean[:d])

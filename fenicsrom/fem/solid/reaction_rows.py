@@ -1,7 +1,5 @@
 """The terms of the reactions of a solid: `fenicsrom.online.stress.reactions.ReactionTable`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -156,10 +154,8 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     springs = solid.inner(tests, solid.springs[:, None] * fields)
     frame = solid.rotation
     if frame is not None:
-        arm = solid.assembled(
-            compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
-        )
-        arm += frame.point_force
+        form = compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
+        arm = solid.assembled(form) + frame.point_force
         centrifugal = products(frame.out_of_axis(w, test), fields)
         centrifugal += solid.inner(tests, frame.point_mass_times(fields))
         centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]
@@ -168,7 +164,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
             turned = solid.inner(tests, frame.point_coriolis_times(vectors))
             velocity += frame.omega * (products(frame.coriolis(test, w), vectors) + turned)
     static = springs - centrifugal
-    if (viscous := solid.viscous) is not None:
+    if (viscous := solid.viscous).acts:
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
         velocity += solid.inner(tests, viscous.dashpots[:, None] * vectors)
         if viscous.stiffness > 0.0:

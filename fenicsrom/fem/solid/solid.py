@@ -7,13 +7,10 @@ linear one would lack the stiffening by the centrifugal tension. In a geometrica
 only the vibrations about this equilibrium are linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
@@ -26,9 +23,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.fem.body.loads import load_vector
+from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.places import Places
-from fenicsrom.fem.body.pressure import FollowerPressures
 from fenicsrom.fem.equilibrium import prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.statics import Statics
@@ -40,9 +36,9 @@ from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.support_motion import histories_of
-from fenicsrom.reduction.damping import ViscousDamping, viscous_damping
-from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.reduction.strain_products import strain_products, tensor_products
+from fenicsrom.reduction.damping import ViscousDamping
+from fenicsrom.reduction.protocols import Inverse
+from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
@@ -120,7 +116,6 @@ class Solid(ElasticBody):
         self.geometrically_nonlinear = scene.geometrically_nonlinear
         self.mass_damping = scene.material.mass_damping
         self._damping = scene.damping
-        self._viscous: ViscousDamping | None = None
         self.excitation = highest_frequency(scene)
         self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None
@@ -258,19 +253,15 @@ class Solid(ElasticBody):
                 raise self._places.clamped(f"loads[{k}]")
         self.load_histories = histories_of(self.loads)
         self.pressures = FollowerPressures(self, self.loads)
-        self._set_static_load()
+        constant = [load.static and not load.follower for load in self.loads]
+        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
+        self.static_load = self.load_vectors @ sizes
 
     def _assembled_loads(self) -> Array:
         """The load vectors (local, loads) of all loads."""
         numbered = enumerate(self.loads)
         vectors = [self.load_vector(load, f"loads[{k}]") for k, load in numbered]
         return np.reshape(vectors, (len(self.loads), self.local)).T.copy()
-
-    def _set_static_load(self) -> None:
-        """Sum the static loads that do not follow the deformation."""
-        constant = [load.static and not load.follower for load in self.loads]
-        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
-        self.static_load = self.load_vectors @ sizes
 
     def _set_follower_loads(self) -> None:
         """Set the load vectors of the follower pressures to those at the equilibrium."""
@@ -293,12 +284,10 @@ class Solid(ElasticBody):
             return self.internal_force(self.equilibrium)
         return multiply(self.stiffness, self.equilibrium)
 
-    @property
-    def viscous(self) -> ViscousDamping | None:
-        """The damping besides α M at the equilibrium, or None."""
-        if self._viscous is None:
-            self._viscous = viscous_damping(self, self._damping, self.dashpots)
-        return self._viscous
+    @cached_property
+    def viscous(self) -> ViscousDamping:
+        """The damping besides α M at the equilibrium."""
+        return ViscousDamping(self, self._damping, self.dashpots)
 
     def stiffness_times(self, block: Array) -> Array:
         """K times a block (local, k)."""
@@ -355,8 +344,11 @@ class Solid(ElasticBody):
 
         The polynomial is exact with the quadrature rule of the forms, which has the default degree.
         """
-        products = self._strain_products(vectors, degree)
-        elastic = elastic_polynomial(self.comm.allreduce(products), vectors.shape[1])
+        n, products = vectors.shape[1], np.zeros(())
+        for k, cells in self.materials.cells():
+            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
+            products = products + strain_products(chunks, self.materials.tensor(k), n)
+        elastic = elastic_polynomial(self.comm.allreduce(products), n)
         if not self.comm.allreduce(bool(self.springs.any())):
             return elastic
         held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
@@ -379,18 +371,6 @@ class Solid(ElasticBody):
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
         """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
         return self.pressures.polynomial(self.equilibrium, vectors)
-
-    def _strain_products(self, vectors: Array, degree: int | None) -> Array:
-        """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
-        n, materials = vectors.shape[1], self.materials
-        if materials.single:
-            chunks = self.tabulate(vectors, self.equilibrium, degree)
-            return strain_products(chunks, *materials.lame(), n)
-        total = np.zeros(())
-        for k, cells in materials.cells():
-            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
-            total = total + tensor_products(chunks, materials.tensor(k), n)
-        return total
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
@@ -470,8 +450,7 @@ class Solid(ElasticBody):
             (loads, 1 + k) the moments on the undeformed body, and their derivatives by the block.
         """
         assert self.rotation is not None
-        forces = [self.load_vector(load, f"loads[{k}]") for k, load in enumerate(self.loads)]
-        found = self.rotation.moments(np.array(forces).reshape(-1, self.local).T, block)
+        found = self.rotation.moments(self._assembled_loads(), block)
         return np.asarray(self.comm.allreduce(found))
 
     def unload(self) -> None:
@@ -502,9 +481,9 @@ class Solid(ElasticBody):
         Raises:
             ConvergenceError: no equilibrium was found.
         """
-        self._viscous = None
+        vars(self).pop("viscous", None)  # of the equilibrium so far
         with closing(Statics(self, self.factor, overwrite=self.symmetric)) as statics:
-            if predicted is not None and not statics.approach(predicted):
+            if predicted is not None and not statics.renew(predicted):
                 predicted = None
             load = self.static_load
             self.equilibrium = statics.follow(u, start, load, square, predicted, pressed)
@@ -573,9 +552,3 @@ def _check_per_area(scene: Scene, mesh: Mesh) -> None:
 def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:
     """Make or read the mesh of a scene, and build its solid; errors as `build_mesh` and `Solid`."""
     return solid_of(scene, build_mesh(scene.geometry, comm))
-
-
-if TYPE_CHECKING:
-
-    def _as_structure(solid: Solid) -> Structure:
-        return solid

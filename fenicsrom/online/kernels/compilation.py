@@ -4,8 +4,6 @@ Numba sends the event "numba:compile" where it compiles a function that it does 
 cache. Source: numba's documentation of `numba.core.event`.
 """
 
-from __future__ import annotations
-
 import os
 import time as clock
 from collections.abc import Callable, Iterator

@@ -11,8 +11,6 @@ modules changes that the module of the function imports. Where numba is of a ver
 checked, the digest of these modules is a part of the name.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import sys

@@ -7,8 +7,6 @@ parts choose. Numba orders no complex numbers and has no arctan2 of them: here i
 all compiled functions of this process, through its public extension interface.
 """
 
-from __future__ import annotations
-
 import operator
 from typing import Any
 

@@ -3,29 +3,15 @@
 The reduced model works on millions of them, each too small for BLAS and LAPACK to be faster.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.compiled import KERNEL, SHORT, compiled, kernel, part
+from fenicsrom.online.kernels.compiled import KERNEL, SHORT, kernel, part
 
 MANY_ROWS = 8  # of a matrix whose product combines its columns
-
-
-@compiled
-def times(a: Array, x: Array) -> Array:
-    """A x for a matrix a (n, k) and a vector x (k,)."""
-    result = np.empty(a.shape[0])
-    for i in range(a.shape[0]):
-        value = 0.0
-        for j in range(a.shape[1]):
-            value += a[i, j] * x[j]
-        result[i] = value
-    return result
 
 
 @part

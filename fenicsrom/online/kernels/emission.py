@@ -24,8 +24,6 @@ With another version the passes are numba's own. Compilation takes longer, and t
 same.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -14,8 +14,6 @@ Source: numba's low-level extension interface (numba documentation, "Extending N
 "invariant.load" of LLVM's language reference.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

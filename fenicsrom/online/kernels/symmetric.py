@@ -8,8 +8,6 @@ positive definite matrix with almost the least condition number that a diagonal 
 der Sluis, Numerische Mathematik 14, 1969).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

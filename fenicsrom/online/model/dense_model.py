@@ -1,7 +1,5 @@
 """A model of dense matrices with an elastic force given as a function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 
@@ -20,8 +18,8 @@ from fenicsrom.online.model.model import Tangent
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
 
-    It is a `online.model.operations.Model`. Two models use it: the 1D beam, and the projection
-    of the full elastic force, which is the paper's method and checks the polynomial.
+    It has the operations of a `ReducedModel`. Two models use it: the 1D beam, and the projection of
+    the full elastic force, which is the paper's method and checks the polynomial.
 
     Attributes:
         mass: (n, n), kg.

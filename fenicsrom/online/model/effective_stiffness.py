@@ -1,7 +1,5 @@
 """The linear equations of a Newton iteration of a reduced model, S x = b."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

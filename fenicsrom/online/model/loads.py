@@ -16,8 +16,6 @@ sine ramps to its last frequency and stays there. An impact is half a period in 
 is interpolated linearly and keeps its first and last value outside of its times.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -120,19 +118,13 @@ def _parts(load: Load) -> tuple[list[list[float]], list[tuple[float, float]]]:
 def _joined(
     parts: Sequence[tuple[Sequence[Sequence[float]], Sequence[tuple[float, float]]]],
 ) -> LoadHistories:
-    counts = np.array([[len(sines), len(rows)] for sines, rows in parts], dtype=np.int64).reshape(
-        -1, 2
-    )
+    lengths = [(len(sines), len(rows)) for sines, rows in parts]
+    counts = np.array(lengths, dtype=np.int64).reshape(-1, 2)
     ends = np.cumsum(counts, axis=0)
     spans = np.stack([ends - counts, ends], axis=2).reshape(-1, 4)
-    sines = np.array([sine for found, _ in parts for sine in found], dtype=np.float64).reshape(
-        -1, 9
-    )
-    return LoadHistories(
-        sines,
-        np.array([row for _, rows in parts for row in rows], dtype=np.float64).reshape(-1, 2),
-        spans,
-    )
+    sines = np.array([sine for found, _ in parts for sine in found], dtype=np.float64)
+    table = np.array([row for _, rows in parts for row in rows], dtype=np.float64)
+    return LoadHistories(sines.reshape(-1, 9), table.reshape(-1, 2), spans)
 
 
 def _spans(load_histories: LoadHistories) -> list[tuple[int, ...]]:

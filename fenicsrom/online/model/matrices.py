@@ -15,18 +15,16 @@ A contact force F (m,) in the same frames acts against the displacement (its nor
 positive when the body presses on the surface): subtract B_c^T F from the right side of (1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+from fenicsrom.online.model.polynomial import ElasticPolynomial, pair_numbers, pairs
 from fenicsrom.words import brief
 
 UNITS: Mapping[str, str] = {
@@ -99,15 +97,7 @@ class ModelArrays:
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
 
-class Holder(Protocol):
-    """Anything that holds a reduced model, such as a `StoredModel`."""
-
-    @property
-    def model(self) -> ReducedModel:
-        """The model."""
-
-
-def model_arrays(given: ReducedModel | Holder, source: str = "") -> ModelArrays:
+def model_arrays(given: Any, source: str = "") -> ModelArrays:
     """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes.
 
     Args:
@@ -165,9 +155,7 @@ def full_tensors(elastic: ElasticPolynomial) -> tuple[Array, Array]:
     n = elastic.stiffness.shape[0]
     if elastic.cubic.shape[0] == 0:
         return np.zeros((n, n, n)), np.zeros((n, n, n, n))
-    first, second = pairs(n)
-    pair = np.zeros((n, n), dtype=np.int64)  # the number of the pair (i, j), in either order
-    pair[first, second] = pair[second, first] = np.arange(first.size)
+    (first, second), pair = pairs(n), pair_numbers(n)
     # the program stores B / 2 with the columns k < l doubled
     both = elastic.cubic * np.where(first == second, 2.0, 1.0)
     return elastic.quadratic[pair], both[pair[:, :, None, None], pair[None, None, :, :]]

@@ -18,8 +18,6 @@ With a = A q and b = 1/2 B q q the tangent is T = K + a + b and the force f = f0
 q: one matrix-vector product gives both. No mesh is touched online.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +54,14 @@ def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return i.astype(np.int64), j.astype(np.int64)
 
 
+def pair_numbers(n: int) -> NDArray[np.int64]:
+    """The number (n, n) of the pair of two indices, in either order."""
+    first, second = pairs(n)
+    found = np.zeros((n, n), dtype=np.int64)
+    found[first, second] = found[second, first] = np.arange(first.size)
+    return found
+
+
 def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
     """The totally symmetric coefficients from the integrated strain products (module docstring).
 
@@ -63,9 +69,7 @@ def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
         products: (s, s) from `fenicsrom.reduction.strain_products`, summed over all ranks.
         count: n.
     """
-    first, second = pairs(count)
-    index = np.zeros((count, count), dtype=np.int64)
-    index[first, second] = index[second, first] = np.arange(first.size)
+    (first, second), index = pairs(count), pair_numbers(count)
     eps = slice(1, 1 + count)
     force = products[0, eps].copy()
     prestress = products[0, 1 + count :]

@@ -16,8 +16,6 @@ the integral of (2) along the straight line from q0 to q1 is then a polynomial o
 position in the step, which two Gauss points integrate exactly.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -49,20 +47,14 @@ class PressurePolynomial(NamedTuple):
 
 def no_pressure(n: int) -> PressurePolynomial:
     """The polynomial of a model of n coordinates without follower pressures."""
-    return PressurePolynomial(
-        np.zeros(0, dtype=np.int64), np.zeros((0, n, n)), np.zeros((0, 0, n, n))
-    )
+    linear, quadratic = np.zeros((0, n, n)), np.zeros((0, 0, n, n))
+    return PressurePolynomial(np.zeros(0, dtype=np.int64), linear, quadratic)
 
 
 def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:
     """G + H q (n, n) of pressure k at q (n,)."""
     quadratic = pressure.quadratic[k]
     return np.asarray(pressure.linear[k] + np.tensordot(q[: len(quadratic)], quadratic, 1))
-
-
-def unit_force(pressure: PressurePolynomial, k: int, q: Array) -> Array:
-    """G q + 1/2 H q q (n,) of pressure k at q (n,)."""
-    return np.asarray(0.5 * (pressure.linear[k] + unit_tangent(pressure, k, q)) @ q)
 
 
 @kernel

@@ -18,7 +18,7 @@ class Problem(NamedTuple):
     """A model under its loads, its damping and its contacts, and how its motion is computed.
 
     Attributes:
-        model: a `online.model.model.ReducedModel` or any `online.model.operations.Model`.
+        model: a `online.model.model.ReducedModel`, or any model with its operations.
         contacts: parameters of the P contact points, in the order of the model's contact
             displacements.
         time: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance and way

@@ -6,15 +6,20 @@ With q = q₀ + Z y, the coefficients of a cubic force are those of
 
 multiplied by Z at every index. Both A and B are stored by pairs of indices, so that each product is
 one of matrices.
+
+A model of some of the coordinates of a larger one (`nested_model`) has parts of its arrays.
 """
 
-from __future__ import annotations
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pairs
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pair_numbers, pairs
+from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.turning import Turning
 
 COLUMNS = 256
 """Columns of paired coefficients that are multiplied at once."""
@@ -38,10 +43,7 @@ def shifted(elastic: ElasticPolynomial, q0: Array) -> ElasticPolynomial:
 
 def change_of_tangent(elastic: ElasticPolynomial, x: Array) -> Array:
     """The derivative (n, n) of the tangent at q = 0 along x (n,)."""
-    found = np.zeros((x.size, x.size))
-    first, second = pairs(x.size)
-    found[first, second] = found[second, first] = elastic.quadratic @ x
-    return found
+    return np.asarray((elastic.quadratic @ x)[pair_numbers(x.size)])
 
 
 def projected(elastic: ElasticPolynomial, z: Array) -> ElasticPolynomial:
@@ -68,11 +70,8 @@ def _times_pairs(z: Array, block: Array) -> Array:
         z: (n, k).
         block: (p, r) of the p pairs of n indices.
     """
-    n, count = z.shape
-    first, second = pairs(n)
-    index = np.zeros((n, n), dtype=np.int64)
-    index[first, second] = index[second, first] = np.arange(first.size)
-    k, m = pairs(count)
+    index = pair_numbers(len(z))
+    k, m = pairs(z.shape[1])
     found = np.empty((k.size, block.shape[1]))
     for start in range(0, block.shape[1], COLUMNS):
         part = block[:, start : start + COLUMNS][index]
@@ -105,4 +104,55 @@ def subspace_model(
         probe=whole.probe @ z,
         probe_offset=whole.probe_offset + whole.probe @ q0,
         velocity_matrix=z.T @ velocity_matrix @ z if velocity_matrix.size else velocity_matrix,
+    )
+
+
+def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
+    """The Galerkin projection of a model on some of its coordinates.
+
+    Args:
+        whole: the model, of N coordinates.
+        chosen: (n,) its coordinates, in the order of those of the result.
+    """
+    at = np.asarray(chosen, dtype=np.int64)
+    square = np.ix_(at, at)
+    elastic, pressure, velocity = whole.elastic, whole.pressure, whole.velocity_matrix
+    quadratic, cubic = elastic.quadratic, elastic.cubic
+    if cubic.size:
+        first, second = pairs(at.size)
+        rows = pair_numbers(whole.size)[at[first], at[second]]
+        quadratic, cubic = quadratic[np.ix_(rows, at)], cubic[np.ix_(rows, rows)]
+    bent = pressure.quadratic
+    return reduced_model(
+        mass=whole.mass[square],
+        damping=whole.damping,
+        elastic=ElasticPolynomial(elastic.force[at], elastic.stiffness[square], quadratic, cubic),
+        loads=whole.loads[at],
+        load_histories=whole.load_histories,
+        points=whole.points,
+        contact_rows=whole.contact_rows[:, at],
+        contact_offset=whole.contact_offset,
+        probe=whole.probe[:, at],
+        probe_offset=whole.probe_offset,
+        velocity_matrix=velocity[square] if velocity.size else velocity,
+        pressure=PressurePolynomial(
+            pressure.numbers,
+            pressure.linear[:, at[:, None], at],
+            bent[:, at if bent.shape[1] else []][:, :, at[:, None], at],
+        ),
+        turning=_nested_turning(whole.turning, at),
+    )
+
+
+def _nested_turning(turning: Turning, at: NDArray[np.int64]) -> Turning:
+    """The data of a varying speed in some coordinates (n,)."""
+    if not turning.history.size:
+        return turning
+    return turning._replace(
+        centrifugal=turning.centrifugal[at],
+        softening=turning.softening[np.ix_(at, at)],
+        coriolis=turning.coriolis[np.ix_(at, at)],
+        euler=turning.euler[at],
+        moments=turning.moments[:, np.concatenate([[0], 1 + at])],
+        rest=turning.rest[:, np.concatenate([np.arange(3), 3 + at])],
     )

@@ -10,8 +10,6 @@ supports, and everything that the body touches (springs to the ground, rigid sur
 the supports. The load vector is -M r, and the time factor is a″.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

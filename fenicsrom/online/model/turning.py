@@ -24,8 +24,6 @@ balances each step exactly. The angular momentum about the axis is L = Omega (J0
 1/2 G q), with the moment of inertia J0 of the body at rest.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -140,10 +138,8 @@ def add_turning(
     for i in range(n):
         value = growth * turning.euler[i] - square * total * turning.centrifugal[i]
         for j in range(n):
-            turned, softened = (
-                0.5 * growth * turning.coriolis[i, j],
-                square * turning.softening[i, j],
-            )
+            turned = 0.5 * growth * turning.coriolis[i, j]
+            softened = square * turning.softening[i, j]
             value += turned * (q0[j] + moved * dq[j]) - softened * (total * q0[j] + moved * dq[j])
             tangent[i, j] += moved * (turned - softened)
             velocity[i, j] = damping[i, j] + omega * turning.coriolis[i, j]

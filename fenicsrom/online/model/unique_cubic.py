@@ -6,8 +6,6 @@ i <= j <= k <= l differ. The value of i <= j <= k <= l stands at the place
     C(i, 1) + C(j + 1, 2) + C(k + 2, 3) + C(l + 3, 4)    (combinatorial number system)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scratch arrays of a reduced model."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

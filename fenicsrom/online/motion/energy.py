@@ -11,8 +11,6 @@ that was lost. Where Newton's method has replaced the marched motion by the peri
 jumps: each part of the motion (`Motion.parts`) is judged alone, from its own start.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Read the motions of a `history.npz`, the file of time histories that a run writes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -115,15 +113,10 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise refuse(path, "no such file", ErrorKind.FILE) from None
-    except OSError as error:
-        if error.errno is None:  # numpy read the file and did not know its format
-            raise refuse(path, "is not a history.npz", ErrorKind.FORMAT) from None
-        raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
-        reason = f"is not a history.npz ({type(error).__name__})"
-        raise refuse(path, reason, ErrorKind.FORMAT) from None
+        why = getattr(error, "strerror", None)  # in the words of the operating system
+        reason = why or f"is not a history.npz ({type(error).__name__})"
+        raise refuse(path, reason, ErrorKind.FILE if why else ErrorKind.FORMAT) from None
     names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
     if not names:
         raise refuse(path, "is not a history.npz: it holds no motion", ErrorKind.FORMAT)

@@ -1,7 +1,5 @@
 """Numbers that are computed from a motion."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any
@@ -72,9 +70,8 @@ def amplitude(motion: Motion) -> Array:
 
 def at_rest(motion: Motion) -> bool:
     """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
-    return bool(
-        np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
-    )
+    largest = np.max(np.abs(motion.displacement), initial=0.0)
+    return bool(np.linalg.norm(amplitude(motion)) <= REST * largest)
 
 
 def has_settled(motion: Motion) -> bool:
@@ -104,9 +101,8 @@ def period_amplitudes(motion: Motion, count: int) -> list[Array]:
     found, slack = [amplitude(motion)], 1e-9 * motion.period
     for back in range(1, min(count, motion.periods)):
         end = motion.time[-1] - back * motion.period
-        then = motion.displacement[
-            (motion.time <= end + slack) & (motion.time >= end - motion.period - slack)
-        ]
+        begin = end - motion.period
+        then = motion.displacement[(motion.time <= end + slack) & (motion.time >= begin - slack)]
         if then.size == 0:
             break
         found.append(np.ptp(then, axis=0).reshape(-1) / 2.0)
@@ -225,10 +221,8 @@ def friction_dissipation_per_period(motion: Motion) -> float:
     """Energy dissipated by friction in the last period (or, if there is none, in all), J."""
     if motion.period is None:
         return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
-    return float(
-        motion.friction_dissipation[-1]
-        - np.interp(motion.time[-1] - motion.period, motion.time, motion.friction_dissipation)
-    )
+    begin, spent = motion.time[-1] - motion.period, motion.friction_dissipation
+    return float(spent[-1] - np.interp(begin, motion.time, spent))
 
 
 def point_summaries(motion: Motion) -> list[dict[str, Any]]:

@@ -12,6 +12,15 @@ from fenicsrom.online.motion.history import History
 from fenicsrom.online.step.state import Checkpoint, PeriodicSearch, Record
 from fenicsrom.words import brief
 
+ENERGIES = (
+    *("work", "damping_dissipation", "friction_dissipation"),
+    *("kinetic", "elastic", "contact_energy"),
+)
+"""The energies of a `Record`, in their order."""
+
+SAME = ("time", "force", "mean_force", "gap", "state", "turning")
+"""What a `Record` holds under the name that it has in a `Motion`."""
+
 
 class Interrupted(KeyboardInterrupt):
     """A time integration was asked to stop.
@@ -27,15 +36,8 @@ class Interrupted(KeyboardInterrupt):
 
 
 @brief(
-    "time",
-    "period",
-    "displacement",
-    "force",
-    "coordinates",
-    "steady",
-    "steps",
-    "newton_iterations",
-    "search",
+    *("time", "period", "displacement", "force", "coordinates"),
+    *("steady", "steps", "newton_iterations", "search"),
 )
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Motion(History):
@@ -90,30 +92,15 @@ class Motion(History):
             coordinates: (k, 3 n) q, v and a of the last rows; empty if they were not kept.
             numbers: the other attributes.
         """
-        work, damped, rubbed, kinetic, elastic, contact_energy = rows.energies.T
+        numbers |= dict(zip(ENERGIES, rows.energies.T, strict=True))
+        numbers |= {name: getattr(rows, name) for name in SAME}
         if coordinates.size:
             q, v, a = np.split(coordinates, 3, axis=1)
             numbers |= {"coordinates": q, "velocity": v, "acceleration": a}
             numbers["coordinate_time"] = rows.time[-len(q) :]
-        return cls(
-            time=rows.time,
-            displacement=rows.displacement
-            if rows.displacement.shape[1]
-            else rows.probe[:, None, :],
-            force=rows.force,
-            mean_force=rows.mean_force,
-            gap=rows.gap,
-            state=rows.state,
-            kinetic=kinetic,
-            elastic=elastic,
-            contact_energy=contact_energy,
-            work=work,
-            damping_dissipation=damped,
-            friction_dissipation=rubbed,
-            point_friction_dissipation=rows.friction_dissipation,
-            turning=rows.turning,
-            **numbers,
-        )
+        found = rows.displacement if rows.displacement.shape[1] else rows.probe[:, None, :]
+        rubbed = rows.friction_dissipation
+        return cls(displacement=found, point_friction_dissipation=rubbed, **numbers)
 
     @property
     def load_period(self) -> float | None:
@@ -140,12 +127,8 @@ class Motion(History):
         """
         energy = self.kinetic + self.elastic + self.contact_energy
         spent = self.damping_dissipation + self.friction_dissipation - self.work
-        return np.concatenate(
-            [
-                energy[part] - energy[part.start] + spent[part] - spent[part.start]
-                for part in self.parts
-            ]
-        )
+        pairs = ((energy[part] - energy[part.start], spent[part]) for part in self.parts)
+        return np.concatenate([stored + lost - lost[0] for stored, lost in pairs])
 
     @property
     def relative_imbalance(self) -> float:

@@ -1,7 +1,5 @@
 """What a motion wore of the abradable layers on its surfaces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

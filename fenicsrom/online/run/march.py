@@ -28,8 +28,6 @@ The loop over the steps is in `fenicsrom.online.step.loop`, and the state before
 `fenicsrom.online.run.march_setup`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -40,17 +38,17 @@ from fenicsrom.online.contact.rings import worn_through
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
+from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.periodic.shooting import Stopped
-from fenicsrom.online.periodic.steady import (
-    attempt,
-    change_of,
-    continued,
-    fractions_of,
-    is_due,
+from fenicsrom.online.periodic.steady import attempt, change_of, continued, fractions_of, is_due
+from fenicsrom.online.run.march_setup import (
+    MarchRun,
+    copied_rows,
+    joined_rows,
+    last_coordinates,
+    mass_norm,
 )
-from fenicsrom.online.run.march_records import copied_rows, joined_rows, last_coordinates
-from fenicsrom.online.run.march_setup import MarchRun, mass_norm, set_up_run
 from fenicsrom.online.step.loop import (
     DONE,
     FAILED,
@@ -61,15 +59,7 @@ from fenicsrom.online.step.loop import (
     write,
 )
 from fenicsrom.online.step.scheme import scheme
-from fenicsrom.online.step.state import (
-    ITERATIONS,
-    REJECTED,
-    SIZE,
-    STEPS,
-    TIME,
-    Checkpoint,
-    Record,
-)
+from fenicsrom.online.step.state import ITERATIONS, REJECTED, SIZE, STEPS, TIME, Checkpoint, Record
 from fenicsrom.progress import tell, working_time
 
 
@@ -124,7 +114,7 @@ def integrate(
     problem = problem.with_own_wear(None if resume is None else resume.worn)
     plan = scheme(problem.time.scheme, problem.model, problem.time.spectral_radius)
     advance = compiled_march if compiled and isinstance(problem.model, ReducedModel) else march
-    run = set_up_run(problem, plan, advance, start, resume, keep_coordinates)
+    run = MarchRun(problem, plan, advance, start, resume, keep_coordinates)
     run.near, run.progress, run.keep, run.stop = near, progress, checkpoint, stop
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(problem.model, problem.contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
@@ -182,9 +172,8 @@ def _change(run: MarchRun, q0: Array) -> float:
         q0: (n,) coordinates a period ago.
     """
     before = run.history[-2] if run.reference is None else run.reference
-    found = change_of(
-        [*run.history[:-2], before, run.history[-1]], run.problem.period, run.multiple
-    )
+    rows = [*run.history[:-2], before, run.history[-1]]
+    found = change_of(rows, run.problem.period, run.multiple)
     run.reference = None
     if found <= run.problem.time.steady_tolerance and run.multiple == 1:
         # the contact points repeat; check the whole state too
@@ -225,10 +214,8 @@ def _require_convergence(run: MarchRun, motion: Motion) -> None:
     """Raise ConvergenceError if the smallest step did not converge."""
     if run.status != FAILED and np.all(np.isfinite(motion.kinetic)):
         return
-    names = {-1: "open", 0: "slip", 1: "stick"}
-    states = [
-        f"point {p + 1} {names[int(state)]}" for p, state in enumerate(run.state.contact.state)
-    ]
+    found = enumerate(run.state.contact.state)
+    states = [f"point {p + 1} {STATE_NAMES[int(state)]}" for p, state in found]
     raise ConvergenceError(
         f"time integration stopped at t = {run.state.scalars[TIME]:.6g} s: no convergence with the "
         f"smallest step {SMALLEST_STEP * run.control.grid:.3g} s "

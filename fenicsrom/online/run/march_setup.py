@@ -1,10 +1,7 @@
 """The state of a time integration before its first step, and while it runs."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +12,6 @@ from fenicsrom.online.contact.turning import times_of_angles
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.periodic.steady import periods_of
-from fenicsrom.online.run.march_records import joined_rows
 from fenicsrom.online.step.equilibrium import equilibrium
 from fenicsrom.online.step.loop import DONE, write
 from fenicsrom.online.step.scheme import Control, Scheme
@@ -33,6 +29,30 @@ from fenicsrom.online.step.state import (
 from fenicsrom.online.step.step import measure
 from fenicsrom.online.step.step_limits import landings, longest_step
 from fenicsrom.progress import listening
+
+
+def copied_rows(record: Record, count: int) -> Record:
+    """The first rows of a record, copied."""
+    return Record._make(array[:count].copy() for array in record)
+
+
+def joined_rows(pieces: list[Record], counts: list[int]) -> Record:
+    """The first rows of several records, joined."""
+    return Record._make(
+        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
+        for arrays in zip(*pieces, strict=True)
+    )
+
+
+def last_coordinates(history: list[Record]) -> Array:
+    """The coordinates (k, 3 n) of the last spans, and those at the end of the span before."""
+    found: list[Array] = []
+    for rows in reversed(history):
+        found.insert(0, rows.coordinates)
+        if rows.coordinates.shape[0] < rows.time.size:
+            break
+    return np.concatenate(found)
+
 
 ROWS = 4096  # of a record
 
@@ -75,9 +95,8 @@ def static_size(problem: Problem, q: Array) -> float:
     The loads include the preload of the contacts.
     """
     model, contacts = problem.model, problem.contacts
-    _, tangent = model.elastic_over_step(
-        np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
-    )
+    zero, one = np.zeros_like(q), np.ones(1)
+    _, tangent = model.elastic_over_step(zero, q, zero, 0.0, one, one)
     force = np.abs(model.loads) @ largest(model.load_histories)
     preload = np.zeros((contacts.preload.size, problem.dimension))
     y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
@@ -90,7 +109,6 @@ def mass_norm(model: Any, vector: Array) -> float:
     return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
 
 
-@dataclass
 class MarchRun:
     """A time integration under way.
 
@@ -119,28 +137,71 @@ class MarchRun:
         stop: as `integrate`.
     """
 
-    problem: Problem
-    plan: Scheme
-    advance: Callable[..., tuple[int, int]]
-    horizon: float
-    control: Control
-    state: State
-    record: Record
-    done: int
-    buckled: int
-    history: list[Record] = field(default_factory=list)
-    seconds: float = 0.0
-    search: PeriodicSearch | None = None
-    reference: Record | None = None
-    near: tuple[Array, ...] | None = None
-    wearing: bool = False
-    span: int = 0
-    status: int = DONE
-    steady: bool = False
-    stopped: bool = False
-    progress: Callable[[float, float], None] = field(init=False)
-    keep: Callable[[Checkpoint], None] = field(init=False)
-    stop: Callable[[], bool] = field(init=False)
+    progress: Callable[[float, float], None]
+    keep: Callable[[Checkpoint], None]
+    stop: Callable[[], bool]
+
+    def __init__(
+        self,
+        problem: Problem,
+        plan: Scheme,
+        advance: Callable[..., tuple[int, int]],
+        start: tuple[Array, ...] | None,
+        resume: Checkpoint | None,
+        keep_coordinates: bool,
+    ):
+        """Set up the run before its first step; arguments as those of `integrate`."""
+        model, contacts, settings, period = problem[:4]
+        self.problem, self.plan, self.advance = problem, plan, advance
+        self.horizon = float(period if period is not None else settings.duration)
+        tolerance = settings.tolerance or 0.0
+        step = settings.step
+        if period is not None and not tolerance:
+            step = period / settings.steps_per_period
+        grid, history = step, model.load_histories.history
+        times: Array = np.zeros(0)
+        if settings.steps_per_revolution:
+            angle = 2.0 * np.pi / settings.steps_per_revolution
+            times = times_of_angles(history, angle, self.horizon)
+            grid = step = float(np.max(np.diff(times, prepend=0.0, append=self.horizon)))
+        if tolerance:  # adaptive steps must not miss a load or a surface
+            longest = longest_step(model.load_histories, contacts, tolerance)
+            grid = self.horizon / np.ceil(max(self.horizon / longest, 1.0))
+        self.done, self.buckled = 0, 0
+        self.search: PeriodicSearch | None = None
+        if resume is not None:
+            self.state, size = copy.deepcopy(resume.state), resume.size
+            self.buckled, self.search = resume.buckled, resume.search
+            self.done = resume.spans if period is not None else 0
+        else:
+            if start is None:
+                with listening(None):  # its progress is no progress of the steps
+                    q, self.buckled = equilibrium(problem)
+                start = (q, np.zeros_like(q))
+            self.state = initial_state(problem, plan, *start)
+            self.state.scalars[STEP] = step
+            if tolerance:
+                first = landings(model.load_histories, contacts, 0.0, self.horizon)[0]
+                self.state.scalars[STEP] = 1e-4 * min(grid, first)
+            size = self.state.scalars[SIZE]
+            if tolerance:
+                size = max(size, static_size(problem, start[0]))
+        rows, width = ROWS, 3 * self.state.q.size if keep_coordinates else 0
+        if keep_coordinates and not tolerance:
+            rows = min(rows, round(self.horizon / step) + 1)
+        sizes = rows, self.state.contact.x.shape[0], problem.dimension, width
+        self.record = no_record(*sizes, varies=history.size > 0)
+        write(model, contacts, self.state, self.record, 0)
+        begin = joined_rows([self.record], [1])
+        if resume is not None:
+            coordinates = np.repeat(begin.coordinates, resume.last.time.size, axis=0)
+            begin = resume.last._replace(coordinates=coordinates)
+        self.control, self.history = Control(grid, tolerance, size, times), [begin]
+        self.reference: Record | None = None
+        self.near: tuple[Array, ...] | None = None
+        self.wearing = resume is not None and resume.wearing
+        self.seconds, self.span, self.status = 0.0, self.done, DONE
+        self.steady = self.stopped = False
 
     @property
     def found(self) -> bool:
@@ -179,74 +240,3 @@ class MarchRun:
             self.problem.contacts.coating.worn if self.problem.contacts.coating.worn.size else None,
             self.wearing,
         )
-
-
-def set_up_run(
-    problem: Problem,
-    plan: Scheme,
-    advance: Callable[..., tuple[int, int]],
-    start: tuple[Array, ...] | None,
-    resume: Checkpoint | None,
-    keep_coordinates: bool,
-) -> MarchRun:
-    """The run before its first step; arguments as those of `integrate`."""
-    model, contacts, settings, period = problem[:4]
-    horizon = float(period if period is not None else settings.duration)
-    tolerance = settings.tolerance or 0.0
-    step = settings.step
-    if period is not None and not tolerance:
-        step = period / settings.steps_per_period
-    grid, history = step, model.load_histories.history
-    times: Array = np.zeros(0)
-    if settings.steps_per_revolution:
-        angle = 2.0 * np.pi / settings.steps_per_revolution
-        times = times_of_angles(history, angle, horizon)
-        grid = step = float(np.max(np.diff(times, prepend=0.0, append=horizon)))
-    if tolerance:  # adaptive steps must not miss a load or a surface
-        longest = longest_step(model.load_histories, contacts, tolerance)
-        grid = horizon / np.ceil(max(horizon / longest, 1.0))
-    done, buckled, search = 0, 0, None
-    if resume is not None:
-        state, size, buckled = copy.deepcopy(resume.state), resume.size, resume.buckled
-        search = resume.search
-        done = resume.spans if period is not None else 0
-    else:
-        if start is None:
-            with listening(None):  # its progress is no progress of the steps
-                q, buckled = equilibrium(problem)
-            start = (q, np.zeros_like(q))
-        state = initial_state(problem, plan, *start)
-        state.scalars[STEP] = step
-        if tolerance:
-            first = landings(model.load_histories, contacts, 0.0, horizon)[0]
-            state.scalars[STEP] = 1e-4 * min(grid, first)
-        size = state.scalars[SIZE]
-        if tolerance:
-            size = max(size, static_size(problem, start[0]))
-    rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
-    if keep_coordinates and not tolerance:
-        rows = min(rows, round(horizon / step) + 1)
-    record = no_record(
-        rows, state.contact.x.shape[0], problem.dimension, width, varies=history.size > 0
-    )
-    write(model, contacts, state, record, 0)
-    first = joined_rows([record], [1])
-    if resume is not None:
-        coordinates = np.repeat(first.coordinates, resume.last.time.size, axis=0)
-        first = resume.last._replace(coordinates=coordinates)
-    control = Control(grid, tolerance, size, times)
-    return MarchRun(
-        problem,
-        plan,
-        advance,
-        horizon,
-        control,
-        state,
-        record,
-        done,
-        buckled,
-        [first],
-        search=search,
-        wearing=resume is not None and resume.wearing,
-        span=done,
-    )

@@ -1,7 +1,5 @@
 """Integrate a model as its scene says."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING
 from typing import Any
 
@@ -30,11 +28,7 @@ def load_histories(scene: Scene) -> LoadHistories:
 
 
 def simulate(
-    model: Any,
-    scene: Scene,
-    *,
-    start: Motion | tuple[Array, ...] | None = None,
-    **options: Any,
+    model: Any, scene: Scene, *, start: Motion | tuple[Array, ...] | None = None, **options: Any
 ) -> Motion:
     """Integrate a model (stored, reduced, full or beam) under a scene.
 
@@ -60,11 +54,8 @@ def simulate(
     """
     if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
-    return integrate(
-        checked_problem(model, scene),
-        start=end_of(start) if isinstance(start, Motion) else start,
-        **options,
-    )
+    start = end_of(start) if isinstance(start, Motion) else start
+    return integrate(checked_problem(model, scene), start=start, **options)
 
 
 def checked_problem(model: Any, scene: Scene) -> Problem:

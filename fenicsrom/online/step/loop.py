@@ -1,7 +1,8 @@
 """The loop over the steps of a time integration, plain and compiled.
 
-`march` is plain Python. Uncompiled, it integrates any `fenicsrom.online.model.operations.Model`.
-`compiled_march` integrates a `ReducedModel`, whose methods are compiled into it.
+`march` is plain Python. Uncompiled, it integrates any model with the operations of a
+`ReducedModel`. `compiled_march` integrates a `ReducedModel` itself, whose methods are compiled into
+it.
 """
 
 from __future__ import annotations

@@ -32,9 +32,14 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
-from fenicsrom.online.model.subspace import change_of_tangent, projected, shifted, subspace_model
+from fenicsrom.online.model.subspace import (
+    change_of_tangent,
+    nested_model,
+    projected,
+    shifted,
+    subspace_model,
+)
 from fenicsrom.online.model.turning import Turning, rest_row
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton, small_against_load

@@ -1,9 +1,10 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
-The functions that take a model are plain Python, for any `online.model.operations.Model`, and
-are inlined into the compiled loop of `fenicsrom.online.step.loop` for a `ReducedModel`. Arrays of
-contact points are written by functions that numba does not inline: its removal of dead code does
-not follow an array through the unpacking of a tuple, and drops such writes.
+The functions that take a model are plain Python, for any model with the operations of a
+`ReducedModel`, and are inlined into the compiled loop of `fenicsrom.online.step.loop` for a
+`ReducedModel` itself. Arrays of contact points are written by functions that numba does not inline:
+its removal of dead code does not follow an array through the unpacking of a tuple, and drops such
+writes.
 """
 
 from __future__ import annotations

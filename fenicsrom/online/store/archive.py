@@ -52,7 +52,7 @@ prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` an
 those of its model at the speed of the scene; at another speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
-unknowns of the mesh (`dofs`), scene with its source, units and provenance, and of a range model the
+unknowns of the mesh (`dofs`), scene with its source, provenance, and of a range model the
 numbers of its modes and masters. The entry `digest` is
 the SHA-256 of all other entries: a file that was changed is refused.
 
@@ -74,9 +74,9 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.turning import history_of, speed_history
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
@@ -106,14 +106,6 @@ PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
-UNITS = {
-    "mass": "kg",
-    "stiffness": "N/m",
-    "quadratic": "N/m^2",
-    "cubic": "N/m^3",
-    "force": "N",
-    "frequencies_hz": "Hz",
-}
 
 
 @brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
@@ -286,10 +278,8 @@ class StoredModel:
         history, omega = history_of(scene.rotation), scene.rotation.omega
         if history.size:
             return self._with_coordinates(whole.over(history, omega))
-        interface_modes = isinstance(scene.basis.masters, int)
-        return self._with_coordinates(
-            whole.at(omega, interface_modes, scene.geometrically_nonlinear)
-        )
+        modes = isinstance(scene.basis.masters, int)
+        return self._with_coordinates(whole.at(omega, modes, scene.geometrically_nonlinear))
 
     def over_speeds(self, first: float, last: float) -> StoredModel:
         """The model for all speeds between two in rev/min, from that for the range.
@@ -453,7 +443,6 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "dofs": stored.dofs,
         "source": stored.scene.source,
         "scene": scene_table(stored.scene),
-        "units": UNITS,
         "provenance": stored.provenance,
     }
     model = stored.model

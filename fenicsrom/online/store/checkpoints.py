@@ -8,8 +8,6 @@ The checkpoint of a run that was stopped in its checks holds the whole motion to
 end, the run that continues takes this motion, and only checks it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time as clock
 from collections.abc import Callable
@@ -24,14 +22,7 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.state import ContactState
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.step.state import (
-    TIME,
-    Checkpoint,
-    PeriodicSearch,
-    Record,
-    State,
-    no_state,
-)
+from fenicsrom.online.step.state import TIME, Checkpoint, PeriodicSearch, Record, State, no_state
 from fenicsrom.online.store.archive import PLAIN
 from fenicsrom.online.store.packing import pack, unpack
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
@@ -87,13 +78,8 @@ def save_checkpoint(
         last=checkpoint.last._replace(coordinates=checkpoint.last.coordinates[:, :0]),
     )
     tree, arrays = pack((kept, motion and replace(motion, end=None)))
-    header = {
-        "format": FORMAT,
-        "model": fingerprint(model),
-        "source": scene.source,
-        "scene": scene_table(scene),
-        "tree": tree,
-    }
+    header = {"format": FORMAT, "model": fingerprint(model), "tree": tree}
+    header |= {"source": scene.source, "scene": scene_table(scene)}
     write_archive(path, header, arrays)
 
 
@@ -118,9 +104,8 @@ def _read(path: Path) -> _Content:
         state = checkpoint.state
         trial = no_state(state.q.size, *state.contact.x.shape).trial
         checkpoint = checkpoint._replace(state=state._replace(trial=trial))
-        return _Content(
-            header["model"], scene, checkpoint, motion and replace(motion, end=checkpoint)
-        )
+        motion = motion and replace(motion, end=checkpoint)
+        return _Content(header["model"], scene, checkpoint, motion)
 
 
 def load_scene(path: Path) -> Scene:

@@ -4,8 +4,6 @@ A list of many small records becomes a handful of entries of the file, so that i
 read in milliseconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The versions of the programs that make a result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 

@@ -5,8 +5,6 @@ when it is complete, so that runs may share the folder. Using an archive renews 
 ones are removed when the limit is exceeded. `FENICSROM_CACHE` names another folder, or is "off".
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -26,17 +24,7 @@ from fenicsrom.progress import log
 VARIABLE = "FENICSROM_CACHE"
 OFF = "off"
 
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "gmsh",
-    "meshio",
-    "fenics-basix",
-    "fenics-dolfinx",
-    "petsc4py",
-    "slepc4py",
-)
+LIBRARIES = "numpy scipy numba gmsh meshio fenics-basix fenics-dolfinx petsc4py slepc4py".split()
 
 PACKAGE = Path(__file__).parents[2]
 

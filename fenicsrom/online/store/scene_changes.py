@@ -1,7 +1,5 @@
 """Keys that may change between two scenes of a stored model or of a continued run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
@@ -39,19 +37,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     contact parameters and another time integration. The mesh file may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
-    names = (
-        "geometry",
-        "geometrically_nonlinear",
-        "materials",
-        "supports",
-        "attachments",
-        "rotation",
-        "damping",
-        "probe",
-        "basis",
-        "material",
-    )
-    if (name := first_difference(made, wanted, names)) is not None:
+    names = "geometry geometrically_nonlinear materials supports attachments rotation damping probe"
+    if (name := first_difference(made, wanted, f"{names} basis material".split())) is not None:
         return name
     for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
@@ -105,16 +92,8 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = (
-        "geometrically_nonlinear",
-        "material",
-        "attachments",
-        "rotation",
-        "damping",
-        "loads",
-        "contacts",
-    )
-    if (name := first_difference(made, wanted, names)) is not None:
+    names = "geometrically_nonlinear material attachments rotation damping loads contacts"
+    if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     steps = ("steps_per_period", "steps_per_revolution", "tolerance", "step")
     settings = ("scheme", "spectral_radius", *steps)

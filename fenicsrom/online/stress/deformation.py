@@ -55,9 +55,6 @@ class Deformation:
         return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
 
 
-ROUNDING = 1e-12
-"""Part by which the distances of `_extreme` are enlarged: their own rounding loses no extreme."""
-
 NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
 """The extremes over no points."""
 
@@ -75,34 +72,18 @@ def deformation(law: StressLaw, position: Array, start: Array, change: Array) ->
         return NOWHERE
     volume = law.volume_ratio(start, change)
     f = law.deformation_gradient(start, change)
-    squares = np.linalg.eigvalsh(_extreme(np.swapaxes(f, -1, -2) @ f))
+    squares = np.linalg.eigvalsh(np.swapaxes(f, -1, -2) @ f)
     first = int(np.argmin(volume))
-    smallest = float(np.sqrt(max(squares.min(), 0.0)))
-    return Deformation(
-        float(volume[first]), position[first], smallest, float(np.sqrt(squares.max()))
-    )
-
-
-def _extreme(c: Array) -> Array:
-    """Those matrices of FᵀF (P, d, d) that may have the smallest or the largest eigenvalue of all.
-
-    The eigenvalues of C are within ‖C − I‖ of 1, and the diagonal of C is between them.
-    """
-    diagonal = np.diagonal(c, axis1=-2, axis2=-1)
-    distance = np.linalg.norm(c - np.eye(c.shape[-1]), axis=(-2, -1))
-    distance += ROUNDING * (1.0 + distance)
-    chosen = (1.0 - distance <= diagonal.min()) | (1.0 + distance >= diagonal.max())
-    return np.asarray(c[chosen])
+    smallest, largest = (float(np.sqrt(max(x, 0.0))) for x in (squares.min(), squares.max()))
+    return Deformation(float(volume[first]), position[first], smallest, largest)
 
 
 def extremes(parts: Sequence[Deformation]) -> Deformation:
     """The extremes over several sets of points."""
     first = min(parts, key=lambda part: part.volume_ratio)
-    return replace(
-        first,
-        smallest_stretch=min(part.smallest_stretch for part in parts),
-        largest_stretch=max(part.largest_stretch for part in parts),
-    )
+    smallest = min(part.smallest_stretch for part in parts)
+    largest = max(part.largest_stretch for part in parts)
+    return replace(first, smallest_stretch=smallest, largest_stretch=largest)
 
 
 def deformation_at(table: StressTable, q: Array) -> Deformation:

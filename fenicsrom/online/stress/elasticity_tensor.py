@@ -6,8 +6,6 @@ product x : y of two tensors is that of their vectors, so that a rotation of the
 orthogonal matrix, and the elasticity tensor a symmetric one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array

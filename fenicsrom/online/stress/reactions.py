@@ -20,8 +20,6 @@ one; the difference shows how well the basis resolves the stresses at the suppor
 Moments are about the centroid of the clamped nodes of the support.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,9 +89,8 @@ class ReactionTable:
         found = smooth[:, :count].copy()
         for support in range(count):
             mine = self.support == support
-            found[:, support] += np.tensordot(
-                stress[:, mine], self.tests[:, mine], axes=((1, 2, 3), (1, 2, 3))
-            )
+            each = stress[:, mine], self.tests[:, mine]
+            found[:, support] += np.tensordot(*each, axes=((1, 2, 3), (1, 2, 3)))
         return found, smooth[:, -1, :d]
 
 
@@ -151,9 +148,8 @@ def equilibrium_reactions(table: ReactionTable, scene: Scene) -> Reactions:
     """The reactions in the static equilibrium, without contact forces."""
     none = np.zeros((1, table.mass.shape[2]))
     sizes = np.array([[load.size if load.static else 0.0 for load in scene.loads]])
-    values, total = table.evaluate(
-        StressLaw.of(scene), none, none, none, sizes.reshape(1, len(scene.loads))
-    )
+    sizes = sizes.reshape(1, len(scene.loads))
+    values, total = table.evaluate(StressLaw.of(scene), none, none, none, sizes)
     return Reactions(support_names(scene), np.zeros(1), values, total)
 
 

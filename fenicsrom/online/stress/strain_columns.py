@@ -3,8 +3,6 @@
 `fenicsrom.reduction.strain_products` multiplies these columns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -63,12 +61,8 @@ def write_product(
                 columns[row, shear, p] = SHEAR * own * (right[b, c, j, p] + right[c, b, j, p])
             for a in range(d):
                 for p in range(points):
-                    columns[row, shear, p] += (
-                        SHEAR
-                        * weight
-                        * (
-                            left[a, b, i, p] * right[a, c, j, p]
-                            + left[a, c, i, p] * right[a, b, j, p]
-                        )
+                    both = (
+                        left[a, b, i, p] * right[a, c, j, p] + left[a, c, i, p] * right[a, b, j, p]
                     )
+                    columns[row, shear, p] += SHEAR * weight * both
             shear += 1

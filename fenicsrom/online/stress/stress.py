@@ -4,15 +4,15 @@ The displacement u = u₀ + Σ q_k φ_k is linear in the coordinates q, and so i
 table of the gradients of u₀ and of every φ_k at the Gauss points therefore gives the strain and the
 stress at every q without a mesh:
 
-    F = I + H,    E = sym H + ½ Hᵀ H,    S = λ tr(E) I + 2 μ E,    σ = F S Fᵀ / det F,    (1)
+    F = I + H,    E = sym H + ½ Hᵀ H,    S = C E,    σ = F S Fᵀ / det F,    (1)
 
-with the second Piola-Kirchhoff stress S (S = C E of a material with axes) and the Cauchy stress σ.
+with the elasticity tensor C, the second Piola-Kirchhoff stress S and the Cauchy stress σ.
 S is a quadratic polynomial in q, and its coefficients could be tabulated instead. With n
 coordinates they take ½ (n + 1) (n + 2) columns of 6 components in place of n + 1 columns of 9, give
 the same numbers to round-off, and do not give F, which the Cauchy stress needs.
 
 A geometrically linear model has the stress that is linear about its equilibrium. Plane strain adds
-S_zz = λ tr(E) (or C_zz : E), and plane stress F_zz = √(1 + 2 E_zz), which follows from S_zz = 0.
+S_zz = C_zz : E, and plane stress F_zz = √(1 + 2 E_zz), which follows from S_zz = 0.
 
 The Gauss points are those of the rule with k points in every direction for cells of degree k (k
 points to a side of a simplex), at which the stresses of a finite-element solution are most
@@ -53,22 +53,18 @@ class StressLaw:
     """How stresses follow from displacement gradients.
 
     Attributes:
-        first_lame: λ of a single isotropic material, Pa; else 0.
-        shear_modulus: its μ, Pa; else 0.
         plane: "stress" or "strain" in 2D, else None.
         linear: whether the vibrations are small, so that the stress is linear about the
             equilibrium.
         deformed: whether the equilibrium is geometrically nonlinear.
-        materials: all materials, unless there is a single isotropic one.
+        materials: all materials.
         number: (P,) number of the material of each point; None if all points have the first one.
     """
 
-    first_lame: float
-    shear_modulus: float
     plane: str | None
     linear: bool
     deformed: bool
-    materials: tuple[Elasticity, ...] = ()
+    materials: tuple[Elasticity, ...]
     number: NDArray[np.int64] | None = field(default=None, compare=False)
 
     @classmethod
@@ -77,43 +73,26 @@ class StressLaw:
         spinning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
         nonlinear = scene.geometrically_nonlinear
         plane = scene.geometry.plane if scene.geometry.dimension == 2 else None
-        if scene.materials or not scene.material.is_isotropic:
-            every = (scene.material, *scene.materials)
-            return cls(0.0, 0.0, plane, not nonlinear, nonlinear or spinning, every)
-        young, poisson = scene.material.isotropic_constants
-        return cls(
-            young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)),
-            young / (2.0 * (1.0 + poisson)),
-            plane,
-            not nonlinear,
-            nonlinear or spinning,
-        )
+        every = (scene.material, *scene.materials)
+        return cls(plane, not nonlinear, nonlinear or spinning, every)
 
     def at(self, number: NDArray[np.int64] | None) -> StressLaw:
         """The law at points (P,) of which the numbers of the materials are given."""
         return self if number is None else replace(self, number=number)
 
-    def _of_points(self, values: list[Array]) -> Array:
-        """The value of each material (..., one or P, ..) at the points."""
-        return np.array(values)[0 if self.number is None else self.number]
-
-    @property
-    def effective_lame(self) -> float:
-        """λ, or λ* = 2 λ μ / (λ + 2 μ) in plane stress, Pa."""
-        lame, mu = self.first_lame, self.shear_modulus
-        return 2.0 * lame * mu / (lame + 2.0 * mu) if self.plane == "stress" else lame
+    def _mapped(self, strain: Array, maps: list[Array]) -> Array:
+        """The products (..., k) of strains (..., d, d) with the map (d², k) of each material."""
+        flat = strain.reshape(*strain.shape[:-2], -1)
+        if self.number is None:
+            return np.asarray(flat @ maps[0])
+        return np.asarray(np.einsum("...pa,pak->...pk", flat, np.array(maps)[self.number]))
 
     def of_strain(self, strain: Array) -> Array:
         """Stress (..., d, d) in the plane or in space of a strain (..., d, d), Pa."""
         d = strain.shape[-1]
-        if self.materials:
-            tensor = self._of_points([stiffness(each, d, self.plane) for each in self.materials])
-            found = np.einsum("...ab,...b->...a", tensor, _vector(strain))
-            return np.asarray(np.einsum("...a,aij->...ij", found, mandel_basis(d)))
-        trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
-        return np.asarray(
-            self.effective_lame * trace * np.eye(d) + 2.0 * self.shear_modulus * strain
-        )
+        basis = mandel_basis(d).reshape(-1, d * d)
+        maps = [basis.T @ stiffness(each, d, self.plane) @ basis for each in self.materials]
+        return self._mapped(strain, maps).reshape(strain.shape)
 
     def strain(self, start: Array, change: Array) -> Array:
         """Green-Lagrange strain (..., d, d).
@@ -124,18 +103,20 @@ class StressLaw:
         """
         if not self.linear:
             return _green(start + change)
-        if not self.deformed:
-            return _symmetric(start + change)
-        return _green(start) + _symmetric(
-            np.swapaxes(np.eye(start.shape[-1]) + start, -1, -2) @ change
-        )
+        start, change = self._about(start, change)
+        f = np.eye(start.shape[-1]) + start
+        return _green(start) + _symmetric(np.swapaxes(f, -1, -2) @ change)
+
+    def _about(self, start: Array, change: Array) -> tuple[Array, Array]:
+        """The gradients about which a linear law is linear, and the changes from there."""
+        return (start, change) if self.deformed else (np.zeros_like(start), start + change)
 
     def deformation_gradient(self, start: Array, change: Array) -> Array:
         """F (..., d, d) that belongs to the stress; arguments as `strain`."""
         identity = np.eye(start.shape[-1])
         if not self.linear:
             return identity + start + change
-        return np.broadcast_to(identity + start if self.deformed else identity, change.shape)
+        return np.broadcast_to(identity + self._about(start, change)[0], change.shape)
 
     def volume_ratio(self, start: Array, change: Array) -> Array:
         """The ratio det F (...), in plane stress with the thickness; arguments as `strain`."""
@@ -161,14 +142,12 @@ class StressLaw:
     def first_piola(self, start: Array, change: Array) -> Array:
         """First Piola-Kirchhoff stress F S (..., d, d) of the internal force, Pa."""
         if not self.linear:
-            gradient = start + change
-            return (np.eye(start.shape[-1]) + gradient) @ self.of_strain(_green(gradient))
-        if not self.deformed:
-            return self.of_strain(_symmetric(start + change))
+            stress = self.of_strain(self.strain(start, change))
+            return self.deformation_gradient(start, change) @ stress
+        start, change = self._about(start, change)
         f, stress = np.eye(start.shape[-1]) + start, self.of_strain(_green(start))
-        return f @ (stress + self.of_strain(_symmetric(np.swapaxes(f, -1, -2) @ change))) + (
-            change @ stress
-        )
+        more = self.of_strain(_symmetric(np.swapaxes(f, -1, -2) @ change))
+        return f @ (stress + more) + change @ stress
 
     def modal(self, start: Array, change: Array) -> Array:
         """Derivative (..., 6) of the second Piola-Kirchhoff stress about the equilibrium, Pa."""
@@ -179,18 +158,15 @@ class StressLaw:
 
     def _out_of_plane(self, strain: Array) -> Array:
         """S_zz (...) of a plane body, Pa; zero in plane stress."""
-        if self.materials and self.plane == "strain":
+        if self.plane == "strain":
             return self._across(strain)
-        trace = np.trace(strain, axis1=-2, axis2=-1)
-        return np.asarray(self.first_lame * trace if self.plane == "strain" else 0.0 * trace)
+        return np.zeros(strain.shape[:-2])
 
     def _across(self, strain: Array) -> Array:
-        """E_zz (...) in plane stress; with `materials` also S_zz in plane strain, Pa."""
-        if self.materials:
-            rows = self._of_points([across(each, self.plane) for each in self.materials])
-            return np.asarray(np.einsum("...a,...a->...", rows, _vector(strain)))
-        lame, mu = self.first_lame, self.shear_modulus
-        return np.asarray(-lame / (lame + 2.0 * mu) * np.trace(strain, axis1=-2, axis2=-1))
+        """E_zz (...) in plane stress, S_zz in plane strain, Pa."""
+        basis = mandel_basis(2).reshape(3, 4)
+        maps = [(across(each, self.plane) @ basis)[:, None] for each in self.materials]
+        return self._mapped(strain, maps)[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,9 +209,8 @@ class StressTable:
 
         v, g = self.extrapolation.shape
         rows = np.repeat(self.cells.reshape(-1), g)
-        columns = np.tile(np.arange(self.position.shape[0]).reshape(-1, 1, g), (1, v, 1)).reshape(
-            -1
-        )
+        points = np.arange(self.position.shape[0]).reshape(-1, 1, g)
+        columns = np.tile(points, (1, v, 1)).ravel()
         meeting = np.bincount(self.cells.reshape(-1), minlength=self.vertex_position.shape[0])
         weights = np.tile(self.extrapolation.reshape(-1), self.cells.shape[0]) / meeting[rows]
         shape = (self.vertex_position.shape[0], self.position.shape[0])
@@ -305,20 +280,13 @@ def tensors(stress: Array) -> Array:
 def von_mises(stress: Array) -> Array:
     """Von Mises stresses (...) of components (..., 6)."""
     normal, shear = stress[..., :3], stress[..., 3:]
-    differences = normal - np.roll(normal, 1, axis=-1)
-    return np.asarray(
-        np.sqrt(0.5 * np.sum(differences**2, axis=-1) + 3.0 * np.sum(shear**2, axis=-1))
-    )
+    squares = 0.5 * np.sum((normal - np.roll(normal, 1, axis=-1)) ** 2, axis=-1)
+    return np.asarray(np.sqrt(squares + 3.0 * np.sum(shear**2, axis=-1)))
 
 
 def principal(stress: Array) -> Array:
     """Principal stresses (..., 3) of components (..., 6), the largest first."""
     return np.asarray(np.linalg.eigvalsh(tensors(stress))[..., ::-1], np.float64)
-
-
-def _vector(strain: Array) -> Array:
-    """The vectors (..., m) of symmetric tensors (..., d, d) in Mandel's notation."""
-    return np.asarray(np.einsum("aij,...ij->...a", mandel_basis(strain.shape[-1]), strain))
 
 
 def _symmetric(gradient: Array) -> Array:

@@ -1,7 +1,5 @@
 """The largest stresses of a reduced model: at rest, in its modes, and during a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
