@@ -3,13 +3,14 @@
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import RESULTS, SCENE, Command
+from fenicsrom.cli.arguments import RESULTS, SCENE, command
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import start
 from fenicsrom.cli.termination import is_terminated
 
 
+@command("compute only the modes and modal derivatives, for ParaView", SCENE, *RESULTS)
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
     comm, scene = start(options, unloaded=True)
@@ -20,11 +21,3 @@ def modes(options: argparse.Namespace) -> int:
         if comm.rank == 0:
             print_results(scene, "", found.warnings, sentences.mode_lines(found), found.files)
     return 0
-
-
-COMMAND = Command(
-    "modes",
-    "compute only the modes and modal derivatives, for ParaView",
-    modes,
-    (SCENE, *RESULTS),
-)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, Command
+from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, command
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import end, print_results
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
@@ -26,6 +26,9 @@ RESUME = Argument(
 )
 
 
+@command(
+    "run a scene, or integrate a stored reduced model again", SCENE_OR_MODEL, RESUME, *FROM_MODEL
+)
 def run(options: argparse.Namespace) -> int:
     """Run a scene or a stored model."""
     if options.stored:
@@ -79,11 +82,3 @@ def _finish(found: Study | Rerun, comm: Any = None, more: Sequence[Path] = ()) -
         lines = sentences.run_sentences(found)
         print_results(found.scene, table, found.warnings, lines, [*found.files, *more])
     return end(comm, found.failed and found.failed[1])
-
-
-COMMAND = Command(
-    "run",
-    "run a scene, or integrate a stored reduced model again",
-    run,
-    (SCENE_OR_MODEL, RESUME, *FROM_MODEL),
-)
