@@ -10,7 +10,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
@@ -50,26 +50,21 @@ class Where:
         sentence = f"{self.source}: {self.key} {what}: {allowed}"
         return SceneError(sentence, kind=kind, key=self.key, source=self.source)
 
-    def require_none(self, problems: Iterable[Problem]) -> None:
-        """Raise the error of the first problem, whose key is below this place."""
-        for problem in problems:
-            raise self.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
-
 
 class Problem(NamedTuple):
     """A key that does not agree with the others.
 
     Attributes:
         key: the dotted key.
-        value: its value, or `MISSING`.
         allowed: what is allowed, in words.
         kind: the kind of the error; a missing value has its own kind.
+        value: what the error shows, or `MISSING`; None for the value of the key.
     """
 
     key: str
-    value: object
     allowed: str
     kind: ErrorKind = ErrorKind.CONFLICT
+    value: object = None
 
 
 Problems = Iterator[Problem]
