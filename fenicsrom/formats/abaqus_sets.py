@@ -74,7 +74,7 @@ def known_name(names: dict[str, list[Entry]] | dict[str, list[Side]], name: str)
     return next((known for known in names if known.upper() == name.upper()), name)
 
 
-def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
+def read_set(keyword: Keyword) -> tuple[int | str, ...]:
     """The numbers and names of the data lines of *NSET or *ELSET.
 
     Raises:
@@ -85,12 +85,8 @@ def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
         return tuple(_number_or_name(word) for word in words)
     found: list[int] = []
     for line in keyword.lines:
-        try:
-            first, last, step = ([int(word) for word in fields(line)] + [1])[:3]
-            found += numbers_between(first, last, step)
-        except ValueError:
-            reason = "must be first, last and step (1 if left out)"
-            raise refuse(path, f"*{keyword.name}, GENERATE: {line!r}: {reason}") from None
+        first, last, step = ([int(word) for word in fields(line)] + [1])[:3]
+        found += numbers_between(first, last, step)
     return tuple(found)
 
 

@@ -39,7 +39,7 @@ def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Problems
         if isinstance(poisson, tuple):
             yield Problem(f"{key}.poisson", "must be a number with one Young's modulus")
         for name in ("shear", "axes"):
-            if (value := getattr(material, name)) is not None:
+            if getattr(material, name) is not None:
                 yield Problem(f"{key}.{name}", "not allowed with one Young's modulus")
         return
     count = len(material.young)
