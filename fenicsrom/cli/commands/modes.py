@@ -5,7 +5,7 @@ import argparse
 from fenicsrom import study
 from fenicsrom.cli.arguments import RESULTS, SCENE, command
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import start
 from fenicsrom.cli.termination import is_terminated
 
@@ -14,10 +14,6 @@ from fenicsrom.cli.termination import is_terminated
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
     comm, scene = start(options, unloaded=True)
-    from fenicsrom.post.run import sentences
-
     with opened(options, scene, comm) as folder:
         found = study.run(scene, comm, folder=folder, modes_only=True, stop=is_terminated)
-        if comm.rank == 0:
-            print_results(scene, "", found.warnings, sentences.mode_lines(found), found.files)
-    return 0
+        return finish(found, comm)

@@ -21,7 +21,6 @@ from fenicsrom.online.motion.measures import (
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
-from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.stress_tables import stress_sentences
@@ -139,11 +138,6 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.2g}" if np.isfinite(value) else "unknown"
 
 
-def unreliable_sentence(name: str, error: Exception) -> str:
-    """State why the motion of a model cannot be relied on."""
-    return f"The {name} model has no reliable result: {error}."
-
-
 def range_sentence(stored: StoredModel) -> str | None:
     """State the speeds of a model for a range of speeds and its errors between them; else None."""
     whole = stored.whole
@@ -222,7 +216,8 @@ def basis_sentences(study: Study) -> list[str]:
     """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
     basis, modes, dropped = study.basis, study.modes, study.dropped_modes
     if basis is None or modes is None:
-        return []
+        derivatives = () if study.derivatives is None else study.derivatives.labels
+        return [f"Derivatives: {' '.join(derivatives)}."] if derivatives else []
     left = []
     if dropped:
         share = f"{study.scene.basis.threshold:g} of the largest"
@@ -317,22 +312,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if reduced is None else out_of_reach(reduced, found.points)
     told += [] if found.stresses is None else stress_sentences(found.stresses)
-    if reduced is not None and found.errors:
-        names = direction_names(found.scene, found.points)
-        told += text_table(estimate_rows(found.errors, reduced, names)).splitlines()
     return [sentence for sentence in told if sentence]
-
-
-def mode_lines(study: Study) -> list[str]:
-    """List the frequencies of the normal modes and the labels of the derivatives."""
-    lines = []
-    if study.modes is not None:
-        frequencies = study.modes.frequencies_hz
-        lines += [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
-    if study.derivatives is not None and study.derivatives.labels:
-        lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
-    lines += [] if study.mesh_check is None else [study.mesh_check.sentence()]
-    return [line for line in lines if line]
 
 
 def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
