@@ -54,7 +54,7 @@ def rerun(
     keep = keeper(folder / CHECKPOINT, model, scene)
     options: dict[str, Any] = {"resume": begin, "checkpoint": keep, "keep_coordinates": True}
     with watch("reduced motion"):
-        motion, unfinished = integrated(watch, "reduced", model, scene, stop=stop, **options)
+        motion, unfinished = integrated(model, scene, stop=stop, **options)
     if motion is None:
         assert unfinished is not None
         raise unfinished
