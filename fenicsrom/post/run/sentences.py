@@ -38,6 +38,15 @@ MULTIPLIER_NOTE = (
     "vibration, such as a wave along the axis, that the time step does not resolve and that the "
     "time integration hardly damps."
 )
+REJECTED = {
+    "stable": "; the marched motion was not seen to tend to it, so the march went on",
+    "wears": "; it would wear an abradable layer in every period, so the march went on",
+}
+"""What a run says of a periodic motion that it did not take, by the verdict."""
+AT_YIELD = (
+    ". It presses an abradable layer just to its yield stress: the multipliers hold for motions "
+    "that press it less"
+)
 ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
     "friction_dissipation_per_period": "dissipation",
@@ -190,26 +199,14 @@ def periodic_sentence(motion: Motion) -> str | None:
         after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
         return f"Periodic motion: not found {tried}: {after}."
     found = search_summary(search)
-    size = found["largest_multiplier"]
     several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
-    sentence = (
-        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
-        f"found {tried}"
-    )
-    if search.accepted and search.at_yield:
-        return (
-            f"{sentence}. It presses an abradable layer just to its yield stress: the multipliers "
-            "hold for motions that press it less."
-        )
+    end = REJECTED.get(search.verdict, "; the march went on")
     if search.accepted:
-        return f"{sentence}."
-    if search.verdict == "stable":
-        return f"{sentence}; the marched motion was not seen to tend to it, so the march went on."
-    if search.verdict == "wears":
-        return (
-            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
-        )
-    return f"{sentence}; the march went on."
+        end = AT_YIELD if search.at_yield else ""
+    return (
+        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier "
+        f"{found['largest_multiplier']:.6g}, found {tried}{end}."
+    )
 
 
 def basis_sentences(study: Study) -> list[str]:
@@ -269,12 +266,7 @@ def size_sentence(found: Sized) -> str:
     stored = found.stored
     known = stored.size + len(stored.further)
     taken = [f"{label} ({100.0 * size:.2g} %)" for label, size in found.energies.items()]
-    joined = (
-        f" It took, by the elastic energies that they have in the motion of all coordinates "
-        f"(square roots, relative to that of the first basis): {', '.join(taken)}."
-        if taken
-        else ""
-    )
+    joined = f" By their elastic energy it took {', '.join(taken)}." if taken else ""
     basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
     why = f"basis.accuracy = {basis.accuracy:g} {reached}"
     if basis.size is not None:
@@ -390,16 +382,5 @@ def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
     remedy = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
     return (
         f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
-        f"its amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
-    )
-
-
-def _multiplier_clause(motion: Motion) -> str:
-    """The part of a sentence that gives the largest Floquet multiplier, where it is known."""
-    if motion.search is None or not motion.search.multipliers.size:
-        return ""
-    found = search_summary(motion.search)
-    return (
-        f" (the periodic motion that Newton's method found is {found['verdict']}, with the largest "
-        f"Floquet multiplier {found['largest_multiplier']:.6g})"
+        f"its amplitudes are those of the last period only; {remedy}"
     )
