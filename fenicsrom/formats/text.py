@@ -57,6 +57,9 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except SceneError:
         raise
+    except RecursionError:
+        reason = "its sets or coordinate systems refer to each other without end"
+        raise refuse(path, reason) from None
     except (ArithmeticError, LookupError, StopIteration, ValueError) as error:
         reason = (
             f"cannot be read; the file may be truncated or damaged ({error or 'it ends early'})"
