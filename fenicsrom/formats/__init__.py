@@ -29,8 +29,6 @@ from fenicsrom.formats.parts import sorted_elements
 from fenicsrom.formats.text import reading
 from fenicsrom.formats.vtk import read_vtk
 
-__all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "divided", "read"]
-
 READERS = {
     "abaqus": read_abaqus,
     "nastran": read_nastran,

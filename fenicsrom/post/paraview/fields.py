@@ -150,8 +150,8 @@ def _attached(study: Study, kind: str) -> Attached:
         modes, attach = study.modes.normal, stress_fields(study)
         table = stress_table(study.solid, study.scene, study.solid.equilibrium, modes)
         stresses = table.modal_stress(np.eye(modes.shape[1]))
-        for label, stress in zip(study.modes.labels, stresses, strict=False):
-            found |= attach(stress, f"{label}_", "Pa_per_m_sqrt_kg")
+        for k, label in enumerate(study.modes.labels[: modes.shape[1]]):
+            found |= attach(stresses[k], f"{label}_", "Pa_per_m_sqrt_kg")
     return found
 
 

@@ -298,7 +298,7 @@ def _draw_points(
         (point,) = axis.plot(xs[k], ys[k], **DOTS[c.method], **look)
         noted(point, [_name(outcome)])
         if k in named:
-            place = {"xytext": (6, 5), "textcoords": "offset points", "fontsize": 8}
+            place: dict[str, Any] = {"xytext": (6, 5), "textcoords": "offset points", "fontsize": 8}
             axis.annotate(_name(outcome), (xs[k], ys[k]), **place)
 
 
