@@ -310,8 +310,9 @@ WRITTEN = re.compile(r"[\w{}*]+\.(png|gif|html|csv|json|npz|pvd|vtu)")
 def test_names_that_the_program_writes_are_all_listed() -> None:
     """Every name of a result in the code of `post`, `study` and `cli`, and of its folders."""
     package = Path(fenicsrom.__file__).parent
-    # of the command inspect; the record itself; in the folder of the state
+    # of the command inspect; the record itself; in the folder of the state; parts of the page
     elsewhere = {"mesh.png", "mesh.html", "provenance.json", "coordinates.json"}
+    elsewhere |= {"page.html", "charts.html"}
     found = set()
     for room in ("post", "study", "cli"):
         for path in (package / room).rglob("*.py"):
