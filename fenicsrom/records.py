@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.assess.rotation.run_up import RunUp
-    from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
@@ -42,25 +41,29 @@ class Rerun:
         stored: the stored model, under the scene of the run.
         motion: the motion; up to the failure if there was one.
         errors: estimated relative errors of the motion by their causes, as `Study.errors`.
-        unfinished: the error of the integration or of a check, or None.
+        unfinished: "reduced" and the error of the integration or of a check, or None.
         warnings: warnings for the user.
         sized: how the basis got its size; None if it has no candidates.
         stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
             or the model does not have them.
         left_out: sentences "NAME: REASON" on what was not computed.
         files: the written files, the report first.
+        pictures: the written pictures, as `fenicsrom.post.base.picture.Drawn`.
+        seconds: stage -> run time, s.
         run_up: the motion by revolutions; None at a constant speed of rotation.
     """
 
     stored: StoredModel
     motion: Motion
     errors: dict[str, MotionErrors]
-    unfinished: ConvergenceError | AccuracyError | None
+    unfinished: tuple[str, Exception] | None
     warnings: list[str]
     sized: Sized | None = None
     stresses: Stresses | None = None
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+    pictures: list[Any] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
     run_up: RunUp | None = None
 
     @property
@@ -102,11 +105,6 @@ class Rerun:
     def sizes(self) -> dict[str, int]:
         """Number of unknowns of the model."""
         return {"reduced": self.stored.size}
-
-    @property
-    def failed(self) -> tuple[str, Exception] | None:
-        """The name of the model whose integration or check failed, and its error."""
-        return None if self.unfinished is None else ("reduced", self.unfinished)
 
 
 @brief("scene", "labels", "modes", "model", "motions", "errors", "unfinished", "left_out", "files")
@@ -191,11 +189,6 @@ class Study:
     def frequencies_hz(self) -> Array:
         """Natural frequencies, Hz; none without modes."""
         return np.zeros(0) if self.modes is None else self.modes.frequencies_hz
-
-    @property
-    def failed(self) -> tuple[str, Exception] | None:
-        """The name of the model whose integration or check failed, and its error."""
-        return self.unfinished
 
     @property
     def recovery(self) -> Recovery | None:

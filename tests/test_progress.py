@@ -17,7 +17,6 @@ from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import CLEAR, refuse
 from fenicsrom.online.kernels.compilation import Compilations
 from fenicsrom.progress import duration, listening, tell, time_left, tracked
-from fenicsrom.scene import Time
 from fenicsrom.study import stopwatch
 
 
@@ -106,7 +105,6 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
     event: Any = SimpleNamespace(data={"dispatcher": function}, is_failed=False)
     lines: list[str] = []
     watch = stopwatch.Stopwatch()
-    motion = watch.progress("reduced", Time.of(periods=2))
     with heard(lines.append), watch("selection"):
         for k in tracked(range(10)):
             if k == 1:
@@ -114,30 +112,8 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
                 now += 60.0
                 compilation.on_end(event)
             now += 2.0
-    now += 4.0
-    with heard(lines.append):
-        motion(0.5, 1e-3)
     assert lines[1] == "  selection: 30 %, at most 14 s left"
-    assert lines[-1].endswith("at most 24 s left")
     assert watch.seconds["selection"] == pytest.approx(20.0)
-
-
-def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr(working.clock, "perf_counter", lambda: now)
-    lines: list[str] = []
-    report = stopwatch.Stopwatch().progress("full", Time.of(periods=10))
-    resumed = stopwatch.Stopwatch().progress("full", Time.of(periods=10))
-    now += 3.0
-    with heard(lines.append):
-        report(0.1, 1e-2)
-        resumed(0.7, 1e-2)
-        resumed(0.8, 1e-2)
-        now += 2.5
-        resumed(0.9, 1e-2)
-    assert "period 1 of at most 10" in lines[0] and "at most 27 s left" in lines[0]
-    assert "period 7 of at most 10" in lines[1] and "at most 9 s left" in lines[1]
-    assert "period 9 of at most 10" in lines[2] and "at most 2 s left" in lines[2]
 
 
 def test_stages_are_logged(caplog: pytest.LogCaptureFixture) -> None:

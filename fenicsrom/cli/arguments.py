@@ -35,6 +35,13 @@ class Command:
     arguments: tuple[Argument, ...]
 
 
+def command(
+    help: str, *arguments: Argument, name: str = ""
+) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
+    """Decorate the function of a command, whose name is that of the command by default."""
+    return lambda run: Command(name or run.__name__, help, run, arguments)
+
+
 def scene_file(content: str = "", **settings: Any) -> Argument:
     """Make the argument of the scene file; `content` says what the command reads in it."""
     return Argument("scene", help=f"scene file (TOML){content}", **settings)

@@ -108,21 +108,14 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
                 "; to compute all, run the command again"
             )
         return "nothing to continue from was kept; run the command again"
-    flag = options.name in ("sweep", "map")
-    words = list(options.arguments)
-    for name in ("--output",) if flag else ("--resume", "--output"):
-        while name in words:
-            place = words.index(name)
-            del words[place : place + 2]
-        words = [word for word in words if not word.startswith(f"{name}=")]
-    if flag:
+    words = ["fenicsrom", *options.arguments]  # of options that are repeated, the last one counts
+    if options.name in ("sweep", "map"):
         words += [] if "--resume" in words else ["--resume"]
     else:
         words += ["--resume", str(folder / state)]
     if options.name == "run" and holds_motion(folder / state):
-        again = shlex.join(["fenicsrom", *words, "--output", str(folder)])
-        return f"the motion was kept, but it is not checked; to check it: {again}"
-    return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
+        return f"the motion was kept, but it is not checked; to check it: {shlex.join(words)}"
+    return f"to continue: {shlex.join(words)}"
 
 
 def _is_of(options: argparse.Namespace, result: Path) -> bool:

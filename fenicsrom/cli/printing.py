@@ -95,24 +95,16 @@ def finish(found: Any, comm: Any) -> int:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: the error that ended the computation.
     """
-    if found.files:  # this rank wrote results
-        from fenicsrom.post.reports import report
+    from fenicsrom.post.base.report import failure_of
+    from fenicsrom.post.reports import report
 
+    if found.files and (comm is None or comm.rank == 0):
         shown = report(found)
         print_results(found.scene, shown.text(), shown.warnings, (), found.files, shown.varied)
     if getattr(found, "interrupted", False):
         raise KeyboardInterrupt
-    return end(comm, getattr(found, "unfinished", None))
-
-
-def end(comm: Any, error: Exception | None) -> int:
-    """Give the exit code 0, or raise the error after the first rank has written its files.
-
-    Raises:
-        ConvergenceError, AccuracyError: the given error.
-    """
-    if error is None:
+    if (error := failure_of(found)) is None:
         return 0
     if comm is not None:
-        comm.barrier()
+        comm.barrier()  # the first rank writes its files
     raise error

@@ -70,10 +70,7 @@ def _read_entries(path: Path) -> Entries:
         if not line.strip() or line.startswith("**"):
             continue
         words = [word for word in SEPARATOR.split(line.strip()) if word]
-        try:
-            numbers, value = [int(word) for word in words[:-1]], float(words[-1])
-        except (ValueError, IndexError):
-            numbers, value = [], 0.0
+        numbers, value = [int(word) for word in words[:-1]], float(words[-1])
         if len(numbers) == 4:
             found[(numbers[0], numbers[1]), (numbers[2], numbers[3])] = value
         elif len(numbers) == 2:

@@ -97,11 +97,7 @@ def read_dmig(path: Path) -> MatrixSet:
     found: dict[str, _Matrix] = {}
     for card in read_cards(path, whole=False):
         if card.name == "DMIG":
-            try:
-                _read_card(path, card, found)
-            except ValueError:
-                text = ", ".join(card.fields[:8])
-                raise refuse(path, f"a DMIG entry is damaged: {text}") from None
+            _read_card(path, card, found)
     square = {name: given for name, given in found.items() if given.form != RECTANGULAR}
     pairs = [pair for given in square.values() for pair in given.entries]
     labels = tuple(sorted({label for pair in pairs for label in pair}))

@@ -30,6 +30,7 @@ from fenicsrom.exchange.arrays import read_mat, read_npz
 from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
+from fenicsrom.formats.text import reading
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.kernels.symmetric import scaled
@@ -75,7 +76,8 @@ def read_matrices(path: Path) -> MatrixSet:
     if path.suffix.lower() not in READERS:
         known = ", ".join(READERS)
         raise refuse(path, f"the format of the file is not known: must end in one of {known}")
-    return READERS[path.suffix.lower()](path)
+    with reading(path):
+        return READERS[path.suffix.lower()](path)
 
 
 def superelement_model(matrices: MatrixSet, given: SuperelementScene) -> StoredModel:

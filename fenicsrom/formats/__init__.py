@@ -26,9 +26,8 @@ from fenicsrom.formats.mesh_file import Block, MeshFile
 from fenicsrom.formats.missing_nodes import complete
 from fenicsrom.formats.nastran import read_nastran
 from fenicsrom.formats.parts import sorted_elements
+from fenicsrom.formats.text import reading
 from fenicsrom.formats.vtk import read_vtk
-
-__all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "divided", "read"]
 
 READERS = {
     "abaqus": read_abaqus,
@@ -67,7 +66,9 @@ def read(path: Path) -> MeshFile:
             raise refuse(path, "the file has no cells; write the file with its mesh")
         mesh = divided(mesh)
     else:
-        mesh = sorted_elements(path, divided(READERS[form](path)))
+        with reading(path):
+            mesh = READERS[form](path)
+        mesh = sorted_elements(path, divided(mesh))
     for block in mesh.blocks:
         if block.nodes.min() < 0 or block.nodes.max() >= len(mesh.points):
             raise refuse(path, "a cell refers to a node that is not in the file")

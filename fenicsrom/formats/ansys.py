@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.errors import SceneError, refuse
+from fenicsrom.errors import refuse
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
 from fenicsrom.formats.missing_nodes import with_middles
@@ -80,13 +80,8 @@ def read_ansys(path: Path) -> MeshFile:
         SceneError: the file is damaged, or has no blocks of nodes and elements.
     """
     archive, lines = Archive(path), iter(read_lines(path))
-    try:
-        for line in lines:
-            _read(archive, line.strip(), lines)
-    except SceneError:
-        raise
-    except (ValueError, IndexError, StopIteration):
-        raise refuse(path, "a block cannot be read; the file may be truncated or damaged") from None
+    for line in lines:
+        _read(archive, line.strip(), lines)
     if not archive.nodes or not archive.elements:
         raise refuse(path, "the file has no NBLOCK and EBLOCK; write it with CDWRITE,DB")
     return _mesh(path, archive)

@@ -65,17 +65,10 @@ def read_nastran(path: Path) -> MeshFile:
         SceneError: the file is damaged, or has content that changes the mesh and is not supported.
     """
     cards = read_cards(path)
-    try:
-        numbers, points = _points(path, cards)
-    except ValueError as error:
-        raise refuse(path, f"a GRID or coordinate system is damaged: {error}") from None
+    numbers, points = _points(path, cards)
     blocks, not_read = _blocks(path, cards, numbers)
     points, notes = with_middles(blocks, points)
-    try:
-        nodes = _constrained(cards, numbers)
-    except ValueError as error:
-        raise refuse(path, f"an SPC or SPC1 is damaged: {error}") from None
-    mesh = MeshFile(points, blocks, nodes, not_read, notes)
+    mesh = MeshFile(points, blocks, _constrained(cards, numbers), not_read, notes)
     return with_physics(path, mesh, cards, numbers)
 
 
@@ -117,11 +110,7 @@ def _blocks(
             if card.name not in SILENT:
                 other[card.name] += 1
             continue
-        try:
-            label, kind, grids = _element(card)
-        except ValueError:
-            shown = f"{card.name} {card.text(0)}"
-            raise refuse(path, f"{shown}: the entry is incomplete; it may be damaged") from None
+        label, kind, grids = _element(card)
         if given.setdefault(label, grids) != grids:
             raise refuse(path, f"element {label} is given twice, with different nodes")
         if unknown := [number for number in grids if number and number not in numbers]:
@@ -153,7 +142,7 @@ def _element(card: Card) -> tuple[int, int, list[int]]:
     shape = SHAPES[kind]
     grids = (grids + [0] * shape.nodes)[: shape.nodes]
     if not all(grids[: shape.corners]):
-        raise ValueError
+        raise ValueError(f"{card.name} {card.text(0)} lacks a corner")
     return card.integer(0), kind, grids
 
 

@@ -29,7 +29,6 @@ class Systems:
     grids: dict[int, tuple[int, tuple[float, float, float]]]
     entries: dict[int, tuple[str, list[int] | Card]]
     _frames: dict[int, tuple[str, Floats, Floats]] = field(default_factory=dict)
-    _open: set[int] = field(default_factory=set)
 
     def basic(self, system: int, place: tuple[float, float, float]) -> Floats:
         """The coordinates (3,) in the basic system of a place in a system.
@@ -54,10 +53,8 @@ class Systems:
         """Kind, origin (3,) and axes (3, 3), as rows, of a system."""
         if system in self._frames:
             return self._frames[system]
-        if system not in self.entries or system in self._open:
-            reason = "refers to itself" if system in self._open else "is not in the file"
-            raise refuse(self.path, f"the coordinate system {system} {reason}")
-        self._open.add(system)
+        if system not in self.entries:
+            raise refuse(self.path, f"the coordinate system {system} is not in the file")
         name, given = self.entries[system]
         if isinstance(given, Card):
             below = given.integer(1)
@@ -65,7 +62,6 @@ class Systems:
             rows = [self.basic(below, (values[k], values[k + 1], values[k + 2])) for k in (0, 3, 6)]
         else:
             rows = [self._grid(number) for number in given]
-        self._open.discard(system)
         origin, z = rows[0], rows[1] - rows[0]
         y = np.cross(z, rows[2] - origin)
         if not np.linalg.norm(z) > 0.0 or not np.linalg.norm(y) > 0.0:

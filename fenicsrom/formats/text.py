@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 
 DEEPEST = 16
 """Files may include files to this depth; a file that includes itself would never end."""
@@ -42,6 +44,27 @@ def read_lines(path: Path) -> list[str]:
     """The lines of a text file, without the ends of the lines."""
     text = content_of(path).decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Refuse a file whose content raises an error where it is read.
+
+    Raises:
+        SceneError: the file is damaged.
+    """
+    try:
+        yield
+    except SceneError:
+        raise
+    except RecursionError:
+        reason = "its sets or coordinate systems refer to each other without end"
+        raise refuse(path, reason) from None
+    except (ArithmeticError, LookupError, StopIteration, ValueError) as error:
+        reason = (
+            f"cannot be read; the file may be truncated or damaged ({error or 'it ends early'})"
+        )
+        raise refuse(path, reason) from None
 
 
 def included(path: Path, name: str, what: str, depth: int) -> Path:

@@ -7,7 +7,7 @@ from fenicsrom.post.base.report import Report
 
 
 def report(found: Any) -> Report:
-    """The report of a record that `response`, `backbone`, `statics`, .. return.
+    """The report of a record that `run`, `response`, `statics`, .. return.
 
     `report(found).write(folder)` writes its files, `.text()` gives it for the terminal, and
     `.plot()` draws its first picture. A notebook shows it as a page.
@@ -29,13 +29,15 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.interaction_report import report as compose
         case "Matrix":
             from fenicsrom.post.studies.stability_report import report as compose
+        case "Study" | "Rerun":
+            from fenicsrom.post.run.report import report as compose
         case "Response":
             from fenicsrom.post.curves.response_report import report as compose
         case "Sweep":
             from fenicsrom.post.studies.sweep_report import report as compose
         case name:
             raise TypeError(
-                f"{name}: must be what response, backbone, statics, campbell, interaction_map, "
-                "compare, sweep or stability returns"
+                f"{name}: must be what run, modes, response, backbone, statics, campbell, "
+                "interaction_map, compare, sweep or stability returns"
             )
     return compose(found)

@@ -16,7 +16,7 @@ from typing import Any
 from fenicsrom.files import atomic_write
 from fenicsrom.scene.base.rules import show
 from fenicsrom.scene.base.tables import keys, plain, table_kind
-from fenicsrom.scene.json_schema import needed
+from fenicsrom.scene.json_schema import required_keys
 from fenicsrom.scene.keys.schema import Scene
 
 PART = re.compile(r"<!-- scene keys: begin (.+?) -->\n.*?<!-- scene keys: end -->", re.DOTALL)
@@ -90,7 +90,7 @@ def _section(heading: str, kind: type) -> Iterator[str]:
     yield ""
     yield "| key | allowed | default | unit | meaning |"
     yield "|---|---|---|---|---|"
-    required = needed(kind)[0]
+    required = required_keys(kind)
     for key, rule, meaning, default in keys(kind):
         allowed = rule.allowed.replace("|", r"\|")
         given = "required" if key in required else _default(default)

@@ -19,24 +19,3 @@ from fenicsrom.study.scene_stages import plan
 from fenicsrom.study.stage import Stage
 from fenicsrom.study.stored import rerun
 from fenicsrom.study.sweeps import run_sweep, sweep
-
-__all__ = [
-    "Stage",
-    "backbone",
-    "build_model",
-    "campbell",
-    "check",
-    "compare",
-    "interaction_map",
-    "modes",
-    "output_folder",
-    "plan",
-    "rerun",
-    "response",
-    "run",
-    "run_sweep",
-    "setup_picture",
-    "stability",
-    "statics",
-    "sweep",
-]

@@ -8,7 +8,6 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
-from fenicsrom.study.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
@@ -39,7 +38,7 @@ def integrate(run: Run, name: str) -> None:
             log.info(f"  warning: {text}")
     options = _checkpoints(run) if name == "reduced" else {}
     options |= {"keep_coordinates": name == "reduced", "stop": run.stop}
-    motion, error = integrated(run.watch, name, _model(study, name), scene, **options)
+    motion, error = integrated(_model(study, name), scene, **options)
     if error is not None:
         study.unfinished = (name, error)
     if motion is None:
@@ -51,14 +50,10 @@ def integrate(run: Run, name: str) -> None:
         _describe(study, name)  # of a motion that the size stage may replace, that stage does it
 
 
-def integrated(
-    watch: Stopwatch, name: str, model: Any, scene: Scene, **options: Any
-) -> tuple[Motion | None, Failure | None]:
+def integrated(model: Any, scene: Scene, **options: Any) -> tuple[Motion | None, Failure | None]:
     """Integrate a model.
 
     Args:
-        watch: says how far the run is.
-        name: the model: "reduced", "full" or "beam".
         model: the model.
         scene: the scene.
         options: of `simulate`. A finished motion as `resume` is returned: it lacks its checks only.
@@ -72,9 +67,8 @@ def integrated(
 
     if isinstance(options.get("resume"), Motion):
         return options["resume"], None
-    progress = watch.progress(name, scene.time)
     try:
-        return simulate(model, scene, progress=progress, **options), None
+        return simulate(model, scene, **options), None
     except (AccuracyError, ConvergenceError) as error:
         return error.partial if isinstance(error.partial, Motion) else None, error
 

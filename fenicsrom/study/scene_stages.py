@@ -155,64 +155,34 @@ def is_loaded(scene: Scene) -> bool:
 
 
 def solid_parts(scene: Scene) -> tuple[Item, ...]:
-    """List the matrices and equations that are assembled and solved with the solid."""
-    static = sum(load.static and load.size != 0.0 for load in scene.loads)
-    rotation = scene.rotation
+    """The parts of the solid."""
+    rotation, loaded = scene.rotation, is_loaded(scene)
     turning = rotation is not None and rotation.speed_rpm != 0.0
     coriolis = rotation is not None and turning and rotation.coriolis
-    ratios = scene.damping.modal
-    forces = counted(static, "static load") if static else "no static load"
-    forces += ", centrifugal force" if turning else ""
     speed = f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"
     frame = f"rotation.coriolis is {toml_value(coriolis)}" if turning else "no rotation"
-    given = f"damping.ratios of {counted(len(ratios), 'mode')}" if ratios else "no damping.ratios"
+    forces = "static loads and rotation" if loaded else "no static load, no rotation"
     return (
-        Item("static equilibrium", is_loaded(scene), forces),
+        Item("static equilibrium", loaded, forces),
         Item("rotating frame", turning, speed),
         Item("gyroscopic term", coriolis, frame),
-        Item("damped modes", any(ratios), given),
+        Item("damped modes", any(scene.damping.modal), "damping.ratios"),
     )
 
 
 def mode_parts(scene: Scene) -> tuple[Item, ...]:
-    """List the kinds of component modes."""
+    """The parts of the modes."""
+    basis, contacts = scene.basis, bool(scene.contacts)
     varies = any(not load.static for load in scene.loads)
-    responses = "static responses to loads that the modes do not represent"
+    modes = f"basis.modes is {basis.modes}"
+    if basis.modes == "auto":
+        modes += f": up to {HIGHEST_MODE * highest_frequency(scene):.5g} Hz, at least {LEAST_MODES}"
+    masters = f"basis.masters is {basis.masters}" if contacts else "no contact"
     return (
-        Item("normal modes", scene.basis.modes != 0, _normal_modes_reason(scene)),
-        Item("responses to loads", varies, responses),
-        Item("static modes", bool(scene.contacts), _static_modes_reason(scene)),
+        Item("normal modes", basis.modes != 0, modes),
+        Item("responses to loads", varies, "loads that the modes do not represent"),
+        Item("static modes", contacts, masters),
     )
-
-
-def _normal_modes_reason(scene: Scene) -> str:
-    """Say how many normal modes are computed, and why."""
-    modes = f"{'free' if scene.basis.method == 'rubin' else 'fixed'}-interface modes"
-    if scene.basis.modes != "auto":
-        return f"{scene.basis.modes} {modes}"
-    highest = highest_frequency(scene)
-    return (
-        f"{modes} up to {HIGHEST_MODE * highest:.5g} Hz, {HIGHEST_MODE:g} times the highest "
-        f"frequency that the scene excites, and the next one, but at least {LEAST_MODES}"
-    )
-
-
-def _static_modes_reason(scene: Scene) -> str:
-    """Describe the contact displacements that have static modes."""
-    masters = scene.basis.masters
-    if not scene.contacts:
-        return "no contact"
-    if not isinstance(masters, str):
-        return f"interface modes, at most {masters}"
-    each = scene.geometry.dimension if masters == "all" else 1
-    what = "contact displacements" if masters == "all" else "normal contact displacements"
-    points = sum(contact.place.at != "nodes" for contact in scene.contacts)
-    regions = [k for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
-    if not regions:
-        return f"{points * each} {what}"
-    parts = [f"{points * each}"] if points else []
-    parts += [f"{each} per node of contacts[{k}]" for k in regions]
-    return f"{what}: {', '.join(parts)}"
 
 
 def derivatives_reason(scene: Scene) -> str:
@@ -244,21 +214,16 @@ def reduction_parts(scene: Scene) -> tuple[Item, ...]:
     projected = scene.basis.elastic_force == "projection"
     elastic, dimension = elastic_reason(scene), scene.geometry.dimension
     regions = sum(contact.place.at == "nodes" for contact in scene.contacts)
-    points = len(scene.contacts) - regions
-    parts = [counted(points, "point")] if points else []
-    parts += [f"every node of {counted(regions, 'place')}"] if regions else []
-    where = " and ".join(parts) or "no contact"
-    weighted = where if regions or not touching else "no region of many nodes"
-    space = f"{dimension} dimensions" if touching else "no contact"
-    followers = len(scene.followers)
-    pressed = counted(followers, "pressure") if followers else "no pressure follows the deformation"
+    where = counted(len(scene.contacts), "contact") if touching else "no contact"
+    whole = f"{counted(regions, 'contact')} of every node of a place"
+    pressed = f"{counted(len(scene.followers), 'pressure')} with follower = true"
     return (
         Item("elastic polynomial", nonlinear and not projected, elastic),
         Item("intrusive projection", nonlinear and projected, elastic),
-        Item("follower pressures", followers > 0, pressed),
+        Item("follower pressures", bool(scene.followers), pressed),
         Item("contact forces", touching, where),
-        Item("contact weighting", regions > 0, weighted),
-        Item("second tangent direction", touching and dimension == 3, space),
+        Item("contact weighting", regions > 0, whole),
+        Item("second tangent direction", touching and dimension == 3, f"{dimension}D, {where}"),
     )
 
 

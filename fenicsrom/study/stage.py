@@ -11,7 +11,6 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
-    from fenicsrom.records import Study
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 
@@ -51,8 +50,8 @@ class Run:
     """The data that the stages of one run share.
 
     Attributes:
-        study: the record that the stages fill.
-        comm: MPI communicator of the offline stages and the full model.
+        study: the record that the stages fill: a `Study`, or the `Rerun` of a stored model.
+        comm: MPI communicator of the offline stages and the full model; None for a stored model.
         watch: times the stages.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
@@ -62,7 +61,7 @@ class Run:
         reduction: the stages from the modes to the reduced model.
     """
 
-    study: Study
+    study: Any
     comm: Any
     watch: Stopwatch
     folder: Path | None = None
@@ -71,3 +70,8 @@ class Run:
     mesh: Mesh | None = None
     snapshots: Snapshots = field(init=False)
     reduction: Reduction = field(init=False)
+
+    @property
+    def first(self) -> bool:
+        """Whether this rank writes the files."""
+        return self.comm is None or self.comm.rank == 0

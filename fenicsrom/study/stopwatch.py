@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from fenicsrom.progress import duration, listening, log, working_time
-from fenicsrom.scene import Time
 
-PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
 IN_PARTS = ("size", "checks")  # stages of several motions, each of which begins at 0 %
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
@@ -73,35 +71,6 @@ class Stopwatch:
         finally:
             self.stage = outer
         self.seconds[stage] = working_time() - work
-
-    def progress(self, model: str, time: Time) -> Callable[[float, float], None]:
-        """Make a callback for `simulate` that reports the progress every two seconds.
-
-        The time that is left is an upper bound, because a steady motion ends the run.
-
-        Args:
-            model: name of the model.
-            time: the time integration of the run.
-        """
-        begin, steady = working_time(), time.steady_tolerance
-        count = 0
-
-        def report(fraction: float, change: float) -> None:
-            nonlocal count
-            assert time.periods is not None
-            count += 1
-            now = working_time()
-            if now - self._last > PROGRESS_INTERVAL:
-                self._last = now
-                goal = f" (steady at {steady:.0e})" if steady else ""
-                done = round(fraction * time.periods)
-                rest = (now - begin) / count * (time.periods - done)  # a resumed run has done some
-                log.info(
-                    f"  {model}: period {done} of at most {time.periods}, change {change:.1e}{goal}"
-                    f"{_at_most(rest)}"
-                )
-
-        return report
 
 
 def _at_most(seconds: float) -> str:

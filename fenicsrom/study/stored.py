@@ -6,14 +6,14 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.study import writing
+from fenicsrom.study.execution import execute
 from fenicsrom.study.motions import checked, integrated
-from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
+from fenicsrom.study.stage import Run, Stage
+from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.base.picture import Drawn
     from fenicsrom.records import Rerun
 
 
@@ -54,7 +54,7 @@ def rerun(
     keep = keeper(folder / CHECKPOINT, model, scene)
     options: dict[str, Any] = {"resume": begin, "checkpoint": keep, "keep_coordinates": True}
     with watch("reduced motion"):
-        motion, unfinished = integrated(watch, "reduced", model, scene, stop=stop, **options)
+        motion, unfinished = integrated(model, scene, stop=stop, **options)
     if motion is None:
         assert unfinished is not None
         raise unfinished
@@ -64,41 +64,36 @@ def rerun(
     too_few = missing_modes(scene, stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)
+    failure = None if unfinished is None else ("reduced", unfinished)
     left_out = rerun_left_out(stored, motion)
-    found = Rerun(stored, motion, {}, unfinished, warnings, left_out=left_out)
-    if unfinished is None:
-        _judge(found, folder, watch, stop)
-    _write(found, folder, watch, stop)
+    found = Rerun(stored, motion, {}, failure, warnings, left_out=left_out)
+    stages = [
+        Stage("size", True, "", _fit_size),
+        Stage("checks", True, "", _check),
+        Stage("stresses", scene.output.stresses != "none", "", _find_stresses),
+        Stage("numbers", True, "", writing.numbers, writes=True),
+        Stage("pictures", scene.output.pictures, "", _draw, writes=True),
+        Stage("report", True, "", writing.report, writes=True),
+    ]
+    needed = [stage for stage in stages if stage.needed]
+    execute(Run(found, None, watch, folder, stop=stop), needed)
     return found
 
 
-def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:
-    """Check a motion and find its stresses; an interrupt keeps its numbers.
-
-    Raises:
-        KeyboardInterrupt: `stop` returned True, or the run was interrupted.
-    """
-    from fenicsrom.post.run.sentences import unchecked_sentence
-    from fenicsrom.post.run.summary import write_numbers
-
-    try:
-        stop_where_asked(stop)
-        with watch("size"):
-            _fit_size(found, stop)
-        stop_where_asked(stop)
-        with watch("checks"):
-            rejected = checked(found, found.stored.meshes)
-            found.unfinished = None if rejected is None else rejected[1]
-        if found.unfinished is None:
-            found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
-    except KeyboardInterrupt:
-        if "checks" not in watch.seconds:
-            found.warnings.append(unchecked_sentence(found.errors))
-        write_numbers(found, folder, whole=True)
-        raise
+def _check(run: Run) -> None:
+    """Check the motion."""
+    run.study.unfinished = checked(run.study, run.study.stored.meshes)
 
 
-def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
+def _draw(run: Run) -> None:
+    """Draw the pictures of the motion and the stresses."""
+    from fenicsrom.post.run.pictures import write_rerun_pictures
+
+    assert run.folder is not None
+    run.study.pictures = write_rerun_pictures(run.study, run.folder)
+
+
+def _fit_size(run: Run) -> None:
     """Let the model take coordinates until its basis is accurate enough; describe its motion."""
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.assess.rotation.run_up import run_up
@@ -110,7 +105,8 @@ def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
         rerun_left_out,
     )
 
-    chosen = fitted(found.stored, found.motion, stop, found.warnings)
+    found: Rerun = run.study
+    chosen = fitted(found.stored, found.motion, run.stop, found.warnings)
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
         found.left_out = rerun_left_out(found.stored, found.motion)
@@ -121,55 +117,19 @@ def _fit_size(found: Rerun, stop: Callable[[], bool]) -> None:
         found.warnings.append(UNJUDGED_MATRICES if superelement else UNJUDGED)
 
 
-def _stresses(
-    stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
-) -> Stresses | None:
-    """Find the stresses if the scene asks for stresses; warn if the model has no stresses."""
+def _find_stresses(run: Run) -> None:
+    """Find the largest stresses, and warn of large strains and of a model without stresses."""
     from fenicsrom.assess.errors.large_strains import state_warnings
     from fenicsrom.online.stress.stress_peaks import find_stresses
 
-    scene = stored.scene
-    if scene.output.stresses == "none":
-        return None
+    found: Rerun = run.study
+    stored, warnings = found.stored, found.warnings
     if stored.recovery is None:
         warnings.append(
             "the stored model has no stresses: it was made from a scene with output.stresses = "
             '"none"; run that scene again with another value'
         )
-        return None
-    with watch("stresses"):
-        found = find_stresses(
-            stored.recovery, scene, stored.model, motion, stored.frequencies_hz.size
-        )
-    warnings += state_warnings(found, motion_only=stored.deformation is not None)
-    return found
-
-
-def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:
-    """Write the numbers, the pictures and the report, and note the files, the report first.
-
-    A picture that cannot be drawn adds a warning. An interrupt before the report keeps the whole
-    motion in the checkpoint.
-
-    Raises:
-        KeyboardInterrupt: `stop` returned True, or the run was interrupted.
-    """
-    from fenicsrom.post.run.pictures import write_rerun_pictures
-    from fenicsrom.post.run.report import write_run_report
-    from fenicsrom.post.run.summary import write_checkpoint, write_numbers
-
-    stored = found.stored
-    stop_where_asked(stop)
-    with watch("numbers"):
-        files = write_numbers(found, folder)
-    written: list[Drawn] = []
-    try:
-        stop_where_asked(stop)
-        if stored.scene.output.pictures:
-            with watch("pictures"):
-                written = write_rerun_pictures(found, folder)
-        report = write_run_report(found, written, folder)
-    except KeyboardInterrupt:
-        write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
-        raise
-    found.files += [report, *files, *(one.path for one in written)]
+        return
+    count = stored.frequencies_hz.size
+    found.stresses = find_stresses(stored.recovery, found.scene, stored.model, found.motion, count)
+    warnings += state_warnings(found.stresses, motion_only=stored.deformation is not None)

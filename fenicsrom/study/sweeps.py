@@ -18,7 +18,7 @@ from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.reading.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
-from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+from fenicsrom.study.stopwatch import never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
     from fenicsrom.online.store.archive import StoredModel
 
+PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress, s
 MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
 Row = dict[str, Any]
 

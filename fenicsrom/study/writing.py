@@ -21,7 +21,7 @@ def numbers(run: Run) -> None:
     """Write the summary, the history and the checkpoint."""
     from fenicsrom.post.run.summary import write_numbers
 
-    if run.comm.rank == 0:
+    if run.first:
         run.study.files = [*write_numbers(run.study, _output(run)), *run.study.files]
 
 
@@ -32,7 +32,7 @@ def keep_motion(run: Run) -> None:
     from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
     study, done = run.study, run.watch.seconds
-    if run.folder is None or run.comm.rank or study.unfinished or "reduced" not in study.motions:
+    if run.folder is None or not run.first or study.unfinished or "reduced" not in study.motions:
         return
     if "numbers" not in done:
         study.warnings.extend([] if "checks" in done else [unchecked_sentence(study.errors)])
@@ -67,7 +67,7 @@ def paraview_scene(run: Run) -> None:
 
     study, folder = run.study, _output(run)
     study.files += write_groups(study.solid, folder)
-    if run.comm.rank != 0:
+    if not run.first:
         return
     motion = study.motions.get("reduced") if study.scene.output.motion else None
     times: Array = np.zeros(1)
@@ -91,7 +91,7 @@ def stress_picture(run: Run) -> None:
     """Draw the largest von Mises stress."""
     from fenicsrom.post.run.pictures import write_stress_picture
 
-    if run.comm.rank == 0:
+    if run.first:
         run.study.pictures += write_stress_picture(run.study, _output(run))
 
 
@@ -109,10 +109,12 @@ def report(run: Run) -> None:
     from fenicsrom.post.run.pictures import turning_pages
     from fenicsrom.post.run.report import write_run_report
     from fenicsrom.post.run.summary import SUMMARY, summary
+    from fenicsrom.records import Study
 
     study, folder = run.study, _output(run)
-    pages = turning_pages(study) if study.scene.output.pictures else []
-    if run.comm.rank == 0:
+    turns = isinstance(study, Study) and study.scene.output.pictures
+    pages = turning_pages(study) if turns else []
+    if run.first:
         write_summary(folder / SUMMARY, summary(study))
         report = write_run_report(study, study.pictures, folder, pages)
         study.files = [report, *study.files, *(one.path for one in study.pictures)]

@@ -494,8 +494,8 @@ def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
     assert summary["combinations"][1]["error_percent"]["amplitude_tangential"] == pytest.approx(1.0)
     assert summary["full"]["seconds"] == 4.2 and summary["compilation_seconds"] == 3.0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64") == 2 and "http" not in page
-    assert page.count("<img alt=") == 3  # a script puts a chart in the place of the third
+    assert "data:image/png;base64" not in page and "http" not in page
+    assert page.count("<img alt=") == 3  # a script puts a chart in the place of each
     assert "Pareto" in page and full_cache.machine()["processor"] in page
     assert "time integration stopped" in report(found).text()
 

@@ -62,7 +62,7 @@ def test_open_scene_has_variants() -> None:
 def test_command_refuses_random_variants_on_an_axis(tmp_path: Path) -> None:
     call = ["stability", str(SCENE), "--random", "2", "--axis", "load", "--output", str(tmp_path)]
     with refusal(ErrorKind.CONFLICT, "--random"):
-        command(make_parser().parse_args(call))
+        command.run(make_parser().parse_args(call))
     with pytest.raises(SystemExit):
         make_parser().parse_args(["stability", str(SCENE), "--random", "-1"])
 

@@ -375,8 +375,8 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(study, "run", interrupted)
     call = ["run", str(SCENE), "--set", "basis.modes=1", "--output"]
     assert main([*call, str(tmp_path / "kept")]) == 130
-    words = f"fenicsrom run {SCENE} --set basis.modes=1 --resume {tmp_path / 'kept'}/checkpoint.npz"
-    assert f"to continue: {words} --output {tmp_path / 'kept'}" in capsys.readouterr().err
+    words = f"fenicsrom {' '.join(call)} {tmp_path / 'kept'} --resume {tmp_path / 'kept'}"
+    assert f"to continue: {words}/checkpoint.npz" in capsys.readouterr().err
     assert main([*call, str(tmp_path / "model")]) == 130
     words = f"--from {tmp_path / 'model'}/reduced_model.npz --output {tmp_path / 'model'}_reduced"
     assert f"to run this model: fenicsrom run {words};" in capsys.readouterr().err
@@ -658,7 +658,7 @@ def test_readme_table_matches_run(tmp_path, capsys):
 
 def test_modes_command_prints_frequencies_and_writes_shapes(tmp_path, capsys):
     assert main(["modes", str(SCENE), "--output", str(tmp_path), *NO_PICTURES]) == 0
-    assert "1V  3.28 Hz" in capsys.readouterr().out
+    assert "1V    3.28" in capsys.readouterr().out
     assert (tmp_path / "derivatives.vtu").exists() and not (tmp_path / "history.npz").exists()
 
 

@@ -460,7 +460,9 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     marched = run(model, period, contacts, steady="march")
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
-    stored: Any = SimpleNamespace(size=4, scene=beam_scene(2), model=model)
+    stored: Any = SimpleNamespace(
+        size=4, scene=beam_scene(2), model=model, whole=None, frequencies_hz=np.zeros(0)
+    )
     page = write_run_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from motions import PERIOD, jenkins, motion, side_by_side
+from support import beam_scene, contact_points
 from test_figures import drawn, texts
 
 from fenicsrom.post.run import motion_figures
@@ -96,7 +98,10 @@ def test_modal_coordinates_have_panel_each(tmp_path):
 
 def test_each_picture_is_drawn_only_where_it_answers_a_question():
     def names(case):
-        return [picture.name for picture in motion_pictures({"reduced": case})]
+        scene, points = beam_scene(2), contact_points([1.0, 0.0])
+        run = {"motions": {"reduced": case}, "frequencies_hz": np.zeros(0)}
+        found = SimpleNamespace(**run, scene=scene, points=points)
+        return [picture.name for picture in motion_pictures(found)]
 
     assert names(jenkins(periods=3)) == ["motion.png", "contact.png", "energy.png"]
     assert names(jenkins(periods=4)) == [*names(jenkins(periods=3)), "energy_per_period.png"]

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from motions import jenkins, side_by_side
-from support import beam_scene
+from support import beam_scene, contact_points
 
 from fenicsrom.post.run.motion_table import (
     PERIODS_NOTE,
     points_note,
     response_note,
     response_rows,
-    response_table,
 )
+from fenicsrom.post.run.report import report
 from fenicsrom.post.run.sentences import (
     basis_sentences,
     estimate_rows,
@@ -25,7 +25,7 @@ from fenicsrom.post.run.sentences import (
     speed_sentence,
     step_sentence,
 )
-from fenicsrom.records import Study
+from fenicsrom.records import Rerun, Study
 from fenicsrom.reduction.selection import Selection
 
 
@@ -47,17 +47,23 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
 
 
 def test_notes_of_the_table_say_what_its_periods_are() -> None:
-    motions = {"reduced": jenkins()}
-    assert PERIODS_NOTE in response_note(motions)
-    assert PERIODS_NOTE in response_table(motions, {}, ["x", "y"], beam_scene(2))
-    assert response_table({}, {}, ["x", "y"], beam_scene(2)) == ""
+    motion, points = jenkins(), contact_points([1.0, 0.0])
+    stored: Any = SimpleNamespace(
+        size=4,
+        scene=beam_scene(2),
+        whole=None,
+        model=SimpleNamespace(points=points),
+        frequencies_hz=np.zeros(0),
+    )
+    assert PERIODS_NOTE in report(Rerun(stored, motion, {}, None, [])).text()
+    assert response_rows({}, {}, ["x", "y"]) == []
 
 
 def test_motion_without_a_period_counts_nothing_in_periods() -> None:
     motions = {"reduced": replace(jenkins(), period=None)}
     head, row = response_rows(motions, {"reduced": 2}, ["x", "y"])
     assert "J" in head and len(row) == len(head)
-    shown = response_table(motions, {}, ["x", "y"], beam_scene(2)) + response_note(motions)
+    shown = " ".join(head) + response_note(motions)
     assert "period" not in shown.lower() and "steady" not in shown
     assert row[head.index("J")] == f"{motions['reduced'].friction_dissipation[-1]:.5g}"
 
@@ -71,7 +77,6 @@ def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
     several = {"reduced": side_by_side(one, pushed, one), "beam": one}
     note = points_note(several, scene)
     assert note is not None
-    assert note in response_table(several, {}, ["normal x", "tangential y"], scene)
     assert "contact point 1;" in note and "3 points" in note and note.endswith("of point 2.")
     note = points_note(several | {"full": side_by_side(one, one, pushed)}, probe)
     assert note is not None and "2 (reduced), 3 (full)" in note and "not of the probe" in note

@@ -741,8 +741,6 @@ def test_unreadable_file_is_refused(tmp_path: Path) -> None:
         (b"x = " + 5000 * b"[", ErrorKind.FORMAT),
         (b"x = " + 5000 * b"9", ErrorKind.FORMAT),
         (50 * b"a." + b"a = 1", ErrorKind.UNKNOWN_KEY),
-        (100_000 * b"a." + b"a = 1", ErrorKind.FORMAT),  # Python's parser would take a minute
-        (b"[" + 100_000 * b"a." + b"a]", ErrorKind.FORMAT),
     ):
         scene.write_bytes(content)
         assert kind(scene) == expected
@@ -1092,13 +1090,10 @@ FIRST_LOAD = ("loads", 0)
         ((*FIRST_LOAD, "harmonics"), [[2, 1.0, 0.0]], True),
         ((*FIRST_LOAD, "harmonics"), [[0, 1.0, 0.0]], False),
         ((*FIRST_LOAD, "harmonics"), [[1.5, 1.0, 0.0]], False),
-        ((*FIRST_LOAD, "box"), [[0, 0], [1, 1]], False),
-        ((*FIRST_LOAD, "group"), None, False),
         (("basis", "derivatives"), ["1V1V"], True),
         (("basis", "derivatives"), ["0V1V"], False),
         (("basis", "derivatives"), ["1V1V", "1V1V"], False),
         (("compare", "modes"), [1, 1], False),
-        (("supports", 0, "plane"), {"point": [0, 0], "normal": [1, 0]}, False),
         (
             ("loads",),
             [
@@ -1119,11 +1114,6 @@ FIRST_LOAD = ("loads", 0)
         (
             FIRST_LOAD,
             {"group": "load", "direction": [0, 1], "force": 1.0, "phase": False},
-            False,
-        ),
-        (
-            FIRST_LOAD,
-            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": 0.5},
             False,
         ),
     ],

@@ -111,7 +111,7 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     call = ["run", str(SCENE), *(word for value in sets for word in ("--set", value)), "--output"]
     assert main([*call, str(tmp_path)]) == 130
     said = capsys.readouterr().err
-    again = f"--resume {tmp_path / 'checkpoint.npz'} --output {tmp_path}"
+    again = f"--output {tmp_path} --resume {tmp_path / 'checkpoint.npz'}"
     assert "not checked" in said and again in said
     told = json.loads((tmp_path / "summary.json").read_text())
     assert UNCHECKED in told["warnings"] and (tmp_path / "history.npz").exists()

@@ -3,29 +3,24 @@
 import argparse
 
 from fenicsrom import __version__
-from fenicsrom.cli.commands import (
-    cache,
-    export,
-    import_matrices,
-    init,
-    inspect,
-    modes,
-    plan,
-    report,
-    run,
-    schema,
-    stability,
-    studies,
-    sweep,
-    view,
-)
+from fenicsrom.cli.commands import studies
+from fenicsrom.cli.commands.cache import cache
+from fenicsrom.cli.commands.export import export
+from fenicsrom.cli.commands.import_matrices import import_matrices
+from fenicsrom.cli.commands.init import init
+from fenicsrom.cli.commands.inspect import inspect
+from fenicsrom.cli.commands.modes import modes
+from fenicsrom.cli.commands.plan import plan
+from fenicsrom.cli.commands.report import report
+from fenicsrom.cli.commands.run import run
+from fenicsrom.cli.commands.schema import schema
+from fenicsrom.cli.commands.stability import stability
+from fenicsrom.cli.commands.sweep import sweep
+from fenicsrom.cli.commands.view import view
 
-COMMANDS = (
-    *(module.COMMAND for module in (run, plan, modes, inspect, init)),
-    *studies.COMMANDS,
-    *(module.COMMAND for module in (sweep, export, import_matrices, cache, schema)),
-    *(module.COMMAND for module in (stability, view, report)),
-)
+FIRST = (run, plan, modes, inspect, init)
+LAST = (sweep, export, import_matrices, cache, schema, stability, view, report)
+COMMANDS = (*FIRST, *studies.COMMANDS, *LAST)
 """In the order of the help."""
 
 

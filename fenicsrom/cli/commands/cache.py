@@ -2,12 +2,13 @@
 
 import argparse
 
-from fenicsrom.cli.arguments import Argument, Command
+from fenicsrom.cli.arguments import Argument, command
 from fenicsrom.words import counted
 
 CLEAR = Argument("--clear", action="store_true", help="remove all results")
 
 
+@command("show the results that later runs use again, or remove them", CLEAR)
 def cache(options: argparse.Namespace) -> int:
     """Show the cache of results, or empty it."""
     from fenicsrom.online.store import result_cache
@@ -26,8 +27,3 @@ def cache(options: argparse.Namespace) -> int:
         f"{result_cache.LIMIT / 1e6:.0f} MB; the oldest are removed first"
     )
     return 0
-
-
-COMMAND = Command(
-    "cache", "show the results that later runs use again, or remove them", cache, (CLEAR,)
-)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.arguments import FILE, SET, Argument, Command, refused
+from fenicsrom.cli.arguments import FILE, SET, Argument, command, refused
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind
@@ -19,6 +19,13 @@ FORMAT = Argument(
 )
 
 
+@command(
+    "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
+    MODEL,
+    FORMAT,
+    SET,
+    FILE,
+)
 def export(options: argparse.Namespace) -> int:
     """Write a stored model, or the deck of a scene, for another program.
 
@@ -59,11 +66,3 @@ def _export_scene(options: argparse.Namespace) -> int:
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])
     return 0
-
-
-COMMAND = Command(
-    "export",
-    "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
-    export,
-    (MODEL, FORMAT, SET, FILE),
-)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.arguments import FILE, Argument, Command
+from fenicsrom.cli.arguments import FILE, Argument, command
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 
@@ -17,6 +17,13 @@ INTERFACE_SCENE = Argument(
 )
 
 
+@command(
+    "make a reduced model of the matrices of a linear superelement",
+    MATRICES,
+    INTERFACE_SCENE,
+    FILE,
+    name="import",
+)
 def import_matrices(options: argparse.Namespace) -> int:
     """Make a stored model of the matrices of a superelement.
 
@@ -42,11 +49,3 @@ def import_matrices(options: argparse.Namespace) -> int:
     ]
     print_results(stored.scene, "", [], lines, [path])
     return 0
-
-
-COMMAND = Command(
-    "import",
-    "make a reduced model of the matrices of a linear superelement",
-    import_matrices,
-    (MATRICES, INTERFACE_SCENE, FILE),
-)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command, refused
+from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, command, refused
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import inspected
@@ -26,6 +26,9 @@ TEMPLATE = Argument(
 )
 
 
+@command(
+    "write a starter scene for a mesh file", MESH, SCALE, SIZE, UNITS, ROOT, TIP, TEMPLATE, FILE
+)
 def init(options: argparse.Namespace) -> int:
     """Write a starter scene beside a mesh file.
 
@@ -72,11 +75,3 @@ def _first_mode(text: str, path: Path, tip: str | None, warnings: list[str]) -> 
     except (SceneError, ConvergenceError) as error:
         warnings.append(f"the scene has no load yet, because its modes were not found: {error}")
         return None
-
-
-COMMAND = Command(
-    "init",
-    "write a starter scene for a mesh file",
-    init,
-    (MESH, SCALE, SIZE, UNITS, ROOT, TIP, TEMPLATE, FILE),
-)

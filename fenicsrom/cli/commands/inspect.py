@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, Command
+from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, command
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import inspected, positive
@@ -11,6 +11,14 @@ from fenicsrom.cli.starting import inspected, positive
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 
 
+@command(
+    "describe a mesh file: cells, box, volume, mass, groups and what is not read",
+    MESH,
+    DENSITY,
+    SCALE,
+    SIZE,
+    OUTPUT,
+)
 def inspect(options: argparse.Namespace) -> int:
     """Describe a mesh file.
 
@@ -33,11 +41,3 @@ def inspect(options: argparse.Namespace) -> int:
     if found.refusal is not None:
         raise found.refusal
     return 0
-
-
-COMMAND = Command(
-    "inspect",
-    "describe a mesh file: cells, box, volume, mass, groups and what is not read",
-    inspect,
-    (MESH, DENSITY, SCALE, SIZE, OUTPUT),
-)

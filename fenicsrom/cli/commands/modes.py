@@ -3,28 +3,17 @@
 import argparse
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import RESULTS, SCENE, Command
+from fenicsrom.cli.arguments import RESULTS, SCENE, command
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import start
 from fenicsrom.cli.termination import is_terminated
 
 
+@command("compute only the modes and modal derivatives, for ParaView", SCENE, *RESULTS)
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
     comm, scene = start(options, unloaded=True)
-    from fenicsrom.post.run import sentences
-
     with opened(options, scene, comm) as folder:
         found = study.run(scene, comm, folder=folder, modes_only=True, stop=is_terminated)
-        if comm.rank == 0:
-            print_results(scene, "", found.warnings, sentences.mode_lines(found), found.files)
-    return 0
-
-
-COMMAND = Command(
-    "modes",
-    "compute only the modes and modal derivatives, for ParaView",
-    modes,
-    (SCENE, *RESULTS),
-)
+        return finish(found, comm)

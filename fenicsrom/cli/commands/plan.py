@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import SCENE, SET, Argument, Command, refused
+from fenicsrom.cli.arguments import SCENE, SET, Argument, command, refused
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import logged_progress, print_results
 from fenicsrom.cli.starting import given_keys
@@ -22,6 +22,12 @@ OWN_TABLES = ("compare", "campbell", "map", "response", "backbone", "statics")
 """Commands that have a table in the scene; the table has the name of the command."""
 
 
+@command(
+    "list the stages of a scene: which ones run, which ones are left out, and why",
+    SCENE,
+    SET,
+    PICTURE,
+)
 def plan(options: argparse.Namespace) -> int:
     """List the stages of `run`, and the other commands for which the scene has tables.
 
@@ -35,11 +41,9 @@ def plan(options: argparse.Namespace) -> int:
     for item in study.plan(scene):
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
         print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
-    for command in OWN_TABLES:
-        if any(key.split(".")[0] == command for key in given_keys(options)):
-            print(
-                f"the table [{command}] is for another command: fenicsrom {command} {options.scene}"
-            )
+    given = {key.split(".")[0] for key in given_keys(options)}
+    for table in (name for name in OWN_TABLES if name in given):
+        print(f"the table [{table}] is for another command: fenicsrom {table} {options.scene}")
     if options.picture is not None:
         from fenicsrom.post.base.picture import draw_pictures
 
@@ -52,11 +56,3 @@ def plan(options: argparse.Namespace) -> int:
         files = [one.path for one in draw_pictures([picture], path.parent, warnings)]
         print_results(None, "", warnings, files=files)
     return 0
-
-
-COMMAND = Command(
-    "plan",
-    "list the stages of a scene: which ones run, which ones are left out, and why",
-    plan,
-    (SCENE, SET, PICTURE),
-)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.arguments import Argument, Command, refused
+from fenicsrom.cli.arguments import Argument, command, refused
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind
@@ -14,6 +14,7 @@ FOLDERS = Argument(
 OUTPUT = Argument("--output", metavar="DIR", default="out/report", help="folder of the page")
 
 
+@command("compare the results of several output folders on one page", FOLDERS, OUTPUT)
 def report(options: argparse.Namespace) -> int:
     """Write a page with the results of several output folders.
 
@@ -31,11 +32,3 @@ def report(options: argparse.Namespace) -> int:
     table, files = write([Path(folder) for folder in options.folders], output)
     print_results(None, table, [], files=files)
     return 0
-
-
-COMMAND = Command(
-    "report",
-    "compare the results of several output folders on one page",
-    report,
-    (FOLDERS, OUTPUT),
-)

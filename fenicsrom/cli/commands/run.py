@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, Command
+from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, command
 from fenicsrom.cli.output import opened
-from fenicsrom.cli.printing import end, print_results
+from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 
 if TYPE_CHECKING:
-    from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESUME = Argument(
@@ -26,6 +24,9 @@ RESUME = Argument(
 )
 
 
+@command(
+    "run a scene, or integrate a stored reduced model again", SCENE_OR_MODEL, RESUME, *FROM_MODEL
+)
 def run(options: argparse.Namespace) -> int:
     """Run a scene or a stored model."""
     if options.stored:
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     with opened(options, scene, comm) as folder:
         settings = {"resume": options.resume, "stop": is_terminated, "fresh": options.fresh}
         found = study.run(scene, comm, folder=folder, **settings)
-        return _finish(found, comm)
+        return finish(found, comm)
 
 
 def _from_model(options: argparse.Namespace) -> int:
@@ -53,7 +54,7 @@ def _from_model(options: argparse.Namespace) -> int:
     current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
         settings = {"resume": options.resume, "stop": is_terminated, "given": given_keys(options)}
-        return _finish(study.rerun(current, folder, **settings))
+        return finish(study.rerun(current, folder, **settings), None)
 
 
 def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
@@ -65,25 +66,5 @@ def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
         stored = study.build_model(scene, comm=comm)
         save_model(folder / MODEL, stored)
         found = study.rerun(stored, folder, resume=options.resume, stop=is_terminated)
-        return _finish(found, more=[folder / MODEL])
-
-
-def _finish(found: Study | Rerun, comm: Any = None, more: Sequence[Path] = ()) -> int:
-    """Print the results of a run, with more written files, and end as its computation did."""
-    from fenicsrom.post.base.directions import direction_names
-    from fenicsrom.post.run import motion_table, sentences
-
-    if comm is None or comm.rank == 0:
-        names = direction_names(found.scene, found.points)
-        table = motion_table.response_table(found.motions, found.sizes, names, found.scene)
-        lines = sentences.run_sentences(found)
-        print_results(found.scene, table, found.warnings, lines, [*found.files, *more])
-    return end(comm, found.failed and found.failed[1])
-
-
-COMMAND = Command(
-    "run",
-    "run a scene, or integrate a stored reduced model again",
-    run,
-    (SCENE_OR_MODEL, RESUME, *FROM_MODEL),
-)
+        found.files.append(folder / MODEL)
+        return finish(found, None)

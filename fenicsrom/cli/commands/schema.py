@@ -3,11 +3,12 @@
 import argparse
 import json
 
-from fenicsrom.cli.arguments import FILE, Command
+from fenicsrom.cli.arguments import FILE, command
 from fenicsrom.cli.output import target
 from fenicsrom.scene import json_schema
 
 
+@command("print the JSON schema of scene files, for editors", FILE)
 def schema(options: argparse.Namespace) -> int:
     """Print or write the JSON schema of scene files."""
     text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
@@ -18,6 +19,3 @@ def schema(options: argparse.Namespace) -> int:
 
     write_text(target(options.output), text + "\n")
     return 0
-
-
-COMMAND = Command("schema", "print the JSON schema of scene files, for editors", schema, (FILE,))

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import RESULTS, SCENE, Argument, Command, refused
+from fenicsrom.cli.arguments import RESULTS, SCENE, Argument, command, refused
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.errors import ErrorKind
@@ -42,6 +42,14 @@ SEED = Argument(
 )
 
 
+@command(
+    "run extreme or random variants of a scene, with a verdict on each",
+    SCENE,
+    AXIS,
+    RANDOM,
+    SEED,
+    *RESULTS,
+)
 def stability(options: argparse.Namespace) -> int:
     """Run extreme or random variants of a scene.
 
@@ -64,11 +72,3 @@ def stability(options: argparse.Namespace) -> int:
         )
         finish(found, None)
     return 1 if found.count(Verdict.WRONG) else 0
-
-
-COMMAND = Command(
-    "stability",
-    "run extreme or random variants of a scene, with a verdict on each",
-    stability,
-    (SCENE, AXIS, RANDOM, SEED, *RESULTS),
-)

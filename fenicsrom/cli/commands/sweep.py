@@ -10,7 +10,7 @@ from fenicsrom.cli.arguments import (
     SCENE_OR_MODEL,
     SCHEDULER,
     Argument,
-    Command,
+    command,
 )
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
@@ -36,6 +36,15 @@ ZIP = Argument(
 )
 
 
+@command(
+    "run a scene or a stored model for lists or ranges of values of its keys",
+    SCENE_OR_MODEL,
+    OVER,
+    ZIP,
+    RESUME_FOLDER,
+    SCHEDULER,
+    *FROM_MODEL,
+)
 def sweep(options: argparse.Namespace) -> int:
     """Run a scene or a stored model for lists or ranges of values of its keys.
 
@@ -80,11 +89,3 @@ def sweep(options: argparse.Namespace) -> int:
         )
         finish(found, comm)
     return 1 if found.with_outcome(FAILED) else 0
-
-
-COMMAND = Command(
-    "sweep",
-    "run a scene or a stored model for lists or ranges of values of its keys",
-    sweep,
-    (SCENE_OR_MODEL, OVER, ZIP, RESUME_FOLDER, SCHEDULER, *FROM_MODEL),
-)

@@ -4,12 +4,13 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from fenicsrom.cli.arguments import Argument, Command
+from fenicsrom.cli.arguments import Argument, command
 from fenicsrom.errors import refuse
 
 FOLDER = Argument("folder", help="output folder of a command")
 
 
+@command("open the report of an output folder in the browser", FOLDER)
 def view(options: argparse.Namespace) -> int:
     """Open the report of an output folder, or print its address where no browser is.
 
@@ -23,6 +24,3 @@ def view(options: argparse.Namespace) -> int:
     if not webbrowser.open(address):
         print(address)
     return 0
-
-
-COMMAND = Command("view", "open the report of an output folder in the browser", view, (FOLDER,))

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import count
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from fenicsrom.post.base.captions import numbers_of
@@ -86,7 +87,7 @@ def html_report(
                 body.append(_item(item, heading))
         body.append(f"</{tag}>")
     script = _script(charts) if charts else ""
-    return _PAGE.format(title=html.escape(title), body="\n".join(body), script=script)
+    return _filled("page.html", title=html.escape(title), body="\n".join(body), script=script)
 
 
 def verdict_of(
@@ -130,7 +131,12 @@ def _figure(drawn: Drawn, number: int) -> str:
 def _script(charts: Sequence[tuple[str, str]]) -> str:
     """Compose what draws the charts: the library, packed, and the data."""
     items = ",".join(f'["chart-{name}", {chart}]' for name, chart in charts)
-    return _CHARTS.replace("LIBRARY", _library()).replace("ITEMS", items.replace("</", "<\\/"))
+    return _filled("charts.html", library=_library(), items=items.replace("</", "<\\/"))
+
+
+def _filled(name: str, **values: str) -> str:
+    """A file beside this module, with values in the place of $NAME."""
+    return Template(Path(__file__).with_name(name).read_text(encoding="utf-8")).substitute(values)
 
 
 @cache
@@ -192,71 +198,3 @@ def _picture(content: bytes, heading: str, kind: str) -> str:
 
 
 _UNDRAWN = re.compile(r"\bw(?:as|ere) not drawn\b")
-
-_CHARTS = """<script type="module">
-const packed = Uint8Array.from(atob("LIBRARY"), (sign) => sign.charCodeAt(0));
-const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-(0, eval)(await new Response(stream).text());
-for (const [name, item] of [ITEMS]) {
-  const place = document.getElementById(name), image = place.firstChild;
-  await Bokeh.embed.embed_item(item, name);
-  image.remove();
-}
-</script>"""
-
-_PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-:root {{ color-scheme: light dark;
-  --ink: #1d2125; --paper: #fdfdfc; --line: #d9dde1; --soft: #5b636b; }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e4e7ea; --paper: #17191c; --line: #3a3f45; --soft: #a2aab2; }}
-}}
-body {{ font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 62rem;
-  margin: 2.5rem auto; padding: 0 1.25rem; }}
-h1 {{ font-size: 1.7rem; line-height: 1.25; margin: 0 0 1.5rem; }}
-h2 {{ font-size: 1.15rem; margin: 2.4rem 0 .7rem; padding-bottom: .3rem;
-  border-bottom: 1px solid var(--line); }}
-p {{ max-width: 46rem; margin: .6rem 0; }}
-img {{ display: block; max-width: 100%; height: auto; margin: 1rem 0; padding: .6rem;
-  box-sizing: border-box;
-  background: #fff; border: 1px solid var(--line); border-radius: 6px; }}
-figure {{ margin: 1rem 0 2rem; }}
-figcaption {{ max-width: 46rem; font-size: .92rem; color: var(--soft); }}
-figure > div {{ background: #fff; }}
-figure img {{ margin: 0 0 .5rem; }}
-a {{ color: inherit; }}
-.verdict {{ font-size: 1.1rem; font-weight: 600; max-width: none; padding: .5rem .9rem;
-  border-left: .4rem solid var(--soft); }}
-.trusted {{ border-color: #009e73; }}
-.doubtful {{ border-color: #e69f00; }}
-.refused {{ border-color: #d55e00; }}
-summary {{ font-size: 1.15rem; font-weight: 600; margin: 1.4rem 0 .7rem; cursor: pointer; }}
-iframe {{ width: 100%; height: 32rem; border: 1px solid var(--line); border-radius: 6px; }}
-.wide {{ overflow-x: auto; margin: 1rem 0; }}
-.broad {{ width: max-content; min-width: 100%;
-  max-width: calc(100vw - 3rem); position: relative; left: 50%; transform: translateX(-50%); }}
-table {{ border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
-th, td {{ text-align: left; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; }}
-th {{ color: var(--soft); font-weight: 600; }}
-.n {{ text-align: right; }}
-td.n {{ padding-left: .9rem; }}
-.s {{ white-space: nowrap; }}
-td {{ overflow-wrap: anywhere; }}
-.many table {{ font-size: .82rem; }}
-.many th, .many td, .many td.n {{ padding: .25rem .7rem .25rem 0; }}
-.many th {{ vertical-align: bottom; }}
-@media print {{ .wide, .broad {{ max-width: none; overflow: visible; }} }}
-</style>
-</head>
-<body>
-{body}
-{script}</body>
-</html>
-"""

@@ -13,7 +13,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -150,20 +149,15 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        inputs = [record[key] for _, key in _INPUTS if record.get(key) is not None]
-        sound = all(isinstance(record.get(key), kind) for key, kind in _KINDS.items())
-        sound = sound and all(isinstance(one.get(key), str) for one in inputs for key in _NAMED)
-    except (OSError, ValueError, RecursionError, AttributeError):
-        sound = False
-    if not sound:
-        raise refuse(path, f"is damaged{ANOTHER}")
-    for name in [*(record["results"] or ()), *_copies(*inputs)]:
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        names = [*(record["results"] or ()), *_copies(record["mesh"], record["model"])]
+    except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
+        raise refuse(path, f"is damaged{ANOTHER}") from None
+    for name in names:
         plain = isinstance(name, str) and name not in ("", "..") and name == Path(name).name
         if not plain or (folder / name).is_symlink():
             raise refuse(path, f"names {name!r}, which leaves the folder{ANOTHER}")
-    found: dict[str, Any] = record
-    return found
+    return record
 
 
 def _copies(*inputs: Mapping[str, Any] | None) -> list[Any]:
@@ -190,8 +184,7 @@ def origin_table(folder: Path) -> list[list[Any]]:
     record = read_record(folder)
     if record is None:
         return []
-    rows = [["item", "value"], *_items(record)]
-    return [*rows, [MODEL, _size_words(folder / MODEL)]] if (folder / MODEL).is_file() else rows
+    return [["item", "value"], *_items(record)]
 
 
 def _items(record: Mapping[str, Any]) -> list[list[str]]:
@@ -210,31 +203,7 @@ def _items(record: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
-def _size_words(model: Path) -> str:
-    """The size of a stored model, and what takes most of it."""
-    kinds = {
-        "cubic": "cubic coefficients of all coordinates that the file holds",
-        "stress_": "stresses",
-        "reaction_": "reactions",
-        "finer_": "the model of finer elements, which judges the mesh",
-    }
-    parts = dict.fromkeys((*kinds.values(), "the rest"), 0)
-    with zipfile.ZipFile(model) as content:
-        for entry in content.infolist():
-            kind = (text for start, text in kinds.items() if entry.filename.startswith(start))
-            parts[next(kind, "the rest")] += entry.compress_size
-    listed = ", ".join(f"{size / 1e6:.2g} MB {name}" for name, size in parts.items() if size)
-    return f"{sum(parts.values()) / 1e6:.2g} MB: {listed}"
-
-
 _INPUTS = (("mesh", "mesh"), ("stored model", "model"), ("resumed from", "resumed_from"))
-_NAMED = ("file", "sha256")  # keys of an input
-_KINDS: dict[str, Any] = {
-    **dict.fromkeys(("state", "command", "working_folder", "began", "scene", "repeat"), str),
-    **dict.fromkeys(("mesh", "model", "resumed_from"), dict | None),
-    **{"ranks": int, "versions": dict, "commit": str | None, "overrides": list, "task": list},
-    "results": list | None,  # None in records of earlier versions, while a run was under way
-}
 
 
 def commit() -> str | None:

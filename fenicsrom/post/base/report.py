@@ -8,7 +8,7 @@ from typing import Any
 
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
-from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures
 from fenicsrom.post.base.style import Figure
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_rows, write_summary
@@ -36,7 +36,7 @@ class Section:
     """
 
     heading: str
-    items: Sequence[Table | str]
+    items: Sequence[Table | str | None]
     terminal: bool = True
     keys: int = 1
     most: int | None = None
@@ -54,7 +54,7 @@ class Report:
 
     Attributes:
         name: name of the numbers, such as "campbell": `campbell.csv` and `campbell.json`.
-        title: what the report shows, after the heading of the scene.
+        title: what the report shows, after the heading of the scene; "" for a run.
         found: the record of the command. Its scene says whether pictures are drawn.
         sentences: what was found.
         sections: the tables.
@@ -127,18 +127,31 @@ class Report:
         pictures = draw_pictures(listed, folder, self.warnings)
         if len(self.warnings) > known:
             files = self.write_numbers(folder)
-        page, parts = folder / "report.html", [(drawn.heading, [drawn]) for drawn in pictures]
-        write_report(page, self._heading(), self._parts(parts), self.verdict, self.warnings)
-        return [page, *files, *(drawn.path for drawn in pictures)]
+        return [self.write_page(folder, pictures), *files, *(drawn.path for drawn in pictures)]
+
+    def write_page(
+        self, folder: Path, pictures: Sequence[Drawn], more: Sequence[tuple[str, list[Any]]] = ()
+    ) -> Path:
+        """Write `report.html` with pictures that were drawn.
+
+        Args:
+            folder: folder of the page.
+            pictures: the pictures; the first one is below the results.
+            more: headings and items that come next.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        first, *others = [(drawn.heading, [drawn]) for drawn in pictures] or [("", [])]
+        parts = self._parts([first, *more, *others])
+        page = folder / "report.html"
+        return write_report(page, self._heading(), parts, self.verdict, self.warnings)
 
     @property
     def verdict(self) -> str:
         """Whether the results can be trusted, in one line."""
-        found = self.found
-        interrupted = getattr(found, "interrupted", False)
-        return verdict_of(
-            self.warnings, getattr(found, "unfinished", None), interrupted=interrupted
-        )
+        interrupted = getattr(self.found, "interrupted", False)
+        return verdict_of(self.warnings, failure_of(self.found), interrupted=interrupted)
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
@@ -155,7 +168,7 @@ class Report:
 
     def _heading(self) -> str:
         """The heading of the page."""
-        return f"{scene_heading(self.scene, self.varied)}: {self.title}"
+        return ": ".join(filter(None, [scene_heading(self.scene, self.varied), self.title]))
 
     def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
         """The parts of the page: headings and items."""
@@ -192,6 +205,12 @@ class Report:
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
 
 
+def failure_of(found: Any) -> Exception | None:
+    """The error that ended the computation of a record, or None."""
+    failed: Any = getattr(found, "unfinished", None)
+    return failed[1] if isinstance(failed, tuple) else failed  # a study names the model, too
+
+
 def _is_long(section: Section) -> bool:
     """Whether a section has a table that is folded at first."""
-    return any(not isinstance(item, str) and len(item) > LONG for item in section.items)
+    return any(not isinstance(item, str) and len(item) > LONG for item in section.filled)

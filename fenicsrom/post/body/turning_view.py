@@ -6,6 +6,7 @@ The page needs no network: it holds the data and the library that draws them, k3
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,49 +35,13 @@ UNPAINTED = -0.1
 FIELD, BROAD = 20.0, 1.6
 """The angle that the camera sees from bottom to top, degrees, and how much wider the view is."""
 
-CONTROLS = """
-const shown = SHOWN, bar = document.createElement("div"), list = document.createElement("select");
-bar.id = "controls";
-bar.style = "position:absolute;z-index:10;left:8px;top:8px;font:14px sans-serif;color:#1d2125";
-list.id = "shape";
-shown.forEach((one, k) => list.add(new Option(one.name, k)));
-const play = document.createElement("input"), scale = document.createElement("span");
-scale.style = "margin-left:1em";
-play.type = "checkbox"; play.id = "play"; play.checked = true;
-const label = document.createElement("label");
-label.append(play, " animate");
-bar.append(list, " ", label, " ", scale);
-document.body.append(bar);
-let begin = performance.now(), last = -1;
-function draw(now) {
-  const one = shown[list.value], phase = play.checked ? ((now - begin) / 2500) % 1 : 0;
-  const swing = (1 - Math.cos(2 * Math.PI * phase)) / 2;
-  const time = one.first + (one.loops ? phase * (one.frames - 1) : swing * (one.frames - 1));
-  scale.textContent = one.note;
-  if (time !== last) { last = time; K3DInstance.setTime(time); }
-}
-setInterval(() => draw(performance.now()), 60);
-list.onchange = () => { begin = performance.now(); };
-"""
+CONTROLS = Path(__file__).with_name("turning_view.js").read_text(encoding="utf-8")
 """What the page adds to k3d: the list of shapes, and the animation by their times.
 
 A shape swings between its frames as a cosine; a motion runs through them."""
 
 
-NAMES = """
-const found = document.createElement("div"), look = "position:absolute;z-index:10;padding:2px 6px;";
-found.id = "name";
-found.style = look + "font:bold 16px sans-serif;background:white;pointer-events:none";
-document.body.append(found);
-addEventListener("pointermove", (event) => {
-  found.textContent = "";
-  found.style.left = event.clientX + 14 + "px";
-  found.style.top = event.clientY + 14 + "px";
-}, true);
-K3DInstance.on(K3DInstance.events.OBJECT_HOVERED, (hit) => {
-  found.textContent = K3DInstance.getWorld().ObjectsListJson[hit.K3DIdentifier].name;
-});
-"""
+NAMES = Path(__file__).with_name("named_view.js").read_text(encoding="utf-8")
 """What the page of named surfaces adds to k3d: the name of the surface under the pointer."""
 
 

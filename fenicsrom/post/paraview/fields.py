@@ -12,7 +12,7 @@ from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import Contacts, unit_normals
 from fenicsrom.online.model.support_motion import moves_supports, support_displacement
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.paraview.paraview import array_name, cell_groups, joined, notes, stress_fields
+from fenicsrom.post.paraview.paraview import array_name, cell_groups, notes, stress_fields
 from fenicsrom.post.paraview.vtk import Attached, in_space, write_fields, write_motion, write_points
 from fenicsrom.records import Study
 from fenicsrom.scene import Scene
@@ -139,11 +139,11 @@ def write_shapes(study: Study, folder: Path) -> list[Path]:
 
 def _attached(study: Study, kind: str) -> Attached:
     """Groups and texts, and the stresses of the equilibrium or of the normal modes. Collective."""
-    parts = [Attached(cells=cell_groups(study.solid))]
+    found = Attached(cells=cell_groups(study.solid), notes=notes(study, kind))
     if study.recovery is not None and kind == "equilibrium":
         table = study.recovery.stress
         stress = table.stress(np.zeros(table.size), study.scene.output.stresses)
-        parts.append(stress_fields(study)(stress, "", "Pa"))
+        found |= stress_fields(study)(stress, "", "Pa")
     if study.recovery is not None and study.modes is not None and kind == "normal_modes":
         from fenicsrom.fem.body.stress_points import stress_table
 
@@ -151,8 +151,8 @@ def _attached(study: Study, kind: str) -> Attached:
         table = stress_table(study.solid, study.scene, study.solid.equilibrium, modes)
         stresses = table.modal_stress(np.eye(modes.shape[1]))
         for k, label in enumerate(study.modes.labels[: modes.shape[1]]):
-            parts.append(attach(stresses[k], f"{label}_", "Pa_per_m_sqrt_kg"))
-    return joined(parts, notes(study, kind))
+            found |= attach(stresses[k], f"{label}_", "Pa_per_m_sqrt_kg")
+    return found
 
 
 def moving_field(study: Study) -> Callable[[int], Array]:
@@ -189,18 +189,18 @@ def _attached_to_frames(study: Study, moving: Callable[[int], Array]) -> Callabl
     These are groups, texts and stresses, and the displacement with that of moving supports; the
     function `moving` gives the displacement. Collective.
     """
-    groups, texts = Attached(cells=cell_groups(study.solid)), notes(study, "motion")
-    motion, d = study.motions["reduced"], study.solid.dimension
-    parts: list[Callable[[int], Attached]] = []
-    if study.recovery is not None:
-        table, attach = study.recovery.stress, stress_fields(study)
-        q, measure = frame_coordinates(motion), study.scene.output.stresses
-        parts.append(lambda number: attach(table.stress(q[number], measure), "", "Pa"))
-    if moves_supports(study.scene):
-        moved = support_displacement(study.scene.loads, motion.time[frame_rows(motion)], d)
-        parts.append(
-            lambda number: Attached(
-                {ABSOLUTE: in_space(moving(number).reshape(-1, d) + moved[number])}
-            )
-        )
-    return lambda number: joined([groups, *(part(number) for part in parts)], texts)
+    fixed, motion, d = _attached(study, "motion"), study.motions["reduced"], study.solid.dimension
+    moved = support_displacement(study.scene.loads, motion.time[frame_rows(motion)], d)
+    stresses = None if study.recovery is None else stress_fields(study)
+
+    def attach(number: int) -> Attached:
+        found = fixed
+        if study.recovery is not None and stresses is not None:
+            q, measure = frame_coordinates(motion)[number], study.scene.output.stresses
+            found |= stresses(study.recovery.stress.stress(q, measure), "", "Pa")
+        if moves_supports(study.scene):
+            whole = moving(number).reshape(-1, d) + moved[number]
+            found |= Attached({ABSOLUTE: in_space(whole)})
+        return found
+
+    return attach

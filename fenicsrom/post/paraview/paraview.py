@@ -7,7 +7,7 @@ data, which ParaView shows in the Information panel.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,25 +111,13 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
         cells = table.in_cells(stress)[part.cells]
 
         def named(values: Array) -> dict[str, Any]:
-            found = {
-                "stress": values,
-                "von_mises": von_mises(values),
-                "principal": principal(values),
-            }
-            return {
-                f"{prefix}{name}_{unit}": array.astype(np.float32) for name, array in found.items()
-            }
+            derived = {"von_mises": von_mises(values), "principal": principal(values)}
+            found = {"stress": values} | derived
+            return {f"{prefix}{name}_{unit}": a.astype(np.float32) for name, a in found.items()}
 
         return Attached(named(nodes), named(cells))
 
     return attach
-
-
-def joined(parts: Sequence[Attached], texts: Mapping[str, str]) -> Attached:
-    """All values of several `Attached`, and these texts."""
-    nodes = {name: values for part in parts for name, values in part.nodes.items()}
-    cells = {name: values for part in parts for name, values in part.cells.items()}
-    return Attached(nodes, cells, texts)
 
 
 def write_groups(solid: Solid, folder: Path) -> list[Path]:

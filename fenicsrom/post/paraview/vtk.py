@@ -46,6 +46,11 @@ class Attached:
     cells: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
 
+    def __or__(self, other: Attached) -> Attached:
+        """The values of both."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Attached(*({**own, **more} for own, more in pairs))
+
 
 NOTHING = Attached()
 

@@ -8,7 +8,7 @@ import numpy as np
 from fenicsrom.online.motion.measures import has_contact, point_summaries, response_summary
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.directions import in_order, millimetres
-from fenicsrom.post.base.tables import table_of, text_table
+from fenicsrom.post.base.tables import table_of
 from fenicsrom.scene import Scene
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
@@ -29,7 +29,7 @@ def response_note(motions: Mapping[str, Motion]) -> str:
     """Explain the columns of `response_rows`."""
     if not has_period(motions):
         return f"{SIZE_NOTE} the whole motion. {IMBALANCE_NOTE}"
-    return f"{SIZE_NOTE} the last period of the motion. {IMBALANCE_NOTE} {PERIODS_NOTE}"
+    return f"{SIZE_NOTE} the last period of the motion. {IMBALANCE_NOTE}"
 
 
 def response_rows(
@@ -65,17 +65,6 @@ def response_rows(
             row |= {"periods": found["periods"], "steady": "yes" if found["steady"] else "no"}
         rows.append(row | {"imbalance": f"{found['energy_imbalance']:.1e}"})
     return table_of(rows)
-
-
-def response_table(
-    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str], scene: Scene
-) -> str:
-    """Compose the table of responses with its notes for the terminal; empty without a motion."""
-    if not motions:
-        return ""
-    periods = PERIODS_NOTE if has_period(motions) else None
-    notes = filter(None, [points_note(motions, scene), periods])
-    return "\n".join([text_table(response_rows(motions, sizes, names)), *notes])
 
 
 def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:

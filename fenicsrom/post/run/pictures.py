@@ -54,34 +54,19 @@ from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import surface_spin
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
-NO_FREQUENCIES = np.zeros(0)
 LEAST_SECTION = 20  # fewer periods make no section
 
 
-def motion_pictures(
-    motions: Mapping[str, Motion],
-    natural_hz: Array = NO_FREQUENCIES,
-    names: Sequence[str] = (),
-    work: str = LOADS,
-    points: ContactPoints | None = None,
-) -> list[Picture]:
-    """List the pictures of the motion, of the contact and of the energy.
-
-    A motion without a period has its spectra, one that has a period but does not repeat its
-    Poincare section, many contact points have a map, and a run of several periods its energies
-    per period.
-
-    Args:
-        motions: model name -> motion.
-        natural_hz: (n,) natural frequencies, Hz.
-        names: names of the directions.
-        work: what does work.
-        points: the contact points.
-    """
+def motion_pictures(found: Study | Rerun) -> list[Picture]:
+    """List the pictures of the motions, of the contact, of the energy and of the wear of a run."""
+    if not found.motions:
+        return []
+    motions, points = found.motions, found.points
+    names, work = direction_names(found.scene, points), working(found.scene)
     first = next(iter(motions.values()))
     listed = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names))]
     if first.period is None and first.time.size >= LEAST_SAMPLES:
-        draw = partial(plot_transient, first, natural_hz, names)
+        draw = partial(plot_transient, first, found.frequencies_hz, names)
         listed.append(Picture("Spectra", "spectra.png", draw))
     if is_unsteady(first) and first.periods >= LEAST_SECTION:
         draw = partial(plot_section, first, names)
@@ -93,6 +78,8 @@ def motion_pictures(
     if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
         draw = partial(plot_energy_per_period, first, work)
         listed.append(Picture("Energy per period", "energy_per_period.png", draw))
+    if "reduced" in motions:
+        listed += wear_pictures(motions["reduced"], found.scene, points)
     return listed
 
 
@@ -150,7 +137,7 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
         return []
     name = "MAC of the reduced and the full modes"
     agreement = [Picture(name, "mac.png", lambda: agreement_figure(found))] if found else []
-    listed = [*bodies[:1], *_of_motions(study), *coordinates, *bodies[1:], *along, *agreement]
+    listed = [*bodies[:1], *motion_pictures(study), *coordinates, *bodies[1:], *along, *agreement]
     return draw_pictures([*listed, *_of_sizes(study.sized)], folder, study.warnings)
 
 
@@ -160,19 +147,8 @@ def write_rerun_pictures(found: Rerun, folder: Path) -> list[Drawn]:
     Raises:
         OSError: a file cannot be written.
     """
-    listed = [*run_up_pictures(found.run_up), *_of_motions(found), *_of_sizes(found.sized)]
+    listed = [*run_up_pictures(found.run_up), *motion_pictures(found), *_of_sizes(found.sized)]
     return draw_pictures(listed, folder, found.warnings) + write_stress_picture(found, folder)
-
-
-def _of_motions(found: Study | Rerun) -> list[Picture]:
-    """The pictures of the motions of a run."""
-    if not found.motions:
-        return []
-    names, work = direction_names(found.scene, found.points), working(found.scene)
-    listed = motion_pictures(found.motions, found.frequencies_hz, names, work, found.points)
-    if "reduced" in found.motions:
-        listed += wear_pictures(found.motions["reduced"], found.scene, found.points)
-    return listed
 
 
 def _of_sizes(found: Sized | None) -> list[Picture]:

@@ -1,71 +1,79 @@
 """The report of a run: `report.html`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.assess.errors.mode_agreement import ModeAgreement
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import Folded, Page, verdict_of, write_report
+from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Drawn
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.post.run import sentences, stress_tables
-from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
-from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
-from fenicsrom.post.run.run_up import run_up_sentences
-from fenicsrom.post.run.wear import wear_sentence
+from fenicsrom.post.run import stress_tables
+from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows
+from fenicsrom.post.run.motion_table import (
+    PERIODS_NOTE,
+    has_period,
+    open_sentence,
+    points_note,
+    response_note,
+    response_rows,
+)
+from fenicsrom.post.run.pictures import motion_pictures
+from fenicsrom.post.run.sentences import MULTIPLIER_NOTE, estimate_rows, run_sentences
+from fenicsrom.post.run.summary import write_numbers
 from fenicsrom.records import Rerun, Study
-from fenicsrom.scene import scene_heading
 
-REPORT = "report.html"
+TURN = "The body: choose a shape, turn it with the mouse"
 
-Section = tuple[str, list[Any]]
+
+class RunReport(Report):
+    """The report of a run, whose numbers are in `summary.json` and `history.npz`."""
+
+    def write_numbers(self, folder: Path) -> list[Path]:
+        """Write the summary, the history, the checkpoint and the stresses."""
+        return write_numbers(self.found, folder)
+
+
+def report(found: Study | Rerun) -> Report:
+    """The report of a run: tables and sentences, and the pictures of the motion."""
+    motions, names = found.motions, direction_names(found.scene, found.points)
+    errors = estimate_rows(found.errors, motions["reduced"], names) if found.errors else []
+    left_out = (line.split(": ", 1) for line in found.left_out)
+    left_out_table = table_of({"stage": stage, "reason": reason} for stage, reason in left_out)
+    periods = PERIODS_NOTE if has_period(motions) else None
+    table = response_rows(motions, found.sizes, names)
+    sections = [
+        Section("Motions", [table, points_note(motions, found.scene), periods], top=True),
+        Section("Estimated errors", [errors]),
+        *(_of_study(found) if isinstance(found, Study) else ()),
+        *_stresses(found.stresses),
+        Section("Size of the basis", [_sizes(found.sized)], terminal=False),
+        Section("Left out", [left_out_table], terminal=False),
+    ]
+    listed = motion_pictures(found)
+    return RunReport(
+        "summary", "", found, run_sentences(found), sections, (), {}, listed, _notes(found)
+    )
 
 
 def write_run_report(
     found: Study | Rerun, pictures: Sequence[Drawn], folder: Path, pages: Sequence[Page] = ()
 ) -> Path:
-    """Write the report of a run with its pictures, and with pages on which the body turns.
+    """Write `report.html` with pictures of a run, and with pages on which the body turns.
 
     Raises:
         OSError: the file cannot be written.
     """
     # the picture that answers the question of the run comes first
-    first = [one for one in pictures if one.path.name == "motion.png"] or [*pictures[:1]]
-    left_out = (line.split(": ", 1) for line in found.left_out)
-    sections: list[Section] = [
-        ("Results", [*_results(found), *first]),
-        ("The body: choose a shape, turn it with the mouse", list(pages)),
-        *((one.heading, [one]) for one in pictures if one not in first),
-        ("Contact points that do not touch", list(filter(None, [open_sentence(found.motions)]))),
-        *_stresses(found.stresses),
-        *_details(found),
-        (Folded("Left out"), _pairs("stage", "reason", left_out)),
-    ]
-    verdict = verdict_of(found.warnings, found.failed and found.failed[1])
-    filled = [section for section in sections if section[1]]
-    heading = scene_heading(found.scene)
-    return write_report(folder / REPORT, heading, filled, verdict, found.warnings)
-
-
-def _details(found: Study | Rerun) -> list[Section]:
-    """Compose the sections behind the pictures and stresses, and folded ones."""
-    notes: Section = (Folded("Notes on the results"), _notes(found))
-    if isinstance(found, Rerun):
-        return [notes, (Folded("Basis"), _sizes(found.sized))]
-    seconds = ((stage, f"{round(s, 3):.3g}") for stage, s in found.seconds.items())
-    return [
-        ("Modes of the reduced and of the full model", _agreement(found.agreement)),
-        notes,
-        (Folded("Basis"), _basis(found)),
-        (Folded("Run time"), _pairs("stage", "s", seconds)),
-    ]
+    ordered = sorted(pictures, key=lambda one: one.path.name != "motion.png")
+    return report(found).write_page(folder, ordered, [(TURN, list(pages))] if pages else [])
 
 
 def _stresses(stresses: Stresses | None) -> list[Section]:
-    """Compose the tables of stresses and reactions, if there are any."""
+    """The tables of the stresses and reactions."""
     if stresses is None:
         return []
     name = stress_tables.MEASURE_NAMES[stresses.measure]
@@ -74,33 +82,10 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     if stresses.modes:
         tables += [stress_tables.modal_rows(stresses.modes), stress_tables.MODAL_NOTE]
     reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
-    return [("Stresses", tables), ("Reactions", reactions)]
-
-
-def _agreement(found: ModeAgreement | None) -> list[Any]:
-    """Compose the table of the modes of both models, if the models were compared."""
-    if found is None:
-        return []
-    return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]
-
-
-def _results(found: Study | Rerun) -> list[Any]:
-    """Compose the table of responses with the sentences on errors."""
-    motions, names = found.motions, direction_names(found.scene, found.points)
-    listed: list[Any] = []
-    if motions:
-        listed.append(response_rows(motions, found.sizes, names))
-        listed.append(sentences.support_sentence(found))
-    if isinstance(found, Study):
-        listed += sentences.study_results(found)
-    else:
-        listed += run_up_sentences(found.run_up)
-    listed += [wear_sentence(motion, found.scene, found.points) for motion in motions.values()]
-    if found.errors:
-        listed.append(sentences.estimate_rows(found.errors, motions["reduced"], names))
-    if found.failed is not None:
-        listed.append(sentences.unreliable_sentence(*found.failed))
-    return [item for item in listed if item]
+    return [
+        Section("Stresses", tables, terminal=False),
+        Section("Reactions", reactions, terminal=False),
+    ]
 
 
 def _notes(found: Study | Rerun) -> list[str]:
@@ -108,62 +93,55 @@ def _notes(found: Study | Rerun) -> list[str]:
     if not found.motions:
         return []
     reduced = found.motions.get("reduced")
-    periodic = None if reduced is None else sentences.periodic_sentence(reduced)
     notes = [
         response_note(found.motions),
-        points_note(found.motions, found.scene),
         direction_note(found.scene, found.points),
-        periodic,
-        sentences.MULTIPLIER_NOTE if periodic else None,
+        open_sentence(found.motions),
+        MULTIPLIER_NOTE if reduced is not None and reduced.search is not None else None,
     ]
     return [note for note in notes if note]
 
 
-def _basis(study: Study) -> list[Any]:
-    """Compose the tables of modes and derivatives, and the size of the basis."""
-    if study.modes is None:
-        return []
-    frequencies = enumerate(study.modes.frequencies_hz, 1)
-    found: list[Any] = [
-        table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in frequencies)
-    ]
-    found += [*sentences.basis_sentences(study), *_sizes(study.sized)]
-    if study.derivatives is not None:
-        found.append(
-            table_of(
-                {
-                    "combination of derivatives": label,
-                    "displacement in the energy norm %": f"{100.0 * size:.2g}",
-                    "first basis": label in study.derivatives.labels,
-                }
-                for label, size in study.derivatives.sizes.items()
-            )
-        )
+def _of_study(study: Study) -> Iterator[Section]:
+    """The tables of the stages of a scene."""
+    alone = not study.motions  # the command `modes`
+    if study.modes is not None:
+        hertz = enumerate(study.modes.frequencies_hz, 1)
+        modes = table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in hertz)
+        yield Section("Modes", [modes], terminal=alone)
+    if study.agreement is not None:
+        tables = [agreement_rows(study.agreement), AGREEMENT_NOTE]
+        yield Section("Modes of the reduced and of the full model", tables, terminal=False)
     weights, kept = study.selection.weights, study.selection.derivatives
-    found.append(
-        table_of(
-            {"derivative": label, "weight": f"{weights[label]:.2e}", "kept": label in kept}
-            for label in sorted(weights, key=lambda label: -weights[label])
-        )
+    selected = table_of(
+        {"derivative": label, "weight": f"{weights[label]:.2e}", "kept": label in kept}
+        for label in sorted(weights, key=lambda label: -weights[label])
     )
-    return list(filter(None, found))
+    made = study.derivatives
+    combined = table_of(
+        {
+            "combination of derivatives": label,
+            "displacement in the energy norm %": f"{100.0 * size:.2g}",
+            "first basis": made is not None and label in made.labels,
+        }
+        for label, size in (made.sizes if made is not None else {}).items()
+    )
+    yield Section("Derivatives", [combined, selected], terminal=False)
+    seconds = table_of(
+        {"stage": stage, "s": f"{round(s, 3):.3g}"} for stage, s in study.seconds.items()
+    )
+    yield Section("Run time", [seconds], terminal=False)
 
 
-def _sizes(found: Sized | None) -> list[Any]:
-    """Compose the sentence on the size of the basis, and the error over the run time."""
-    if found is None:
+def _sizes(found: Sized | None) -> list[list[Any]]:
+    """The table of the models of several sizes."""
+    if found is None or not found.stored.scene.output.pictures:
         return []
-    rows = table_of(
+    return table_of(
         {
             "coordinates": each.size,
             "run time of the steps, s": f"{each.seconds:.2g}",
             "estimated error of the basis %": f"{100.0 * each.error:.2g}",
         }
-        for each in (found.sizes if found.stored.scene.output.pictures else ())
+        for each in found.sizes
     )
-    return [sentences.size_sentence(found), *filter(None, [rows])]
-
-
-def _pairs(first: str, second: str, pairs: Iterable[Sequence[str]]) -> list[Any]:
-    """Compose a table of two columns; no table without rows."""
-    return list(filter(None, [table_of({first: a, second: b} for a, b in pairs)]))

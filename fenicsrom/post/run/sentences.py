@@ -21,7 +21,6 @@ from fenicsrom.online.motion.measures import (
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.directions import direction_names, error_names, in_order, named_millimetres
-from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.run_up import run_up_sentences
 from fenicsrom.post.run.stress_tables import stress_sentences
@@ -38,6 +37,15 @@ MULTIPLIER_NOTE = (
     "such as 0.9995, does not mean that the motion is nearly unstable: often it belongs to a fast "
     "vibration, such as a wave along the axis, that the time step does not resolve and that the "
     "time integration hardly damps."
+)
+REJECTED = {
+    "stable": "; the marched motion was not seen to tend to it, so the march went on",
+    "wears": "; it would wear an abradable layer in every period, so the march went on",
+}
+"""What a run says of a periodic motion that it did not take, by the verdict."""
+AT_YIELD = (
+    ". It presses an abradable layer just to its yield stress: the multipliers hold for motions "
+    "that press it less"
 )
 ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
@@ -139,11 +147,6 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.2g}" if np.isfinite(value) else "unknown"
 
 
-def unreliable_sentence(name: str, error: Exception) -> str:
-    """State why the motion of a model cannot be relied on."""
-    return f"The {name} model has no reliable result: {error}."
-
-
 def range_sentence(stored: StoredModel) -> str | None:
     """State the speeds of a model for a range of speeds and its errors between them; else None."""
     whole = stored.whole
@@ -196,33 +199,22 @@ def periodic_sentence(motion: Motion) -> str | None:
         after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
         return f"Periodic motion: not found {tried}: {after}."
     found = search_summary(search)
-    size = found["largest_multiplier"]
     several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
-    sentence = (
-        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
-        f"found {tried}"
-    )
-    if search.accepted and search.at_yield:
-        return (
-            f"{sentence}. It presses an abradable layer just to its yield stress: the multipliers "
-            "hold for motions that press it less."
-        )
+    end = REJECTED.get(search.verdict, "; the march went on")
     if search.accepted:
-        return f"{sentence}."
-    if search.verdict == "stable":
-        return f"{sentence}; the marched motion was not seen to tend to it, so the march went on."
-    if search.verdict == "wears":
-        return (
-            f"{sentence}; it would wear an abradable layer in every period, so the march went on."
-        )
-    return f"{sentence}; the march went on."
+        end = AT_YIELD if search.at_yield else ""
+    return (
+        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier "
+        f"{found['largest_multiplier']:.6g}, found {tried}{end}."
+    )
 
 
 def basis_sentences(study: Study) -> list[str]:
     """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
     basis, modes, dropped = study.basis, study.modes, study.dropped_modes
     if basis is None or modes is None:
-        return []
+        derivatives = () if study.derivatives is None else study.derivatives.labels
+        return [f"Derivatives: {' '.join(derivatives)}."] if derivatives else []
     left = []
     if dropped:
         share = f"{study.scene.basis.threshold:g} of the largest"
@@ -274,12 +266,7 @@ def size_sentence(found: Sized) -> str:
     stored = found.stored
     known = stored.size + len(stored.further)
     taken = [f"{label} ({100.0 * size:.2g} %)" for label, size in found.energies.items()]
-    joined = (
-        f" It took, by the elastic energies that they have in the motion of all coordinates "
-        f"(square roots, relative to that of the first basis): {', '.join(taken)}."
-        if taken
-        else ""
-    )
+    joined = f" By their elastic energy it took {', '.join(taken)}." if taken else ""
     basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
     why = f"basis.accuracy = {basis.accuracy:g} {reached}"
     if basis.size is not None:
@@ -317,22 +304,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told += [] if found.sized is None else [size_sentence(found.sized)]
     told += [] if reduced is None else out_of_reach(reduced, found.points)
     told += [] if found.stresses is None else stress_sentences(found.stresses)
-    if reduced is not None and found.errors:
-        names = direction_names(found.scene, found.points)
-        told += text_table(estimate_rows(found.errors, reduced, names)).splitlines()
     return [sentence for sentence in told if sentence]
-
-
-def mode_lines(study: Study) -> list[str]:
-    """List the frequencies of the normal modes and the labels of the derivatives."""
-    lines = []
-    if study.modes is not None:
-        frequencies = study.modes.frequencies_hz
-        lines += [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
-    if study.derivatives is not None and study.derivatives.labels:
-        lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
-    lines += [] if study.mesh_check is None else [study.mesh_check.sentence()]
-    return [line for line in lines if line]
 
 
 def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
@@ -410,16 +382,5 @@ def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
     remedy = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
     return (
         f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
-        f"its amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
-    )
-
-
-def _multiplier_clause(motion: Motion) -> str:
-    """The part of a sentence that gives the largest Floquet multiplier, where it is known."""
-    if motion.search is None or not motion.search.multipliers.size:
-        return ""
-    found = search_summary(motion.search)
-    return (
-        f" (the periodic motion that Newton's method found is {found['verdict']}, with the largest "
-        f"Floquet multiplier {found['largest_multiplier']:.6g})"
+        f"its amplitudes are those of the last period only; {remedy}"
     )

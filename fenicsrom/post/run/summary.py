@@ -50,8 +50,8 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
     contents["estimated_error_percent"] = estimates_summary(found.errors)
     if found.stresses is not None:
         contents |= stress_summary(found.stresses)
-    if found.failed is not None:
-        model, reason = found.failed
+    if found.unfinished is not None:
+        model, reason = found.unfinished
         contents["unfinished"] = {"model": model, "reason": str(reason)}
     contents["warnings"] = found.warnings
     contents["provenance"] = found.stored.provenance if isinstance(found, Rerun) else provenance()

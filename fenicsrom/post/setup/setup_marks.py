@@ -33,9 +33,8 @@ CLAMPED = "support, clamped"
 WEIGHTY = 0.1
 """Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
 
-PER = {"area": " per m²", "length": " per m", "node": " per node"}
-"""How a region is measured -> what its stiffnesses, damping coefficients and preload refer to. The
-area of an edge of a plane body contains its thickness."""
+SPREAD = " per area or length"
+"""What the stiffnesses, damping coefficients and preloads of a region refer to."""
 
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
@@ -100,8 +99,6 @@ def gathered_marks(
         if name != "loads" or not (one.everywhere or one.kind == "pressure")
     ]
     at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
-    pressed: list[Any] = [*scene.attachments, *scene.contacts]
-    per = {found.place: _per(solid, found.place) for found in pressed}
     gathered = gathered_grid(
         solid.space, {name: solid.field(field) for name, field in regions.items()} | {**fields}
     )
@@ -113,12 +110,12 @@ def gathered_marks(
     marks += [
         Mark("attachment", label, ATTACHED_FORMS[kind], at[found.place][None])
         for found in scene.attachments
-        for kind, label in _attached(found, per[found.place])
+        for kind, label in _attached(found)
     ]
     forms = zip(itertools.cycle(CONTACT_FORMS), scene.contacts, strict=False)
     for k, (form, contact) in enumerate(forms):
         mine = solid.points.contact == k
-        label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}{_pressed(contact, per)}"
+        label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}{_pressed(contact)}"
         places, normals = contact_places(solid.points)[mine], in_space(solid.points.frame[mine, 0])
         marks.append(Mark("contact", label, form, places, normals, wall=_round(solid, scene, k)))
     if not (scene.contacts and scene.probe is None) and not np.isnan(solid.probe_position).any():
@@ -156,16 +153,6 @@ def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
 def _is_region(place: Place) -> bool:
     """Whether a place is a region, and not given by the coordinates of a point."""
     return place.node is None and place.nearest is None
-
-
-def _per(solid: Solid, place: Place) -> str:
-    """How values per area of a region are meant; "" of a point."""
-    if not _is_region(place):
-        return ""
-    if solid.mesh.has_facets(place):
-        return PER["area"]
-    edges = solid.mesh.entities(place).get(1)
-    return PER["length" if solid.comm.allreduce(0 if edges is None else len(edges)) else "node"]
 
 
 def _round(solid: Solid, scene: Scene, k: int) -> Grid | None:
@@ -246,22 +233,21 @@ def _load_label(load: Load) -> str:
     return f"{kind}{where}, {size}, {history}"
 
 
-def _pressed(contact: Contact, per: Mapping[Place, str]) -> str:
-    """The preload or the gap of a contact, for the legend."""
+def _pressed(contact: Contact) -> str:
+    """The preload or the gap of a contact, as a part of its label."""
     if contact.preload:
-        spread = per[contact.place] if contact.place.at == "nodes" else ""
-        return f", preload {contact.preload:g} N{spread}"
+        return f", preload {contact.preload:g} N{SPREAD * (contact.place.at == 'nodes')}"
     return f", gap {1e3 * contact.gap:g} mm" if contact.gap else ""
 
 
-def _attached(attachment: Any, per: str) -> list[tuple[str, str]]:
+def _attached(attachment: Any) -> list[tuple[str, str]]:
     """The kinds and the labels of the parts of an attachment."""
     along = " in each direction"
     if attachment.components is not None:
         along = f" along {', '.join(attachment.components)}"
     found = []
     for key, kind, unit in ATTACHED:
-        for name, area in ((key, ""), (f"{key}_per_area", per)):
+        for name, area in ((key, ""), (f"{key}_per_area", SPREAD)):
             if size := getattr(attachment, name, 0.0):
                 label = f"{kind}, {size:g} {unit}{area}{along * (kind != 'mass')}"
                 found.append((kind, label))

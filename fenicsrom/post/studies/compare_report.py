@@ -10,6 +10,7 @@ from fenicsrom.assess.errors.agreement import pareto_front
 from fenicsrom.assess.full.full_cache import machine
 from fenicsrom.assess.studies.compare import REPEATS, Comparison, Outcome
 from fenicsrom.online.motion.measures import response_summary
+from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
@@ -19,18 +20,16 @@ from fenicsrom.words import counted
 
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
 SHORT = {"rubin": "R", "craig-bampton": "CB"}
-DOT: dict[str, Any] = {"marker": "o", "linestyle": ""}
-DOTS = {"rubin": DOT, "craig-bampton": DOT | {"marker": "s"}}
 # large hollow squares: equal values of the other method stay visible
 LINES: dict[str, dict[str, Any]] = {
     "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
     "craig-bampton": {"marker": "s", "markersize": 9, "markerfacecolor": "none", "linestyle": "--"},
 }
+DOT: dict[str, Any] = {"marker": "o", "linestyle": ""}
+DOTS = {method: DOT | {"marker": look["marker"]} for method, look in LINES.items()}
 INK, FRONT = "#5b636b", "#9AA0A6"
 LEGEND_WIDTH = 1.5  # inches of an entry
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
-BESIDE = [(7, -4), (-7, -4), (0, 7), (0, -15)]  # places of a name beside its point, points
-ABOVE = [(7, 4), (-7, 4), (7, -13), (-7, -13)]
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
     "amplitude_normal": "normal amplitude",
@@ -264,7 +263,7 @@ def _name(outcome: Outcome) -> str:
 def pareto_figure(comparison: Comparison) -> Figure:
     """Draw the error of the amplitude against online and total time, with the Pareto front."""
     outcomes, full = rated(comparison), comparison.full
-    errors, colours = _drawn_errors(outcomes), _colours(outcomes)
+    errors = _drawn_errors(outcomes)
     assert full is not None
     figure, axes = new_panels(10.5, 5.8, 1, 2, sharey=True)
     for axis, title, offline in zip(
@@ -273,68 +272,34 @@ def pareto_figure(comparison: Comparison) -> Figure:
         costs = [o.online_seconds + offline * o.offline_seconds for o in outcomes]
         front = pareto_front(costs, errors)
         # a staircase: between two points of the front, the left one is the best available
-        corners = np.array([(costs[k], errors[k]) for k in front])
-        axis.plot(*corners.T, color=FRONT, linewidth=1.2, zorder=1, drawstyle="steps-post")
-        for k, (outcome, cost, error) in enumerate(zip(outcomes, costs, errors, strict=True)):
-            c, colour = outcome.combination, colours[outcome.combination.chosen]
-            filled = c.elastic_force == "polynomial"
-            look: dict[str, Any] = {"marker": DOTS[c.method]["marker"], "linewidths": 1.3}
-            look |= {"edgecolors": colour, "facecolors": colour if filled else "white"}
-            axis.scatter(cost, error, s=52 if k in front else 26, zorder=3, **look)
+        x, y = np.repeat([(costs[k], errors[k]) for k in front], 2, axis=0).T
+        axis.plot(x[1:], y[:-1], color=FRONT, linewidth=1.2, zorder=1)
         axis.axvline(full.seconds, color="#000000", linewidth=1.0, linestyle=":")
         axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=title)
-        _write_names(axis, outcomes, costs, front)
-        axis.annotate(
-            "full model",
-            (full.seconds, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(-4, -4),
-            textcoords="offset points",
-            rotation=90,
-            ha="right",
-            va="top",
-            fontsize=8.5,
-        )
+        _draw_points(axis, outcomes, costs, front)
     axes[0].set_ylabel(_error_label(comparison))
-    more = {"Pareto front": {"color": FRONT}}
+    more = {"Pareto front": {"color": FRONT}, "full model": {"color": "#000000", "linestyle": ":"}}
     if any(o.combination.elastic_force == "projection" for o in outcomes):
         more = {"projection": {"color": INK, "markerfacecolor": "white", **DOT}} | more
     _legend(figure, outcomes, DOT, DOTS, more)
     return figure
 
 
-def _write_names(
-    axis: Axes, outcomes: Sequence[Outcome], xs: Sequence[float], front: Sequence[int] = ()
+def _draw_points(
+    axis: Axes, outcomes: Sequence[Outcome], xs: Sequence[float], named: Sequence[int]
 ) -> None:
-    """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
-    from matplotlib.transforms import Bbox
-
+    """Draw a point for each basis, and the names of some; a chart has the names of all."""
     ys, colours = _drawn_errors(outcomes), _colours(outcomes)
-    axis.margins(x=0.12, y=0.06)
-    figure: Any = axis.get_figure()
-    figure.canvas.draw()  # the places of the names depend on the layout
-    places = axis.transData.transform(np.column_stack([xs, ys]))
-    taken = [Bbox([place, place]).padded(5.0 * figure.dpi / 72.0) for place in places]
-    for k in sorted(range(len(outcomes)), key=lambda k: k not in front):
-        # the line of the front continues to the right, so its names stand above
-        for dx, dy in ABOVE + BESIDE if k in front else BESIDE + ABOVE:
-            text = axis.annotate(
-                _name(outcomes[k]),
-                (xs[k], ys[k]),
-                (dx, dy),
-                textcoords="offset points",
-                fontsize=8,
-                va="bottom",
-                ha="right" if dx < 0 else "center" if dx == 0 else "left",
-                fontweight="bold" if k in front else "normal",
-                color=colours[outcomes[k].combination.chosen],
-            )
-            box = text.get_window_extent()
-            inside = all(map(axis.bbox.contains, *box.corners().T))
-            if inside and not box.count_overlaps(taken):
-                taken.append(box)
-                break
-            text.remove()
+    for k, outcome in enumerate(outcomes):
+        c = outcome.combination
+        look: dict[str, Any] = {"color": colours[c.chosen], "markersize": 7 if k in named else 5}
+        if c.elastic_force == "projection":
+            look["markerfacecolor"] = "white"
+        (point,) = axis.plot(xs[k], ys[k], **DOTS[c.method], **look)
+        noted(point, [_name(outcome)])
+        if k in named:
+            place: dict[str, Any] = {"xytext": (6, 5), "textcoords": "offset points", "fontsize": 8}
+            axis.annotate(_name(outcome), (xs[k], ys[k]), **place)
 
 
 def _legend(
@@ -392,15 +357,12 @@ def indicator_figure(comparison: Comparison) -> Figure:
     """Draw the error of the amplitude against its indicator, one point for each basis."""
     outcomes = [o for o in rated(comparison) if o.indicator is not None]
     figure, (axis,) = new_panels(6.4, 5.0)
-    colours, indicators = _colours(outcomes), [float(o.indicator or 0.0) for o in outcomes]
-    for o, x, y in zip(outcomes, indicators, _drawn_errors(outcomes), strict=True):
-        marker, colour = DOTS[o.combination.method]["marker"], colours[o.combination.chosen]
-        axis.scatter(x, y, s=30, marker=marker, color=colour)
+    indicators = [float(o.indicator or 0.0) for o in outcomes]
     correlation = comparison.rank_correlation()
     title = f"rank correlation {correlation:.2f}" if correlation is not None else ""
     axis.set(xscale="log", yscale="log", xlabel="indicator (no full run)", title=title)
     axis.set_ylabel(_error_label(comparison))
-    _write_names(axis, outcomes, indicators)
+    _draw_points(axis, outcomes, indicators, ())
     _legend(figure, outcomes, DOT, DOTS, {})
     return figure
 
@@ -416,7 +378,7 @@ def pictures(comparison: Comparison) -> list[Picture]:
             lambda: pareto_figure(comparison),
             "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
             "dot, the number of coordinates, after a slash the steps per period, and the value of "
-            "a change of the mesh. The points on the line are the Pareto front: no other "
+            "a change of the mesh. The named points on the line are the Pareto front: no other "
             "basis is both faster and more accurate.",
         ),
         Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
@@ -50,26 +50,21 @@ class Where:
         sentence = f"{self.source}: {self.key} {what}: {allowed}"
         return SceneError(sentence, kind=kind, key=self.key, source=self.source)
 
-    def require_none(self, problems: Iterable[Problem]) -> None:
-        """Raise the error of the first problem, whose key is below this place."""
-        for problem in problems:
-            raise self.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
-
 
 class Problem(NamedTuple):
     """A key that does not agree with the others.
 
     Attributes:
         key: the dotted key.
-        value: its value, or `MISSING`.
         allowed: what is allowed, in words.
         kind: the kind of the error; a missing value has its own kind.
+        value: what the error shows, or `MISSING`; None for the value of the key.
     """
 
     key: str
-    value: object
     allowed: str
     kind: ErrorKind = ErrorKind.CONFLICT
+    value: object = None
 
 
 Problems = Iterator[Problem]
@@ -307,21 +302,28 @@ parameters = Rule(
 )
 
 
+def _rows(
+    value: Any, where: Where, names: Sequence[str], place: Callable[[int], Where] | None = None
+) -> list[tuple[float, ...]]:
+    """Read a list of rows of numbers with these names; `place` says where a row stands."""
+    row_of = f"[{', '.join(names)}], finite numbers"
+    if not is_sequence(value):
+        raise where.refuse(value, f"must be a list of rows {row_of}", ErrorKind.TYPE)
+    for index, row in enumerate(value):
+        if not is_sequence(row) or len(row) != len(names) or not all(map(is_quantity, row)):
+            raise (place or where.at)(index).refuse(row, f"must be {row_of}", ErrorKind.TYPE)
+    return [tuple(map(float, row)) for row in value]
+
+
 def _read_harmonics(value: Any, where: Where) -> tuple[tuple[int, float, float], ...]:
-    if not is_sequence(value) or not value:
-        allowed = "must be a list of harmonics, each [order, amplitude, phase]"
-        raise where.refuse(value, allowed, ErrorKind.TYPE)
-    found: list[tuple[int, float, float]] = []
-    for index, entry in enumerate(value):
-        if not is_sequence(entry) or len(entry) != 3:
-            allowed = "must be [order, amplitude, phase]"
-            raise where.at(index).refuse(entry, allowed, ErrorKind.TYPE)
-        order = integer(1, 1000)(entry[0], where.at(index).at(0))
-        if order in (other for other, *_ in found):
-            raise where.at(index).at(0).refuse(order, "must occur only once in the list")
-        amplitude, phase = (number()(entry[k], where.at(index).at(k)) for k in (1, 2))
-        found.append((order, amplitude, phase))
-    return tuple(found)
+    rows = _rows(value, where, ("order", "amplitude", "phase"))
+    if not rows:
+        raise where.refuse(value, "must have at least one harmonic", ErrorKind.TYPE)
+    orders = [integer(1, 1000)(row[0], where.at(k).at(0)) for k, row in enumerate(value)]
+    for k, order in enumerate(orders):
+        if order in orders[:k]:
+            raise where.at(k).at(0).refuse(order, "must occur only once in the list")
+    return tuple((n, *row[1:]) for n, row in zip(orders, rows, strict=True))
 
 
 _HARMONIC = {"prefixItems": [integer(1, 1000).schema], **array({"type": "number"}, 3, 3)}
@@ -345,15 +347,12 @@ def read_rows(
     """Check the rows of a function of time; `place` gives the place of a row for messages."""
     if not 2 <= len(rows) <= MOST_ROWS:
         raise where.refuse(len(rows), f"the number of rows must be from 2 to {MOST_ROWS}")
-    found: list[tuple[float, float]] = []
-    for index, row in enumerate(rows):
-        if not is_sequence(row) or len(row) != 2 or not all(map(is_quantity, row)):
-            allowed = "must be two finite numbers, time in s and factor"
-            raise place(index).refuse(row, allowed, ErrorKind.TYPE)
-        found.append((float(row[0]), float(row[1])))
-        if index and not found[-1][0] > found[-2][0]:
-            allowed = f"times must increase from row to row, the previous one is {found[-2][0]:g}"
-            raise place(index).refuse(found[-1][0], allowed)
+    found = [(time, factor) for time, factor in _rows(rows, where, ("time", "factor"), place)]
+    for index in range(1, len(found)):
+        if not found[index][0] > found[index - 1][0]:
+            before = f"{found[index - 1][0]:g}"
+            allowed = f"times must increase from row to row, the previous one is {before}"
+            raise place(index).refuse(found[index][0], allowed)
     return tuple(found)
 
 
@@ -441,18 +440,11 @@ def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> R
 
     Only the schema states the range of the first column; `fenicsrom.scene.checks.checks` checks it.
     """
-    row_of = f"[{', '.join(names)}]"
-
-    def read(value: Any, where: Where) -> tuple[tuple[float, ...], ...]:
-        if not is_sequence(value):
-            allowed = f"must be a list of rows {row_of} of finite numbers"
-            raise where.refuse(value, allowed, ErrorKind.TYPE)
-        for index, row in enumerate(value):
-            if not is_sequence(row) or len(row) != len(names) or not all(map(is_quantity, row)):
-                allowed = f"must be {row_of}, finite numbers"
-                raise where.at(index).refuse(row, allowed, ErrorKind.TYPE)
-        return tuple(tuple(float(entry) for entry in row) for row in value)
-
     row = {} if first is None else {"prefixItems": [first]}
     row |= array({"type": "number"}, len(names), len(names))
-    return Rule(read, array(row), f"list of {row_of}", unit)
+    return Rule(
+        lambda value, where: tuple(_rows(value, where, names)),
+        array(row),
+        f"list of [{', '.join(names)}]",
+        unit,
+    )

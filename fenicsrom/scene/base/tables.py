@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import Rule, Where, array, is_number, is_sequence
+from fenicsrom.scene.base.rules import Problems, Rule, Where, array, is_number, is_sequence
 
 T = TypeVar("T")
 
@@ -225,6 +225,25 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: plain(entry) for name, entry in value.items()}
     return str(value) if isinstance(value, Path) else value
+
+
+def value_at(table: Any, key: str) -> Any:
+    """The value of a key such as loads.0.force in plain data; None if there is none."""
+    for name in re.findall(r"[^.\[\]]+", key):
+        if isinstance(table, Mapping):
+            table = table.get(name)
+        elif isinstance(table, list) and name.isdecimal() and int(name) < len(table):
+            table = table[int(name)]
+        else:
+            return None
+    return table
+
+
+def require_none(problems: Problems, table: Any, where: Where) -> None:
+    """Raise the error of the first problem of a table, whose place is given."""
+    for key, allowed, kind, value in problems:
+        value = value_at(plain(table), key) if value is None else value
+        raise where.at(key).refuse(MISSING if value is None else value, allowed, kind)
 
 
 def from_keys(kind: type[T], given: Mapping[str, Any]) -> T:

@@ -21,12 +21,12 @@ def beam_problems(scene: Scene) -> Problems:
     }
     for reason, given in reasons.items():
         if given:
-            yield Problem("reference.beam", True, f"must be false with {reason}")
+            yield Problem("reference.beam", f"must be false with {reason}")
     for index, support in enumerate(scene.supports):
         for name in ("components", "normal"):
-            if (value := getattr(support, name)) is not None:
+            if getattr(support, name) is not None:
                 allowed = "not allowed with reference.beam, whose end is clamped"
-                yield Problem(f"supports[{index}].{name}", list(value), allowed)
+                yield Problem(f"supports[{index}].{name}", allowed)
 
 
 def support_problems(scene: Scene) -> Problems:
@@ -34,9 +34,7 @@ def support_problems(scene: Scene) -> Problems:
     for index, support in enumerate(scene.supports):
         yield from _component_problems(scene, f"supports[{index}]", support.components)
         if support.normal is not None and support.components is not None:
-            yield Problem(
-                f"supports[{index}].normal", support.normal, "not allowed with components"
-            )
+            yield Problem(f"supports[{index}].normal", "not allowed with components")
 
 
 def _component_problems(scene: Scene, key: str, components: tuple[str, ...] | None) -> Problems:
@@ -44,7 +42,7 @@ def _component_problems(scene: Scene, key: str, components: tuple[str, ...] | No
     for k, axis in enumerate(components or ()):
         if axis not in known:
             allowed = f"must be {' or '.join(known)} in {len(known)}D"
-            yield Problem(f"{key}.components[{k}]", axis, allowed)
+            yield Problem(f"{key}.components[{k}]", allowed)
 
 
 def attachment_problems(scene: Scene) -> Problems:
@@ -54,12 +52,12 @@ def attachment_problems(scene: Scene) -> Problems:
         yield from _component_problems(scene, key, found.components)
         if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
             allowed = "a mass, a stiffness or a damping above 0 must be given"
-            yield Problem(f"{key}.mass", MISSING, allowed)
+            yield Problem(f"{key}.mass", allowed, value=MISSING)
         for name in ("stiffness", "damping"):
             per_area = getattr(found, f"{name}_per_area")
             if per_area and not found.place.is_mean:
                 allowed = f"only allowed on a whole region; use {name}"
-                yield Problem(f"{key}.{name}_per_area", per_area, allowed)
+                yield Problem(f"{key}.{name}_per_area", allowed)
 
 
 def follower_problems(scene: Scene) -> Problems:
@@ -68,9 +66,9 @@ def follower_problems(scene: Scene) -> Problems:
         return
     key = f"loads[{scene.followers[0]}].follower"
     if not scene.geometrically_nonlinear:
-        yield Problem(key, True, "only allowed with geometrically_nonlinear = true")
+        yield Problem(key, "only allowed with geometrically_nonlinear = true")
     if "projection" in (scene.basis.elastic_force, *scene.compare.elastic_force):
-        yield Problem(key, True, 'only allowed with elastic_force = "polynomial"')
+        yield Problem(key, 'only allowed with elastic_force = "polynomial"')
     if scene.output.stresses != "none":
         allowed = f'must be "none" with {key} = true, whose forces are not in the reactions'
-        yield Problem("output.stresses", scene.output.stresses, allowed)
+        yield Problem("output.stresses", allowed)

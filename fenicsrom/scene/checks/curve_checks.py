@@ -21,19 +21,18 @@ def response_problems(scene: Scene) -> Problems:
     if response is None:
         return
     if scene.period is None:
-        allowed = "only allowed in a scene whose loads repeat"
-        yield Problem("response.parameter", response.parameter, allowed)
+        yield Problem("response.parameter", "only allowed in a scene whose loads repeat")
     if response.last == response.first:
         allowed = f"must differ from response.first = {response.first:g}"
-        yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+        yield Problem("response.last", allowed, ErrorKind.RANGE)
     for value in response.isolated or ():
         if not response.low <= value <= response.high:
             allowed = f"must be from {response.low:g} to {response.high:g}"
-            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
+            yield Problem("response.isolated", allowed, ErrorKind.RANGE)
     for k, value in enumerate(response.full_values):
         if not response.low <= value <= response.high:
             allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
-            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
+            yield Problem(f"response.full[{k}]", allowed, ErrorKind.RANGE)
             return
     yield from _peak_problems(scene, response)
     if response.parameter == "rotation.speed_rpm":
@@ -44,41 +43,41 @@ def response_problems(scene: Scene) -> Problems:
         allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
         if present == 0:
             allowed = f"the scene has no {table}"
-        yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
+        yield Problem("response.parameter", allowed, ErrorKind.RANGE)
     elif table == "loads":
         load = scene.loads[index]
         if load.static or load.kind != name:
             kind = f"static {load.kind}" if load.static else load.kind
             allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
-            yield Problem("response.parameter", response.parameter, allowed)
+            yield Problem("response.parameter", allowed)
     if response.low == 0.0 and name not in MAY_BE_ZERO:
         key = "response.first" if response.first == 0.0 else "response.last"
-        yield Problem(key, 0.0, "must be above 0", ErrorKind.RANGE)
+        yield Problem(key, "must be above 0", ErrorKind.RANGE)
     if table == "contacts" and name == "gap" and _has_radius(scene, index):
         allowed = "not allowed with surface.radius, which determines the gap"
-        yield Problem("response.parameter", response.parameter, allowed)
+        yield Problem("response.parameter", allowed)
 
 
 def _speed_problems(scene: Scene, response: Response) -> Problems:
     """Yield what a curve over the speed of rotation needs."""
-    key, name = "response.parameter", response.parameter
+    key = "response.parameter"
     if not scene.geometrically_nonlinear:
         allowed = (
             "must be true in a curve over rotation.speed_rpm: the equilibrium changes along it"
         )
-        yield Problem("geometrically_nonlinear", False, allowed)
+        yield Problem("geometrically_nonlinear", allowed)
     if scene.speeds_rpm is None:
-        yield Problem(key, name, "needs rotation.speeds_rpm, one model for all speeds")
+        yield Problem(key, "needs rotation.speeds_rpm, one model for all speeds")
         return
     ends = {"response.first": response.first, "response.last": response.last}
     yield from speed_problems(scene.speeds_rpm, ends)
     for k, load in enumerate(scene.loads):
         if load.frequency is not None and not isinstance(load.frequency, OrderFrequency):
             allowed = f"needs an engine_order for loads[{k}]: its frequency must follow the speed"
-            yield Problem(key, name, allowed)
+            yield Problem(key, allowed)
     for k, contact in enumerate(scene.contacts):
         if contact.surface is not None and contact.surface.spin:
-            yield Problem(key, name, f"not allowed with contacts[{k}].surface.spin")
+            yield Problem(key, f"not allowed with contacts[{k}].surface.spin")
 
 
 def speed_problems(speeds: tuple[float, ...], given: Mapping[str, float]) -> Problems:
@@ -87,7 +86,7 @@ def speed_problems(speeds: tuple[float, ...], given: Mapping[str, float]) -> Pro
     for key, speed in given.items():
         if not first <= speed <= last:
             allowed = f"must be in the range of rotation.speeds_rpm, {first:g} to {last:g}"
-            yield Problem(key, speed, allowed, ErrorKind.RANGE)
+            yield Problem(key, allowed, ErrorKind.RANGE, value=speed)
 
 
 def keys_over(scene: Scene, over: str) -> list[str]:
@@ -109,28 +108,27 @@ def _peak_problems(scene: Scene, response: Response) -> Problems:
     over, given = response.peak_over, response.peak_range
     if over is None:
         if given is not None:
-            yield Problem("response.peak_range", list(given), "only allowed with peak_over")
+            yield Problem("response.peak_range", "only allowed with peak_over")
         return
     if response.parameter != "frequency":
-        allowed = 'needs response.parameter = "frequency"'
-        yield Problem("response.peak_over", over, allowed)
+        yield Problem("response.peak_over", 'needs response.parameter = "frequency"')
     values = values_over(scene, over)
     if not values:
         allowed = f"the scene has {counted(len(scene.contacts), 'contact')}, numbered from 0"
-        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+        yield Problem("response.peak_over", allowed, ErrorKind.RANGE)
         return
     regions = {contact.place.at == "nodes" for contact in scene.contacts}
     if "*" in over and over.rsplit(".", 1)[-1] in REGIONAL and len(regions) > 1:
         allowed = "not allowed with contacts at points and with the nodes of regions"
-        yield Problem("response.peak_over", over, allowed)
+        yield Problem("response.peak_over", allowed)
     if min(values) <= 0.0 or min(values) < max(values):
         allowed = "needs a number above 0 in the scene, where the peaks begin"
         if "*" in over:
             allowed += ", the same of all contacts"
-        yield Problem("response.peak_over", over, allowed, ErrorKind.RANGE)
+        yield Problem("response.peak_over", allowed, ErrorKind.RANGE)
     elif given is not None and not (len(given) == 2 and given[0] <= values[0] <= given[1]):
         allowed = f"must be two numbers, with the {values[0]:g} of the scene between them"
-        yield Problem("response.peak_range", list(given), allowed, ErrorKind.RANGE)
+        yield Problem("response.peak_range", allowed, ErrorKind.RANGE)
 
 
 def backbone_problems(scene: Scene) -> Problems:
@@ -140,14 +138,12 @@ def backbone_problems(scene: Scene) -> Problems:
         return
     if not backbone.last > backbone.first:
         allowed = f"must be above backbone.first = {backbone.first:g}"
-        yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
+        yield Problem("backbone.last", allowed, ErrorKind.RANGE)
     factors = backbone.load_factors
     if list(factors) != sorted(factors):
-        allowed = "must be in ascending order"
-        yield Problem("backbone.load_factors", list(factors), allowed, ErrorKind.RANGE)
+        yield Problem("backbone.load_factors", "must be in ascending order", ErrorKind.RANGE)
     if factors and scene.period is None:
-        allowed = "only allowed in a scene whose loads repeat"
-        yield Problem("backbone.load_factors", list(factors), allowed)
+        yield Problem("backbone.load_factors", "only allowed in a scene whose loads repeat")
 
 
 def statics_problems(scene: Scene) -> Problems:
@@ -155,9 +151,9 @@ def statics_problems(scene: Scene) -> Problems:
     for index, number in enumerate(scene.statics.loads or ()):
         if number >= len(scene.loads):
             allowed = f"must be below the number of loads, {len(scene.loads)}"
-            yield Problem(f"statics.loads[{index}]", number, allowed, ErrorKind.RANGE)
+            yield Problem(f"statics.loads[{index}]", allowed, ErrorKind.RANGE)
         elif not scene.loads[number].static:
-            yield Problem(f"statics.loads[{index}]", number, "must be the number of a static load")
+            yield Problem(f"statics.loads[{index}]", "must be the number of a static load")
 
 
 def _has_radius(scene: Scene, index: int) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import Problem, Problems
@@ -28,9 +27,9 @@ def material_problems(scene: Scene) -> Problems:
         key = f"materials[{index}]"
         yield from _problems_of_one(group, key, dimension)
         if group.group in [other.group for other in scene.materials[:index]]:
-            yield Problem(f"{key}.group", group.group, "must occur only once")
+            yield Problem(f"{key}.group", "must occur only once")
         if dimension == 3 and group.thickness is not None:
-            yield Problem(f"{key}.thickness", group.thickness, "only allowed in 2D")
+            yield Problem(f"{key}.thickness", "only allowed in 2D")
 
 
 def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Problems:
@@ -38,32 +37,30 @@ def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Problems
     poisson, shear = material.poisson, material.shear
     if not isinstance(material.young, tuple):
         if isinstance(poisson, tuple):
-            allowed = "must be a number with one Young's modulus"
-            yield Problem(f"{key}.poisson", list(poisson), allowed)
+            yield Problem(f"{key}.poisson", "must be a number with one Young's modulus")
         for name in ("shear", "axes"):
-            if (value := getattr(material, name)) is not None:
-                yield Problem(f"{key}.{name}", value, "not allowed with one Young's modulus")
+            if getattr(material, name) is not None:
+                yield Problem(f"{key}.{name}", "not allowed with one Young's modulus")
         return
     count = len(material.young)
     moduli, ratios, shears = WORDS[count]
     if not isinstance(poisson, tuple) or len(poisson) != count:
-        yield Problem(f"{key}.poisson", poisson, f"must be {ratios} with {moduli}")
+        yield Problem(f"{key}.poisson", f"must be {ratios} with {moduli}")
     elif shear is None or isinstance(shear, tuple) != (count == 3):
-        value = MISSING if shear is None else shear
-        yield Problem(f"{key}.shear", value, f"must be {shears} with {moduli}")
+        yield Problem(f"{key}.shear", f"must be {shears} with {moduli}")
     elif not _is_positive_definite(material):
         allowed = (
             "the elastic energy must be positive for every strain: |nu12| < sqrt(E1 / E2) and so "
             "on, and the determinant of the compliance must be positive"
         )
-        yield Problem(f"{key}.poisson", list(poisson), allowed, ErrorKind.RANGE)
+        yield Problem(f"{key}.poisson", allowed, ErrorKind.RANGE)
     axes, key = material.axes or (), f"{key}.axes"
     if dimension == 2 and len(axes) == 2:
-        yield Problem(key, axes, "must be one vector in 2D")
+        yield Problem(key, "must be one vector in 2D")
     if dimension == 3 and count == 3 and len(axes) == 1:
-        yield Problem(key, axes, "must be two vectors with three Young's moduli in 3D")
+        yield Problem(key, "must be two vectors with three Young's moduli in 3D")
     if len(axes) == 2 and abs(sum(a * b for a, b in zip(*axes, strict=True))) > PARALLEL:
-        yield Problem(key, axes, "the two vectors must not be parallel", ErrorKind.RANGE)
+        yield Problem(key, "the two vectors must not be parallel", ErrorKind.RANGE)
 
 
 def _is_positive_definite(material: Elasticity) -> bool:

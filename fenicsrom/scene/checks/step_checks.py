@@ -31,16 +31,16 @@ def step_problems(scene: Scene) -> Problems:
     match scene.time.stepping:
         case FixedStep(step=step) if step > (1.0 + ROUNDING) * period / STEPS:
             allowed = f"must be at most {period / STEPS:.6g}, so that {STEPS} steps resolve"
-            yield Problem("time.step", step, f"{allowed} {shortest}")
+            yield Problem("time.step", f"{allowed} {shortest}")
         case StepsPerRevolution(steps_per_revolution=steps):
             assert scene.rotation is not None
             slowest = min(speed for _, speed in scene.rotation.history)
             needed = math.ceil((1.0 - ROUNDING) * STEPS * 60.0 / slowest / period)
             if steps < needed:
                 allowed = f"must be at least {needed}, so that {STEPS} steps resolve {shortest}"
-                yield Problem("time.steps_per_revolution", steps, allowed)
+                yield Problem("time.steps_per_revolution", allowed)
         case StepsPerPeriod(steps_per_period=steps) if scene.period is not None:
             needed = math.ceil((1.0 - ROUNDING) * STEPS * scene.period / period)
             if steps < needed:
                 allowed = f"must be at least {needed}, so that {STEPS} steps resolve {shortest}"
-                yield Problem("time.steps_per_period", steps, allowed)
+                yield Problem("time.steps_per_period", allowed)

@@ -13,7 +13,7 @@ from dataclasses import fields
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.base.tables import plain, value_at
 from fenicsrom.scene.base.toml import toml_value
 from fenicsrom.scene.reading.overrides import Overrides, names_of, override_texts
 from fenicsrom.scene.reading.units import as_given
@@ -62,27 +62,15 @@ def scene_heading(scene: Scene, varied: Collection[str] = ()) -> str:
     tables = {field.name for field in fields(scene)}
 
     def is_missing(name: str) -> bool:
-        return name in hidden or (name.split(".")[0] in tables and _value(table, name) is None)
+        return name in hidden or (name.split(".")[0] in tables and value_at(table, name) is None)
 
     def shown(match: re.Match[str]) -> str:
-        value = as_given(scene, match[1], _value(table, match[1]))
+        value = as_given(scene, match[1], value_at(table, match[1]))
         return match[0] if value is None else _short(value)
 
     parts = scene.title.split(", ")
     kept = [part for part in parts if not any(map(is_missing, KEY_IN_BRACES.findall(part)))]
     return KEY_IN_BRACES.sub(shown, ", ".join(kept)) or scene.source
-
-
-def _value(table: Any, name: str) -> Any:
-    """The value of a key such as `loads.0.frequency`; None if the scene has none."""
-    for part in name.split("."):
-        if isinstance(table, Mapping):
-            table = table.get(part)
-        elif isinstance(table, list) and part.isdecimal() and int(part) < len(table):
-            table = table[int(part)]
-        else:
-            return None
-    return table
 
 
 def _short(value: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
-from fenicsrom.scene.base.tables import plain, read_table
+from fenicsrom.scene.base.tables import plain, read_table, require_none
 from fenicsrom.scene.base.toml import parse_toml
 from fenicsrom.scene.checks.checks import default_masters, problems
 from fenicsrom.scene.checks.step_checks import step_problems
@@ -130,7 +130,7 @@ def parse_scene(
     if not (scene.units.is_si or scene.units.si):
         scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
     scene = _complete(scene, folder, folder if mesh else None)
-    where.require_none(step_problems(scene))
+    require_none(step_problems(scene), scene, where)
     return scene
 
 
@@ -141,7 +141,7 @@ def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
         SceneError: a key or value is not allowed.
     """
     scene = read_table(Scene, _with_frequencies(table, where), where)
-    where.require_none(problems(scene, unloaded))
+    require_none(problems(scene, unloaded), scene, where)
     return replace(scene, source=where.source)
 
 

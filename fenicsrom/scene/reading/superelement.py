@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import Problem, Problems, Where, choice, integer, list_of, number
-from fenicsrom.scene.base.tables import read_table, tables_of
+from fenicsrom.scene.base.tables import read_table, require_none, tables_of
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.reading.reading import parse_scene, read_toml
 
@@ -139,16 +139,13 @@ def parse_superelement_scene(
         SceneError: a key or value is not allowed.
     """
     where = Where(source)
-    where.require_none(
-        Problem(name, table[name], "not allowed in the scene of a superelement")
-        for name in EXCLUDED
-        if name in table
-    )
+    allowed = "not allowed in the scene of a superelement"
+    require_none((Problem(name, allowed) for name in EXCLUDED if name in table), table, where)
     body = read_table(Superelement, table.get("superelement", {}), where.at("superelement"))
     nodes = read_table(_Nodes, {"nodes": table.get("nodes", [])}, where).nodes
     for index, node in enumerate(nodes):
         place = where.at("nodes").at(index)
-        place.require_none(_node_problems(node, body.dimension))
+        require_none(_node_problems(node, body.dimension), node, place)
         if (node.coordinates is None) == (node.grid is None):
             reason = "one of coordinates and grid must be given"
             raise refuse(source, reason, ErrorKind.CONFLICT, f"{place.key}.coordinates")
@@ -166,7 +163,7 @@ def parse_superelement_scene(
         "geometrically_nonlinear": False,
     }
     scene = parse_scene(full, source, folder, mesh=False)
-    where.require_none(_problems(scene))
+    require_none(_problems(scene), scene, where)
     return SuperelementScene(scene, nodes, clamped)
 
 
@@ -174,15 +171,14 @@ def _problems(scene: Scene) -> Problems:
     """Yield what a superelement cannot do."""
     for k, load in enumerate(scene.loads):
         if load.kind != "force":
-            allowed = "must be a force on interface nodes"
-            yield Problem(f"loads[{k}].{load.kind}", load.size, allowed)
+            yield Problem(f"loads[{k}].{load.kind}", "must be a force on interface nodes")
     for k, support in enumerate(scene.supports):
         for name in ("components", "normal"):
-            if (value := getattr(support, name)) is not None:
+            if getattr(support, name) is not None:
                 allowed = "not allowed in the scene of a superelement, whose nodes are clamped"
-                yield Problem(f"supports[{k}].{name}", value, allowed)
+                yield Problem(f"supports[{k}].{name}", allowed)
     if scene.output.stresses != "none":
-        yield Problem("output.stresses", scene.output.stresses, 'must be "none"')
+        yield Problem("output.stresses", 'must be "none"')
 
 
 def _node_problems(node: InterfaceNode, dimension: int) -> Problems:
@@ -191,9 +187,9 @@ def _node_problems(node: InterfaceNode, dimension: int) -> Problems:
         value = getattr(node, key)
         if value is not None and len(value) != dimension:
             allowed = f"must have {dimension} entries with superelement.dimension = {dimension}"
-            yield Problem(key, value, allowed)
+            yield Problem(key, allowed)
     coordinates = node.coordinates or ()
     for index, entry in enumerate(coordinates):
         if entry and entry in coordinates[:index]:
             allowed = "must occur only once in the list"
-            yield Problem(f"coordinates[{index}]", entry, allowed, ErrorKind.RANGE)
+            yield Problem(f"coordinates[{index}]", allowed, ErrorKind.RANGE)
