@@ -9,7 +9,7 @@ the period by the linearised step of `fenicsrom.online.derivative.step_sensitivi
                 + D (velocity_v dv0 + velocity_a da0) + B dF],
 
 with the factor of S that the last iteration of the step left, and the contact terms of S by the
-Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
+Woodbury formula.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from fenicsrom.online.run.march_setup import initial_state
 from fenicsrom.online.step.loop import SMALLEST_STEP, write
 from fenicsrom.online.step.scheme import Scheme
 from fenicsrom.online.step.state import LAST_STEP, STEP, TIME, Record, State, no_record
-from fenicsrom.online.step.step import accept, attempt, step_coefficients
+from fenicsrom.online.step.step import accept, attempt, set_blending, step_coefficients
 
 ROOM = 4  # rows of the record for each nominal step; halved steps need more than one
 
@@ -152,7 +152,7 @@ class FullPeriodMap:
         for p in range(self._points):
             mine = slice(p * d, (p + 1) * d)
             here = state.contact.x[p].copy()
-            self._differentiate(REST, p, here, here, sliders[p].copy(), 0.0, REST.discrete_gradient)
+            self._differentiate(REST, p, here, here, sliders[p].copy(), 0j, REST.discrete_gradient)
             by = self._law.slider[p]
             by_x, by_w = by[:, :d] + by[:, d : 2 * d], by[:, 2 * d : 3 * d]
             w[mine] = by_x @ x[mine] + by_w @ given[mine]
@@ -166,8 +166,8 @@ class FullPeriodMap:
         """
         model, contacts, plan, times = self.model, self.contacts, self.plan, self.times
         record = no_record(ROOM * times.size, self._points, self._dimension)
-        s, rows, k = state.scalars, 0, 1
-        s[STEP] = times[1] - times[0]
+        s, rows, k, size = state.scalars, 0, 1, times[1] - times[0]
+        s[STEP] = size
         while k < times.size:
             begin, goal = float(s[TIME]), times[k]
             grid = goal - times[k - 1]
@@ -175,6 +175,9 @@ class FullPeriodMap:
             lands = goal - begin - h <= 1e-9 * grid
             if lands:
                 h = goal - begin
+            if abs(h - size) > 1e-9 * h:
+                size = h
+            set_blending(model, contacts, plan, state, size)
             load_ahead = model.load(begin + h)
             if attempt(model, contacts, plan, state, h, load_ahead)[0] and rows < record.time.size:
                 before = _Before(state)
@@ -216,7 +219,8 @@ class FullPeriodMap:
         for p in range(self._points):
             if state.trial.scratch.mode[p] == OPEN:
                 continue
-            ends, blending = (before.x[p], state.contact.x[p]), state.trial.scratch.blending[p]
+            ends = before.x[p], state.contact.x[p]
+            blending = complex(state.trial.scratch.blending[p])
             follows = not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0
             self._differentiate(step_times, p, *ends, before.w[p], blending, follows)
             by, mine = self._law.force[p], slice(p * d, (p + 1) * d)

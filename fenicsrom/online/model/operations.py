@@ -62,6 +62,17 @@ class Model(Protocol):
         `elastic_over_step`.
         """
 
+    def write_normal_flexibility(self, h: float, out: Array) -> None:
+        """Write the flexibility of each contact point along its normal for a step at rest, m/N.
+
+        It is b^T S^-1 b with S = 2 M/h^2 + K/2, which has no gyroscopic nor viscous forces, and
+        the row b of the normal displacement. K is the stiffness at rest without follower pressures.
+
+        Args:
+            h: size of the step, s.
+            out: (P,) out.
+        """
+
     def negative_directions(self, tangent: Any) -> int:
         """Number of negative eigenvalues of a tangent as returned by `elastic_over_step`."""
 
