@@ -29,7 +29,6 @@ from mpi4py import MPI
 from fenicsrom.assess.full.full_cache import machine
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.fem.solid.solid import build_solid
-from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.motion.measures import errors_percent
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
@@ -53,7 +52,7 @@ def measure(name: str, changes: tuple[str, ...], errors: bool) -> str:
     scene = read_scene(HERE / f"{name}.toml", changes)
     solid = build_solid(scene, MPI.COMM_WORLD)
     found = Reduction(solid, scene, lambda stage: nullcontext())
-    full = FullModel(solid, contacts_of(scene, solid.points))
+    full = FullModel(solid)
     once = replace(scene, time=scene.time.changed(periods=1, steady_tolerance=0.0))
     simulate(found.model, once)
     motion, quick = repeat(found.model, once, 25)

@@ -156,7 +156,7 @@ def examine(scene: Scene, longest: float) -> dict[str, Any]:
             start = study.basis.vectors @ q, study.basis.vectors @ v, sliders
             scene = with_time(scene, periods=FULL_PERIODS)
         signal.setitimer(signal.ITIMER_VIRTUAL, longest)
-        full = simulate(full_model(solid, scene), scene, start=start)
+        full = simulate(full_model(solid), scene, start=start)
         error = distances(motion, full)
         found |= {"error": error.amplitude, "worst_error": error.largest}
         found |= {"full_step": full.seconds / full.steps}

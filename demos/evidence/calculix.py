@@ -194,7 +194,7 @@ def motions(scene: Any) -> dict[str, dict[str, Any]]:
     from fenicsrom.fem.full.full import full_model
     from fenicsrom.online.run.simulate import simulate
 
-    full = simulate(full_model(build_solid(scene, MPI.COMM_SELF), scene), scene)
+    full = simulate(full_model(build_solid(scene, MPI.COMM_SELF)), scene)
     stored = build_model(scene)
     stored.simulate()  # compiles
     reduced = stored.simulate()

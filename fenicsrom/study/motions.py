@@ -160,7 +160,7 @@ def _model(study: Study, name: str) -> Any:
     if name == "full":
         from fenicsrom.fem.full.full import full_model
 
-        return full_model(study.solid, study.scene)
+        return full_model(study.solid)
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -245,7 +245,7 @@ def slower_than_solid(study: Study) -> list[str]:
     period = with_time(scene, periods=1, steady="march")
     try:
         coarse = with_time(period, steps_per_period=TIMED_STEPS)
-        full = simulate(full_model(solid, scene), coarse)
+        full = simulate(full_model(solid), coarse)
         reduced = simulate(study.model, period)
     except (AccuracyError, ConvergenceError, SceneError):  # the long steps cannot be taken
         return []

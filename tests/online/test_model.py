@@ -62,3 +62,17 @@ def test_linear_model_factorises_again_when_a_coefficient_changes(kind: str) -> 
         np.testing.assert_allclose(y, np.linalg.solve(effective, -residual), rtol=1e-12)
         np.testing.assert_allclose(unit, np.linalg.inv(effective), rtol=1e-12)
         np.testing.assert_allclose(compliance.delassus, unit, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["reduced", "dense"])
+def test_normal_flexibility_is_that_of_a_step_at_rest(kind: str) -> None:
+    """The step that follows has its own factor."""
+    model, zero, found = gyroscopic_model(kind), np.zeros(2), np.zeros(1)
+    _, tangent = model.elastic_over_step(zero, zero, zero, 0.0, np.ones(1), np.ones(1))
+    for h in (0.3, 0.9):
+        before = model.solve_effective(3.0, 0.7, tangent, np.ones(2), np.arange(2))[0].copy()
+        model.write_normal_flexibility(h, found)
+        at_rest = np.linalg.inv(2.0 / h**2 * MASS + 0.5 * STIFFNESS)
+        np.testing.assert_allclose(found, at_rest[0, 0], rtol=1e-12)
+        after = model.solve_effective(3.0, 0.7, tangent, np.ones(2), np.arange(2))[0]
+        np.testing.assert_array_equal(after, before)

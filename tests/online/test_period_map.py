@@ -10,9 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from support import linear_model, one_contact, random_model
 
+from fenicsrom.online.contact.law import implicit_blending
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import CYLINDER, PLANE, SPHERE, Contacts
-from fenicsrom.online.derivative.sensitivity import no_drift
+from fenicsrom.online.derivative.sensitivity import no_drift, no_sensitivity
+from fenicsrom.online.derivative.step_sensitivity import differentiate_blending
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
@@ -34,6 +36,7 @@ Array = NDArray[np.float64]
 SCHEMES = ["discrete-gradient", "average-acceleration", "generalised-alpha"]
 PERIOD = 2.0 * np.pi / 1.3
 STEPS = 60
+UNEQUAL = np.concatenate([np.linspace(0.0, 0.5, 41), 0.5 + np.linspace(0.0, 0.5, 21)[1:]])
 
 
 def shaken(dimension: int = 2, n: int = 4, *, nonlinear: bool = True) -> ReducedModel:
@@ -135,13 +138,17 @@ def test_derivatives_are_compiled_once_for_two_and_three_dimensions() -> None:
     assert signatures[0] == signatures[1]
 
 
+def unequal_map(model: ReducedModel, contacts: Contacts) -> PeriodMap:
+    """A period map with twice as many steps in the first half of the period as in the second."""
+    plan = scheme("discrete-gradient", model, 0.8)
+    return PeriodMap(Problem(model, contacts, None, None), plan, UNEQUAL)
+
+
 def test_unequal_intervals_are_marched_in_turn() -> None:
     model, contacts = shaken(), one_contact(**RUB)
-    plan = scheme("discrete-gradient", model, 0.8)
-    fractions = np.concatenate([np.linspace(0.0, 0.5, 41), 0.5 + np.linspace(0.0, 0.5, 21)[1:]])
-    pmap = PeriodMap(Problem(model, contacts, None, None), plan, fractions)
+    pmap = unequal_map(model, contacts)
     found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
-    np.testing.assert_allclose(found.record.time, PERIOD * fractions[1:], rtol=1e-12)
+    np.testing.assert_allclose(found.record.time, PERIOD * UNEQUAL[1:], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -178,7 +185,7 @@ def test_monodromy_of_gyroscopic_model_matches_differences(name: str) -> None:
 
 @pytest.mark.parametrize("surface", ["plane", "casing"])
 def test_monodromy_of_gyroscopic_model_on_stiff_contact_matches_differences(surface: str) -> None:
-    """The weight of the implicit blending, here about a half, depends on S and its transpose."""
+    """The weight of the implicit blending, here about a half, depends on the model at rest only."""
     model = shaken()
     contacts = one_contact(**RUB | {"preload": 50.0, "normal_stiffness": 600.0})
     if surface == "casing":
@@ -265,7 +272,7 @@ def test_derivative_by_parameter_matches_differences(name: str, parameter: str) 
 @pytest.mark.parametrize("stiff", [False, True])
 def test_derivative_by_speed_matches_differences(name: str, stiff: bool) -> None:
     """Of a nonlinear model with Coriolis and centrifugal forces, measured from its equilibrium; the
-    weight of the implicit blending on the stiff contact depends on them."""
+    weight of the implicit blending on the stiff contact depends on the centrifugal ones."""
     model, n, rng = shaken(), 4, np.random.default_rng(6)
     softening, gyroscopic = (0.2 * rng.standard_normal((n, n)) for _ in range(2))
     squares = np.linspace(0.5, 3.0, 9)
@@ -304,7 +311,7 @@ def test_derivative_by_speed_matches_differences(name: str, stiff: bool) -> None
 
 
 def test_derivative_by_frequency_of_stiff_contact_with_dashpots_matches_differences() -> None:
-    """The weight of the implicit blending, here about a half, depends on the viscous forces."""
+    """The weight of the implicit blending is about a half."""
     model = shaken(nonlinear=False)
     root = np.random.default_rng(4).standard_normal((4, 4))
     model = model._replace(velocity_matrix=np.ascontiguousarray(2.0 * (root @ root.T + np.eye(4))))
@@ -319,3 +326,55 @@ def test_derivative_by_frequency_of_stiff_contact_with_dashpots_matches_differen
     behind = pmap(at(value - h), z, derive=False)[1].z
     differences = (ahead - behind) / (2.0 * h)
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
+
+
+@pytest.mark.parametrize("parameter", ["frequency", "damping", "normal_stiffness"])
+@pytest.mark.parametrize(("preload", "kind"), [(50.0, PLANE), (0.4, CYLINDER)])
+@pytest.mark.parametrize(("stiffness", "least", "most"), [(400.0, 0.2, 0.9), (5e3, 0.98, 1.0)])
+def test_derivative_by_parameter_on_stiff_contact_matches_differences(
+    stiffness: float, least: float, most: float, preload: float, kind: int, parameter: str
+) -> None:
+    """The weight of the implicit blending depends on the stiffness and on both sizes of steps."""
+    model = shaken(nonlinear=False)
+    contacts = one_contact(**RUB | {"preload": preload, "normal_stiffness": stiffness})
+    if kind != PLANE:
+        contacts = curved(contacts, kind, 0.0)
+    at, value = family(parameter, model, contacts)
+    pmap = unequal_map(model, contacts)
+    z = run_in(pmap, model, contacts)
+    found = pmap(at(value), z)[1]
+    weights = found.record.blending
+    assert least < weights.min() < weights.max() < most
+    h = 1e-7 * max(1.0, value)
+    ahead, behind = (pmap(at(value + k), z, derive=False)[1].z for k in (h, -h))
+    differences = (ahead - behind) / (2.0 * h)
+    assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
+
+
+@pytest.mark.parametrize("by", ["step", "stiffness of the contacts", "stiffness of the model"])
+def test_derivative_of_blending_weights_matches_differences(by: str) -> None:
+    model, rng = random_model(5, masters=4), np.random.default_rng(7)
+    contacts = one_contact(normal_stiffness=[20.0, 200.0])
+    drift, h, root = no_drift(contacts, model.load_histories), 0.4, rng.standard_normal((5, 5))
+    changed = drift.contacts._replace(normal_stiffness=np.array([3.0, 20.0]))
+    drift = {
+        "step": drift._replace(period=0.7),
+        "stiffness of the contacts": drift._replace(contacts=changed),
+        "stiffness of the model": drift._replace(stiffness=root + root.T, force=np.zeros(5)),
+    }[by]
+
+    def weights(moved: float) -> Array:
+        found = np.zeros(2)
+        elastic = model.elastic
+        if drift.force.size:
+            elastic = elastic._replace(stiffness=elastic.stiffness + moved * drift.stiffness)
+        along = contacts.normal_stiffness + moved * drift.contacts.normal_stiffness
+        at = model._replace(elastic=elastic)
+        at.write_normal_flexibility(h * (1.0 + moved * drift.period), found)
+        implicit_blending(contacts._replace(normal_stiffness=along), found)
+        return found
+
+    assert np.all((0.05 < weights(0.0)) & (weights(0.0) < 0.999))
+    s = no_sensitivity(5, 8, contacts, model.load_histories, 2)
+    differentiate_blending(model, contacts, drift, h, s)
+    np.testing.assert_allclose(s.blending, (weights(1e-6) - weights(-1e-6)) / 2e-6, rtol=1e-6)

@@ -25,7 +25,6 @@ from fenicsrom.online.model.polynomial import (
     elastic_force,
     elastic_polynomial,
     pairs,
-    write_tangent_changes,
     write_tangents,
 )
 from fenicsrom.online.run.simulate import simulate
@@ -110,24 +109,6 @@ def test_weighted_tangents_of_several_points_are_sums_of_single_ones(count: int)
     tangents = np.array([evaluate(elastic, point)[1] for point in q])
     expected = np.einsum("kg,gij->kij", shares[:, :count], tangents)
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
-
-
-def test_changes_of_a_mean_tangent_match_differences() -> None:
-    """A tangent is quadratic in q, so its central differences are exact."""
-    elastic, rng, n = random_polynomial(4), np.random.default_rng(5), 4
-    q0, dq, u, v = rng.standard_normal((4, n))
-    found = np.full((2, n, elastic.cubic.shape[0]), np.nan)
-    write_tangent_changes(elastic, np.ascontiguousarray(elastic.quadratic.T), q0, dq, found)
-    points, weights = np.polynomial.legendre.leggauss(3)
-    expected = np.zeros((2, n))
-    for share, weight in zip(0.5 * (points + 1.0), 0.5 * weights, strict=True):
-        for c, e in enumerate(np.eye(n)):
-            ahead, behind = (evaluate(elastic, q0 + share * dq + sign * e)[1] for sign in (1, -1))
-            change = 0.5 * u @ (ahead - behind) @ v
-            expected[:, c] += weight * change * np.array([share, share**2])
-    i, j = pairs(n)
-    products = u[i] * v[j] + u[j] * v[i]
-    np.testing.assert_allclose(found @ products, expected, rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -22,7 +22,7 @@ from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.online.run.march_setup import MarchRun
 from fenicsrom.online.step.loop import compiled_march
 from fenicsrom.online.step.scheme import scheme
-from fenicsrom.online.step.step import accept, attempt
+from fenicsrom.online.step.step import accept, attempt, set_blending
 from fenicsrom.scene import Abradable, Time
 
 Array = NDArray[np.float64]
@@ -204,6 +204,7 @@ def test_rejected_step_leaves_no_trace_in_the_layer() -> None:
     run.advance(model, contacts, plan, run.control, run.state, begin, here, run.record)
     h, worn = 10.0 * run.control.grid, contacts.coating.worn.copy()
     load, tried = model.load(0.0), []
+    set_blending(model, contacts, plan, run.state, h)
     for _ in range(2):
         assert attempt(model, contacts, plan, run.state, h, load)[0]
         tried.append(run.state.trial.dq.copy())

@@ -8,6 +8,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
@@ -275,7 +276,8 @@ def _force_error(motion: Motion, other: Motion) -> float:
     apart = 2.0 * abs(peak - peak_normal_force(other, _start(motion)))
     if peak == apart == 0.0:
         return 0.0
-    resolved = motion.end is None or np.all(motion.end.state.trial.scratch.blending < 0.5)
+    touches = np.any(motion.state != OPEN, axis=0)
+    resolved = motion.end is None or np.all(motion.end.state.trial.scratch.blending[touches] < 0.5)
     return apart / peak if resolved and peak > 0.0 else np.inf
 
 

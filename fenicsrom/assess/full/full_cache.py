@@ -60,7 +60,7 @@ def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
             limit = f"at most {scene.time.periods} periods"
             log.info(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
-    model = full_model(body, scene)
+    model = full_model(body)
     motion = simulate(model, scene, progress=progress)
     date = datetime.now(UTC).isoformat(timespec="seconds")
     note = {"date": date, "machine": machine(), "ranks": comm.size}

@@ -174,7 +174,7 @@ class _Problem:
         """Begin with the span of the basis."""
         self.solid = solid
         problem = shooting.problem
-        model = FullModel(solid, problem.contacts)
+        model = FullModel(solid)
         model.load_histories = problem.model.load_histories
         model.damping = float(problem.model.damping)
         plan = shooting.map.plan._replace(damping=model.damping)

@@ -15,28 +15,18 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, multiply, negative_eigenvalues
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.compliance import Compliance, given_compliance
-from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
-from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.pressure import GAUSS
 from fenicsrom.online.step.scheme import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.scene import Scene
 
 
-def full_model(body: Structure, scene: Scene | None = None) -> Any:
-    """The full model of a structure, for the time integration.
-
-    Args:
-        body: the structure.
-        scene: gives the contacts that the motion will meet, if they are known: see `FullModel`.
-    """
+def full_model(body: Structure) -> Any:
+    """The full model of a structure, for the time integration."""
     if isinstance(body, BeamStructure):
         return body.full_model()
-    return FullModel(body, None if scene is None else contacts_of(scene, body.points))
+    return FullModel(body)
 
 
 Slope = list[tuple[float, Array, Array]]
@@ -55,12 +45,6 @@ more than the factor of ten by which `fenicsrom.online.step.step` recognises rou
 
 PATIENCE = 10
 """Iterations of a step, of at most fifteen, before each one makes its own factor."""
-
-SOFT_CONTACT = 1e-2
-"""Stiffness times flexibility r of a contact that is soft for a step.
-
-The weight of its force is then below r squared, and an old flexibility changes it by 1 % of this.
-"""
 
 SAME_COEFFICIENT = 1e-10
 """Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
@@ -143,19 +127,8 @@ class FullModel:
 
     exact_newton = False
 
-    def __init__(self, solid: Solid, contacts: Contacts | None = None):
-        """Take the forms and matrices of the solid; geometrically linear if its scene is.
-
-        Args:
-            solid: the solid.
-            contacts: the contact points that the motion will meet, if they are known: a step then
-                needs no factorisation for its flexibility if it is far from contact.
-        """
-        count, d = len(solid.points.contact), solid.dimension
-        self._contacts, self._points_count, self._time = contacts, count, 0.0
-        self._here, self._scratch = zero_contact_state(count, d), contact_scratch(count, d)
-        # trial normal forces at the end of the step before
-        self._normal_force = np.full(count, np.nan)
+    def __init__(self, solid: Solid):
+        """Take the forms and matrices of the solid; geometrically linear if its scene is."""
         self._solid = solid
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
@@ -181,6 +154,7 @@ class FullModel:
         self._is_exact = False
         self._unit = np.zeros((solid.local, 0))
         self._delassus = np.zeros((self._rows.shape[0],) * 2)
+        self._blended_step, self._normal_flexibility = np.nan, np.zeros(0)
         self._progress = _Progress(solid)
 
     def set_at_rest(self) -> None:
@@ -251,11 +225,7 @@ class FullModel:
         """
         wanted = _Effective(mass_coefficient, velocity_coefficient, tangent)
         first = self._progress.is_first
-        keeps = self.linear or (
-            mass_coefficient > 0.0
-            and not self._progress.is_slow
-            and not (first and len(tangent) > 1 and self._needs_flexibility())
-        )
+        keeps = self.linear or (mass_coefficient > 0.0 and not self._progress.is_slow)
         if not (keeps and self._made is not None and wanted.has_coefficients_of(self._made)):
             exact = self.linear or first or mass_coefficient <= 0.0 or self._progress.renewals > 0
             if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
@@ -270,27 +240,18 @@ class FullModel:
         chosen = slice(None) if every else directions
         return y, self._unit[:, chosen], given_compliance(self._delassus[chosen][:, chosen])
 
-    def _needs_flexibility(self) -> bool:
-        """Whether the step may weight a contact force by its own flexibility.
+    def write_normal_flexibility(self, h: float, out: Array) -> None:
+        """Write the flexibility (P,) of the contact points along their normals for a step at rest.
 
-        `fenicsrom.online.contact.law.implicit_blending` does so with the first S of a step. The
-        flexibility matters where a point may touch whose contact is not soft for the step. The
-        points that may touch are those that would if the normal force, extrapolated over the step,
-        changed twice as much.
+        That of the last step size is kept, and the factor for the steps that follow.
         """
-        count = self._points_count
-        if not count or self._contacts is None:
-            return count > 0
-        d = self._rows.shape[0] // count
-        blocks = self._delassus.reshape(count, d, count, d)[np.arange(count), :, np.arange(count)]
-        flexibility = np.linalg.norm(blocks, axis=(1, 2))
-        stiff = self._contacts.normal_stiffness * flexibility > SOFT_CONTACT
-        x = self.contact_displacement(self._progress.iterate()).reshape(count, d)
-        at_rest(self._contacts, x, x.copy(), self._time, self._here, self._scratch)
-        force, before = self._here.trial_normal_force.copy(), self._normal_force
-        self._normal_force = force
-        change = np.abs(force - before)
-        return bool(np.any(stiff & ~(np.maximum(force, before) + change < 0.0)))
+        if h != self._blended_step:
+            still = np.zeros(self.local), np.zeros(self._pressures.numbers.size)
+            found = self._factorise(_Effective(2.0 / h**2, 0.0, [(0.5, *still)]), True)
+            normals = np.diag(self._delassus)[:: len(self._delassus) // out.size]
+            self._normal_flexibility = normals.copy() if found else np.full(out.size, np.nan)
+            self._blended_step = h
+        out[:] = self._normal_flexibility
 
     def _factorise(self, wanted: _Effective, exact: bool) -> bool:
         """Factorise S, and solve for the contact directions; False if S is singular.
@@ -439,6 +400,5 @@ class FullModel:
         return self._solid.dot(a, b)
 
     def load(self, time: float) -> Array:
-        """Load vector at a time, the end of the step that follows."""
-        self._time = time
+        """Load vector at a time."""
         return self.loads @ factors(self.load_histories, time)

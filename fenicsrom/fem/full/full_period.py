@@ -9,7 +9,7 @@ the period by the linearised step of `fenicsrom.online.derivative.step_sensitivi
                 + D (velocity_v dv0 + velocity_a da0) + B dF],
 
 with the factor of S that the last iteration of the step left, and the contact terms of S by the
-Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
+Woodbury formula.
 """
 
 import copy
@@ -149,7 +149,7 @@ class FullPeriodMap:
         for p in range(self._points):
             mine = slice(p * d, (p + 1) * d)
             here = state.contact.x[p].copy()
-            self._differentiate(REST, p, here, here, sliders[p].copy(), 0.0, REST.discrete_gradient)
+            self._differentiate(REST, p, here, here, sliders[p].copy(), 0j, REST.discrete_gradient)
             by = self._law.slider[p]
             by_x, by_w = by[:, :d] + by[:, d : 2 * d], by[:, 2 * d : 3 * d]
             w[mine] = by_x @ x[mine] + by_w @ given[mine]
@@ -209,7 +209,8 @@ class FullPeriodMap:
         for p in range(self._points):
             if state.trial.scratch.mode[p] == OPEN:
                 continue
-            ends, blending = (before.x[p], state.contact.x[p]), state.trial.scratch.blending[p]
+            ends = before.x[p], state.contact.x[p]
+            blending = complex(state.trial.scratch.blending[p])
             follows = not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0
             self._differentiate(step_times, p, *ends, before.slider[p], blending, follows)
             by, mine = self._law.force[p], slice(p * d, (p + 1) * d)

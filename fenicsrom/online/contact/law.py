@@ -36,7 +36,6 @@ no trace.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.coating import (
@@ -101,35 +100,21 @@ def force_over_step(step: ContactStep, p: int, after: float) -> tuple[float, flo
 
 
 @kernel
-def implicit_blending(step: ContactStep, candidates: NDArray[np.int64], delassus: Array) -> None:
+def implicit_blending(contacts: Contacts, blending: Array) -> None:
     """Write the blending weight b of each point: the weight of its end force in the mean force.
 
-    Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would oscillate
-    from step to step instead of transmitting an impact, and the limit of friction would oscillate
-    with it. The weight b = r^2/(1 + r^2) prevents this. It is of fourth order in the step, so it
-    does not affect a contact that the step resolves.
+    Where the step is long for the contact, r = k_n G > 1 with the flexibility G of the body at rest
+    for such steps, the contact spring would oscillate from step to step instead of transmitting an
+    impact, and the limit of friction would oscillate with it. The weight b = r^2/(1 + r^2) prevents
+    this. It is of fourth order in the step, so it does not affect a contact that the step resolves.
 
     Args:
-        step: the step; out: `scratch.blending`.
-        candidates: (c,) the points.
-        delassus: (c d, c d) G, their displacement at the end of the step by their mean contact
-            force, m/N; of it, the blocks (d, d) on the diagonal.
+        contacts: the parameters.
+        blending: (P,) in: G of each point along its normal, m/N; out: b.
     """
-    contacts, interval, scratch = step.contacts, step.interval, step.scratch
-    point, d = scratch.point, step.start.x.shape[1]
-    n, bend, work = point.gradient, point.gradient_derivative, point.work
-    for t in range(candidates.size):
-        p, row, flexibility = candidates[t], t * d, 0.0
-        scratch.blending[p] = 0.0
-        if not interval.discrete_gradient:
-            continue
-        x = step.start.x[p]
-        gap_discrete_gradient(contacts, p, x, x, interval.begin, n, bend, work)
-        for k in range(d):
-            for j in range(d):
-                flexibility += n[k] * delassus[row + k, row + j] * n[j]
-        ratio = contacts.normal_stiffness[p] * flexibility
-        scratch.blending[p] = ratio**2 / (1.0 + ratio**2)
+    for p in range(blending.size):
+        ratio = contacts.normal_stiffness[p] * blending[p]
+        blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
 @kernel

@@ -90,6 +90,7 @@ class ContactScratch(NamedTuple):
         slider_motion: (P, d) motion of the slider relative to the surface, m.
         mode: (P,) OPEN, SLIP or STICK over the step.
         blending: (P,) weight in [0, 1] of the normal force at the end in the mean normal force.
+        blended_step: (1,) the step to which these weights belong, s; NaN for none.
         guess: (P, d) displacement from which the next iteration starts, m.
         held_force: (P, d) forces of the Gauss-Seidel iteration, N.
         held_friction: (P, d) the friction part of the held forces, N.
@@ -113,6 +114,7 @@ class ContactScratch(NamedTuple):
     slider_motion: Array
     mode: NDArray[np.int8]
     blending: Array
+    blended_step: Array
     guess: Array
     held_force: Array
     held_friction: Array
@@ -182,6 +184,7 @@ def contact_scratch(points: int, d: int) -> ContactScratch:
         slider_motion=np.zeros((points, d)),
         mode=np.zeros(points, dtype=np.int8),
         blending=np.zeros(points),
+        blended_step=np.full(1, np.nan),
         guess=np.zeros((points, d)),
         held_force=np.zeros((points, d)),
         held_friction=np.zeros((points, d)),

@@ -3,7 +3,7 @@
 Only a point that sticks to a plane has a closed form, which most steps of most motions need.
 
 Over a step from x0 to x1 the law gives the mean force F of a point and its slider w1 at the end,
-as functions of (x0, x1, w0, blending, parameter). What else the law reads of the start of the step
+as functions of (x0, x1, w0, parameter). What else the law reads of the start of the step
 follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
 """
 
@@ -46,12 +46,6 @@ PARAMETERS = (
     "phase",
 )
 
-BLENDING_RESOLVED = 1e-5
-"""Weight of the implicit blending below which its changes are neglected.
-
-They change a contact force by less than this part of it.
-"""
-
 
 class ComplexInterval(NamedTuple):
     """An `Interval`; the imaginary parts of its times are `STEP` times their derivatives."""
@@ -65,15 +59,15 @@ class ComplexInterval(NamedTuple):
 class LawDerivative(NamedTuple):
     """Complex arrays in which the law is evaluated, and its derivatives.
 
-    The columns of the derivatives are [x0 (d), x1 (d), w0 (d), blending, parameter].
+    The columns of the derivatives are [x0 (d), x1 (d), w0 (d), parameter].
 
     Attributes:
         contacts: the parameters with the imaginary parts of the perturbation.
         start: the state of the points at the start of the step.
         end: the state at its end.
         scratch: scratch arrays.
-        force: (P, d, 3 d + 2) derivative of the mean force.
-        slider: (P, d, 3 d + 2) derivative of the slider at the end.
+        force: (P, d, 3 d + 1) derivative of the mean force.
+        slider: (P, d, 3 d + 1) derivative of the slider at the end.
     """
 
     contacts: Contacts
@@ -94,8 +88,8 @@ def law_derivative(contacts: Contacts, points: int, d: int) -> LawDerivative:
         as_complex(zero_contact_state(points, d)),
         as_complex(zero_contact_state(points, d)),
         as_complex(contact_scratch(points, d))._replace(space=np.zeros(d, dtype=np.int64)),
-        np.zeros((points, d, 3 * d + 2)),
-        np.zeros((points, d, 3 * d + 2)),
+        np.zeros((points, d, 3 * d + 1)),
+        np.zeros((points, d, 3 * d + 1)),
     )
 
 
@@ -182,13 +176,13 @@ def sticks(law: LawDerivative, contacts: Contacts, p: int) -> bool:
 
 @kernel
 def write_sticking(
-    law: LawDerivative, contacts: Contacts, p: int, start_weight: float, blending: float
+    law: LawDerivative, contacts: Contacts, p: int, start_weight: float, blending: complex
 ) -> None:
     """Write the derivatives of a point that sticks to a plane: springs between x and w0."""
     d, force, start, end = len(law.scratch.space), law.force[p], law.start, law.end
-    share, stiffness = start_weight * (1.0 - blending), contacts.normal_stiffness[p]
+    share, stiffness = start_weight * (1.0 - blending.real), contacts.normal_stiffness[p]
     change = end.trial_normal_force[p].real - start.trial_normal_force[p].real
-    force[0, 3 * d] = (1.0 - start_weight) * change
+    force[0, 3 * d] = (1.0 - start_weight) * change * blending.imag / STEP
     for k in range(d):
         force[k, k], force[k, d + k] = share * stiffness, (1.0 - share) * stiffness
         if k > 0:
@@ -205,7 +199,7 @@ def differentiate_along(
     x0: Array,
     x1: Array,
     w0: Array,
-    blending: float,
+    blending: complex,
     follows: bool,
 ) -> None:
     """Write column c of law.force and law.slider; arguments as `differentiate_law`."""
@@ -215,7 +209,7 @@ def differentiate_along(
         finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
         moved = c == k if follows else c == 2 * d + k
         start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
-    scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
+    scratch.blending[p] = complex(blending.real, blending.imag if c == 3 * d else 0.0)
     state_of(law.contacts, p, step.begin, start, scratch)
     whole = ContactStep(law.contacts, step, start, finish, scratch)
     contact_force(whole, p, False)
@@ -235,7 +229,7 @@ def differentiate_law(
     x0: Array,
     x1: Array,
     w0: Array,
-    blending: float,
+    blending: complex,
     follows: bool,
 ) -> bool:
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
@@ -257,7 +251,8 @@ def differentiate_law(
         x0: (d,) displacement at the start, m.
         x1: (d,) displacement at the end, m.
         w0: (d,) slider at the start, m.
-        blending: weight of the normal force at the end of the step.
+        blending: weight of the normal force at the end of the step; its imaginary part is `STEP`
+            times its derivative by the parameter.
         follows: whether the slider follows the point at the start: open, or without friction.
 
     Returns:
@@ -266,7 +261,7 @@ def differentiate_law(
     d, force, slider = x0.size, law.force[p], law.slider[p]
     a, is_plane = step.start_weight, contacts.kind[p] == PLANE
     for k in range(d):
-        for c in range(3 * d + 2):
+        for c in range(3 * d + 1):
             force[k, c], slider[k, c] = 0.0, 0.0
     perturb(law.contacts, p, contacts, drift, 0.0)
     begin, end = complex(step.begin.real, 0.0), complex(step.end.real, 0.0)
@@ -284,9 +279,7 @@ def differentiate_law(
                     force[k, 2 * d + j] = -force[k, j] - force[k, d + j]
                     slider[k, 2 * d + j] = -slider[k, j] - slider[k, d + j]
                 slider[j, 2 * d + j] += 1.0
-        if blending > BLENDING_RESOLVED:
-            differentiate_along(law, interval, p, 3 * d, x0, x1, w0, blending, follows)
-    if not is_constant(contacts, drift, p):
+    if not is_constant(contacts, drift, p) or (blending.imag != 0.0 and not rests):
         perturb(law.contacts, p, contacts, drift, STEP)
-        differentiate_along(law, step, p, 3 * d + 1, x0, x1, w0, blending, follows)
+        differentiate_along(law, step, p, 3 * d, x0, x1, w0, blending, follows)
     return rests

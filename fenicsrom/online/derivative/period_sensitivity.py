@@ -1,8 +1,8 @@
 """Derivatives carried over the recorded steps of a period.
 
-The march records the accepted steps. What else the derivative of a step needs follows from them:
-the first guess from the motion before the step, and the sliders from the contact law. No type
-depends on the dimension of space, so one compilation serves all models.
+The march records the accepted steps. The sliders, which the derivative of a step needs too, follow
+from the contact law. No type depends on the dimension of space, so one compilation serves all
+models.
 """
 
 from __future__ import annotations
@@ -13,24 +13,14 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.candidates import list_candidates
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.derivative.blending_sensitivity import (
-    differentiate_blending,
-    is_resolved,
-    solve_at_guess,
-)
-from fenicsrom.online.derivative.contact_sensitivity import (
-    BLENDING_RESOLVED,
-    ComplexInterval,
-    differentiate_law,
-)
+from fenicsrom.online.derivative.contact_sensitivity import ComplexInterval, differentiate_law
 from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
 from fenicsrom.online.derivative.step_sensitivity import (
     add_contact,
     add_structure,
     advance_derivatives,
-    advance_extrapolation,
     advance_slider,
-    differentiate_guess,
+    differentiate_blending,
     let_slider_follow,
     solve_step,
     write_load_derivative,
@@ -43,6 +33,7 @@ from fenicsrom.online.step.state import Record
 
 REST = ComplexInterval(0j, 0j, 0.0, False)
 """The step of zero length in which the points are at rest."""
+SAME_STEP = 1e-9  # relative difference of two steps of one size, which is rounding
 
 
 @kernel
@@ -64,12 +55,8 @@ def start_derivatives(
         for i in range(n):
             s.q[i, c] = 1.0 if c == i else 0.0
             s.v[i, c] = 1.0 if c == n + i else 0.0
-            s.mean_velocity[i, c] = 0.0
-            s.mean_acceleration[i, c] = 0.0
             s.a[i, c] = 1.0 if with_a and c == 2 * n + i else 0.0
             s.dq[i, c] = 0.0
-        for p in range(points):
-            s.blending[p, c] = 0.0
         for r in range(points * d):
             s.w[r, c] = 0.0
     for c in range(memory.size):
@@ -80,35 +67,29 @@ def start_derivatives(
 
 
 @kernel
-def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> int:
-    """Write the step of a row of the record, of size h, into s.
+def begin_step(record: Record, row: int, s: Sensitivity) -> int:
+    """Write the step of a row of the record into s.
 
     Returns:
         The number of points that touch in it; they are the candidates of `s.law.scratch`.
     """
-    ahead = 0.5 * h * (h + last_step)
     for i in range(s.step.size):
         s.step[i] = record.coordinates[row, i] - s.before[0, i]
-        s.before[5, i] = h * s.before[3, i] + ahead * s.before[4, i]
     for p in range(s.is_open.size):
         s.is_open[p] = True
         for i in range(s.x1.shape[1]):
             s.x1[p, i] = record.displacement[row, p, i]
             if record.mean_force[row, p, i] != 0.0:
                 s.is_open[p] = False
-        s.weight[p] = record.blending[row, p]
         s.law.scratch.is_candidate[p] = not s.is_open[p]
     return list_candidates(s.law.scratch)
 
 
 @kernel
-def end_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> None:
+def end_step(record: Record, row: int, s: Sensitivity) -> None:
     """Write the end of the step of a row of the record as the start of the next one."""
-    n, growth = s.step.size, 2.0 / (h + last_step)
+    n = s.step.size
     for i in range(n):
-        rate = s.step[i] / h
-        s.before[4, i] = growth * (rate - s.before[3, i])
-        s.before[3, i] = rate
         for k in range(3):
             s.before[k, i] = record.coordinates[row, k * n + i]
     for p in range(s.is_open.size):
@@ -126,7 +107,6 @@ def carry_derivatives(
     drift: Drift,
     record: Record,
     rows: int,
-    last_step: float,
     rest: ComplexInterval,
     sliders: Array,
     memory: NDArray[np.int64],
@@ -141,7 +121,6 @@ def carry_derivatives(
         drift: derivatives of the data by the parameter.
         record: of the accepted steps, with coordinates, from time 0.
         rows: number of these steps.
-        last_step: size of the step before the period, s.
         rest: `REST`, as an argument because numba compiles the contact law once more for constants.
         sliders: (P, d) the variables of the period, m.
         memory: which components of them are variables.
@@ -150,56 +129,35 @@ def carry_derivatives(
     Returns:
         False if the matrix of a step is singular.
     """
-    law, points, d, by, begin = s.law, s.is_open.size, s.x0.shape[1], drift.contacts, 0.0
-    blends = is_resolved(record.blending[:rows])
+    law, points, by, begin, blended = s.law, s.is_open.size, drift.contacts, 0.0, 0.0
     for p in range(points):
         x, w = s.x0[p], sliders[p]
-        differentiate_law(law, contacts, by, rest, p, x, x, w, 0.0, rest.discrete_gradient)
+        differentiate_law(law, contacts, by, rest, p, x, x, w, 0j, rest.discrete_gradient)
     start_derivatives(model, s, memory, not scheme.discrete_gradient)
     for row in range(rows):
         h = record.time[row] - begin
         times = complex(1.0, STEP * drift.period)
         behind, ahead, moved = begin * times, record.time[row] * times, h * times
         step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
-        count = begin_step(record, row, h, last_step, s)
-        touching, directions = law.scratch.candidates[:count], law.scratch.directions[: count * d]
-        by_mass, by_velocity = add_structure(model, scheme, drift, moved, behind, ahead, s)
-        if blends and is_resolved(record.blending[row : row + 1]):
-            solve_at_guess(model, scheme, s, h, directions)
-            differentiate_guess(drift.period, h, last_step, s)
-        for place in range(count):
-            p = touching[place]
-            for c in range(s.q.shape[1]):
-                s.blending[p, c] = 0.0
-            if s.weight[p] > BLENDING_RESOLVED:  # the call costs a sixth of the step
-                differentiate_blending(
-                    model,
-                    contacts,
-                    scheme,
-                    drift,
-                    s,
-                    p,
-                    place,
-                    behind,
-                    by_mass,
-                    by_velocity,
-                )
+        if scheme.discrete_gradient and points > 0 and abs(h - blended) > SAME_STEP * h:
+            differentiate_blending(model, contacts, drift, h, s)
+            blended = h
+        touching = law.scratch.candidates[: begin_step(record, row, s)]
+        add_structure(model, scheme, drift, moved, behind, ahead, s)
+        for p in touching:
             follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
             x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]
-            s.rests[p] = differentiate_law(
-                law, contacts, by, step, p, x0, x1, w0, s.weight[p], follows
-            )
+            weight = complex(record.blending[row, p], STEP * s.blending[p])
+            s.rests[p] = differentiate_law(law, contacts, by, step, p, x0, x1, w0, weight, follows)
             add_contact(model, s, p)
         if not solve_step(s):
             return False
-        for place in range(count):
-            if not s.rests[touching[place]]:
-                advance_slider(model, s, touching[place])
+        for p in touching:
+            if not s.rests[p]:
+                advance_slider(model, s, p)
         advance_derivatives(scheme, moved, s)
-        if blends and not scheme.linear:
-            advance_extrapolation(drift.period, h, last_step, s)
-        end_step(record, row, h, last_step, s)
-        begin, last_step = record.time[row], h
+        end_step(record, row, s)
+        begin = record.time[row]
     for p in range(points):
         if s.is_open[p]:
             let_slider_follow(model, s, p)

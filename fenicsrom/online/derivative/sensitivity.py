@@ -54,13 +54,8 @@ class Sensitivity(NamedTuple):
         dq: (n, k) of the step; before it is solved for, the right-hand side.
         law_rows: (d, 2 n + k) of a force or a slider of one point: by q0, by dq, and the rest.
         contact: (n, 2 n + k) the same of the contact forces on all coordinates.
-        mean_velocity: (n, k) of the mean velocity of the last step.
-        mean_acceleration: (n, k) of its growth.
-        guess: (n, k) of the first guess of the step.
-        blending: (P, k) of the weight of the implicit blending.
         combined: (n, k) sum of velocities and accelerations to be multiplied by a matrix.
-        before: (6, n) at the start of the step: q, v, a, mean velocity of the last step, its
-            growth, and the first guess of dq.
+        before: (3, n) at the start of the step: q, v, a.
         step: (n,) dq of the step.
         x0: (P, d) contact displacements at the start of the step.
         x1: (P, d) contact displacements at its end.
@@ -68,7 +63,7 @@ class Sensitivity(NamedTuple):
         normal_force: (P,) at its start, N.
         is_open: (P,) whether a point is open during the whole step.
         rests: (P,) whether its slider rests, as it sticks to a plane during the whole step.
-        weight: (P,) of the implicit blending.
+        blending: (P,) derivatives of the weights of the implicit blending by the parameter.
         load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
         factors: (loads,) complex time factors of the loads.
         pressure_factors: (2, loads) the same at both ends of the step.
@@ -78,8 +73,6 @@ class Sensitivity(NamedTuple):
         tangents: (2, n, n) at points of the step.
         shares: (2, 2) weights of the tangents at two points, for `by_start` and `by_step`.
         vectors: (2, n) scratch.
-        blending_vectors: (4, n) scratch.
-        tangent_changes: (2, n, pairs) see `write_tangent_changes`.
         pivots: (n,)
         law: derivative of the contact law.
     """
@@ -91,10 +84,6 @@ class Sensitivity(NamedTuple):
     dq: Array
     law_rows: Array
     contact: Array
-    mean_velocity: Array
-    mean_acceleration: Array
-    guess: Array
-    blending: Array
     combined: Array
     before: Array
     step: Array
@@ -104,7 +93,7 @@ class Sensitivity(NamedTuple):
     normal_force: Array
     is_open: NDArray[np.bool_]
     rests: NDArray[np.bool_]
-    weight: Array
+    blending: Array
     load_derivative: Array
     factors: Array
     pressure_factors: Array
@@ -114,8 +103,6 @@ class Sensitivity(NamedTuple):
     tangents: Array
     shares: Array
     vectors: Array
-    blending_vectors: Array
-    tangent_changes: Array
     pivots: NDArray[np.int64]
     law: LawDerivative
 
@@ -150,12 +137,8 @@ def no_sensitivity(
         dq=np.zeros(state),
         law_rows=np.zeros((dimension, 2 * n + columns)),
         contact=np.zeros((n, 2 * n + columns)),
-        mean_velocity=np.zeros(state),
-        mean_acceleration=np.zeros(state),
-        guess=np.zeros(state),
-        blending=np.zeros((points, columns)),
         combined=np.zeros(state),
-        before=np.zeros((6, n)),
+        before=np.zeros((3, n)),
         step=np.zeros(n),
         x0=np.zeros(point),
         x1=np.zeros(point),
@@ -163,7 +146,7 @@ def no_sensitivity(
         normal_force=np.zeros(points),
         is_open=np.zeros(points, dtype=np.bool_),
         rests=np.zeros(points, dtype=np.bool_),
-        weight=np.zeros(points),
+        blending=np.zeros(points),
         load_derivative=np.zeros((2, n)),
         factors=np.zeros(histories.spans.shape[0], dtype=np.complex128),
         pressure_factors=np.zeros((2, histories.spans.shape[0]), dtype=np.complex128),
@@ -173,8 +156,6 @@ def no_sensitivity(
         tangents=np.zeros((2, n, n)),
         shares=np.zeros((2, 2)),
         vectors=np.zeros((2, n)),
-        blending_vectors=np.zeros((4, n)),
-        tangent_changes=np.zeros((2, n, n * (n + 1) // 2)),
         pivots=np.zeros(n, dtype=np.int64),
         law=law_derivative(contacts, points, dimension),
     )

@@ -23,6 +23,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
 from fenicsrom.online.kernels.compiled import kernel, part
 from fenicsrom.online.kernels.complex_step import STEP
@@ -38,6 +39,12 @@ from fenicsrom.online.model.polynomial import write_tangents
 from fenicsrom.online.model.pressure import write_pressure
 from fenicsrom.online.step.scheme import Scheme
 from fenicsrom.online.step.step import step_coefficients
+
+BLENDING_RESOLVED = 1e-5
+"""Weight of the implicit blending below which its changes are neglected.
+
+They change a contact force by less than this part of it.
+"""
 
 
 class EndCoefficients(NamedTuple):
@@ -218,7 +225,7 @@ def add_structure(
     behind: complex,
     ahead: complex,
     s: Sensitivity,
-) -> tuple[complex, complex]:
+) -> None:
     """Write S and the right-hand side of a step of size h, without the contact.
 
     Args:
@@ -229,10 +236,6 @@ def add_structure(
         behind: start of the step, s.
         ahead: end of the step, s.
         s: in: the step; out: S and the right-hand side.
-
-    Returns:
-        The coefficients of M dq and of D dq, with their derivatives by the parameter as imaginary
-        parts.
     """
     n, k = s.q.shape
     damping = complex(scheme.damping, STEP * drift.damping)
@@ -264,7 +267,6 @@ def add_structure(
     for i in range(n):
         start, end = s.load_derivative[0, i], s.load_derivative[1, i]
         s.dq[i, k - 1] -= scheme.alpha_f * start + (1.0 - scheme.alpha_f) * end
-    return g.mass, g.velocity_dq
 
 
 @kernel
@@ -273,7 +275,7 @@ def write_law(model: ReducedModel, by: Array, p: int, s: Sensitivity) -> None:
 
     Args:
         model: the model.
-        by: (d, 3 d + 2) `s.law.force[p]` or `s.law.slider[p]`.
+        by: (d, 3 d + 1) `s.law.force[p]` or `s.law.slider[p]`.
         p: the point.
         s: the arrays.
     """
@@ -285,8 +287,8 @@ def write_law(model: ReducedModel, by: Array, p: int, s: Sensitivity) -> None:
         for a in range(n):
             by_start[a], by_step[a] = 0.0, 0.0
         for c in range(k):
-            columns[c] = by[i, 3 * d] * s.blending[p, c]
-        columns[k - 1] += by[i, 3 * d + 1]
+            columns[c] = 0.0
+        columns[k - 1] = by[i, 3 * d]
         for j in range(d):
             row = model.contact_rows[p * d + j]
             in_step, by_slider = by[i, d + j], by[i, 2 * d + j]
@@ -383,27 +385,26 @@ def let_slider_follow(model: ReducedModel, s: Sensitivity, p: int) -> None:
 
 
 @kernel
-def differentiate_guess(period_drift: float, h: float, last_step: float, s: Sensitivity) -> None:
-    """Write the derivatives of the first guess of a step of size h: s.guess."""
-    n, k = s.q.shape
-    growth = 0.5 * h * (h + last_step)
-    for i in range(n):
-        for c in range(k):
-            s.guess[i, c] = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
-        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
-        s.guess[i, k - 1] += period_drift * moved
+def differentiate_blending(
+    model: ReducedModel, contacts: Contacts, drift: Drift, h: float, s: Sensitivity
+) -> None:
+    """Write the derivatives of the weights b = r^2/(1 + r^2) in steps of size h to s.blending.
 
-
-@kernel
-def advance_extrapolation(period_drift: float, h: float, last_step: float, s: Sensitivity) -> None:
-    """Carry the derivatives of the mean velocity and its growth, which extrapolate, over a step."""
-    n, k = s.q.shape
-    last, factor = k - 1, 2.0 / (h + last_step)
-    for i in range(n):
-        for c in range(k):
-            rate = s.dq[i, c] / h
-            s.mean_acceleration[i, c] = factor * (rate - s.mean_velocity[i, c])
-            s.mean_velocity[i, c] = rate
-        rate = s.step[i] / h
-        s.mean_acceleration[i, last] -= factor * period_drift * (2.0 * rate - s.before[3, i])
-        s.mean_velocity[i, last] -= period_drift * rate
+    With u = S^-1 b the flexibility b^T u of `ReducedModel.write_normal_flexibility` changes by
+    -u^T dS u. The changes of weights below `BLENDING_RESOLVED` are neglected.
+    """
+    n, unit, by_mass = model.mass.shape[0], model.work.compliance.unit, 4.0 / h**2 * drift.period
+    model.write_normal_flexibility(h, s.blending)
+    for p in range(s.blending.size):
+        flexibility, stiffness = s.blending[p], contacts.normal_stiffness[p]
+        ratio, change = stiffness * flexibility, drift.contacts.normal_stiffness[p] * flexibility
+        s.blending[p] = 0.0
+        if not ratio**2 > BLENDING_RESOLVED:
+            continue
+        for i in range(n):
+            for j in range(n):
+                by_parameter = by_mass * model.mass[i, j]
+                if drift.force.shape[0] > 0:
+                    by_parameter -= 0.5 * drift.stiffness[i, j]
+                change += stiffness * unit[i, p] * by_parameter * unit[j, p]
+        s.blending[p] = 2.0 * ratio / (1.0 + ratio**2) ** 2 * change

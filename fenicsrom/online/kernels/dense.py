@@ -61,13 +61,6 @@ def inner(x: Array, y: Array) -> float:
     return value
 
 
-@part
-def add_scaled(factor: float, x: Array, out: Array) -> None:
-    """Add factor x to out; two vectors of one size."""
-    for i in range(x.size):
-        out[i] += factor * x[i]
-
-
 @kernel
 def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
     """Add weights @ rows to out; (k, r), (r, n), (k, n), k small.
@@ -209,21 +202,6 @@ def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int, columns: int
             inverse = 1.0 / a[i, i]
             for c in range(columns):
                 b[i, c] *= inverse
-
-
-@kernel
-def lu_solve_transposed(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
-    """Solve A^T x = b in place for b (n,); a and pivots from `lu_factor` of A."""
-    n = b.size
-    for i in range(n):
-        for j in range(i):
-            b[i] -= a[j, i] * b[j]
-        b[i] /= a[i, i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            b[i] -= a[j, i] * b[j]
-    for k in range(n - 1, -1, -1):
-        b[k], b[pivots[k]] = b[pivots[k]], b[k]
 
 
 # Vector operations of the time step; they run plain and compiled. A new array costs compiled code

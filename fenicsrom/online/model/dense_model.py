@@ -117,6 +117,12 @@ class DenseModel:
             block = lu_solve(self._factor, block, check_finite=False)
         return block[:, 0].copy(), block[:, 1:].copy(), given_compliance(rows @ block[:, 1:])
 
+    def write_normal_flexibility(self, h: float, out: Array) -> None:
+        """Write the flexibility (P,) of the contact points, as `ReducedModel`."""
+        effective = 2.0 / h**2 * self.mass + 0.5 * self.elastic(np.zeros(len(self.mass)))[1]
+        normals = self.contact_rows[:: len(self.contact_rows) // out.size]
+        out[:] = np.sum(normals.T * np.linalg.solve(effective, normals.T), axis=0)
+
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness."""
         return negative_eigenvalues(tangent.matrix)

@@ -66,3 +66,26 @@ def write_effective_solution(
             delassus[i, j] = 0.0
             for k in range(n):
                 delassus[i, j] += rows[directions[i], k] * unit[k, j]
+
+
+@kernel
+def write_normal_flexibility(
+    mass: Array, stiffness: Array, rows: Array, h: float, work: Workspace, out: Array
+) -> None:
+    """Write b^T S^-1 b of each contact point; see `ReducedModel.write_normal_flexibility`."""
+    n, points, factor, unit = mass.shape[0], out.size, work.factor, work.compliance.unit
+    d = rows.shape[0] // points
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] = 2.0 / h**2 * mass[i, j] + 0.5 * stiffness[i, j]
+        for p in range(points):
+            unit[i, p] = rows[p * d, i]
+    work.key[0] = np.nan  # it is not the factor of a step
+    if not lu_factor(factor, work.pivots, n):
+        unit[:] = np.nan
+    else:
+        lu_solve(factor, work.pivots, unit, n, points)
+    for p in range(points):
+        out[p] = 0.0
+        for i in range(n):
+            out[p] += rows[p * d, i] * unit[i, p]

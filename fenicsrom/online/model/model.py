@@ -11,7 +11,11 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.compiled import compile_methods
 from fenicsrom.online.kernels.dense import add_times, inner, write_times
 from fenicsrom.online.kernels.symmetric import negative_eigenvalues
-from fenicsrom.online.model.effective_stiffness import factorise_effective, write_effective_solution
+from fenicsrom.online.model.effective_stiffness import (
+    factorise_effective,
+    write_effective_solution,
+    write_normal_flexibility,
+)
 from fenicsrom.online.model.loads import LoadHistories, static_factors, write_factors
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 from fenicsrom.online.model.pressure import (
@@ -211,6 +215,15 @@ class ReducedModel(NamedTuple):
         write_effective_solution(self.contact_rows, directions, d, residual, work)
         return unit[:, directions.size], unit[:, : directions.size], work.compliance
 
+    def write_normal_flexibility(self, h: float, out: Array) -> None:
+        """Write the flexibility (P,) of the contact points along their normals for a step at rest.
+
+        The solutions S^-1 b stay in the first columns of `work.compliance.unit`.
+        """
+        write_normal_flexibility(
+            self.mass, self.elastic.stiffness, self.contact_rows, h, self.work, out
+        )
+
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
         return negative_eigenvalues(tangent.matrix)
@@ -327,8 +340,8 @@ def _tidy(values: Any, integers: str = "") -> Any:
 
 OPERATIONS = (
     *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "solve_effective"),
-    *("contact_displacement", "probe_displacement", "mass_times", "velocity_times"),
-    *("dot", "load", "write_momentum"),
+    *("write_normal_flexibility", "contact_displacement", "probe_displacement", "mass_times"),
+    *("velocity_times", "dot", "load", "write_momentum"),
 )
 """The methods that compiled code calls."""
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compiled import compiled, kernel, part
-from fenicsrom.online.kernels.dense import add_combined_rows, add_scaled
+from fenicsrom.online.kernels.dense import add_combined_rows
 from fenicsrom.online.model.workspace import Workspace
 
 
@@ -225,37 +225,6 @@ def write_tangents(
                 first[j, i] += weight * both
                 second[i, j] += lever * both
                 second[j, i] += lever * both
-                row += 1
-
-
-@kernel
-def write_tangent_changes(
-    elastic: ElasticPolynomial, columns: Array, q0: Array, dq: Array, out: Array
-) -> None:
-    """Write the means over a step, 0 <= s <= 1, of s T' and s^2 T' with T' = A + B (q0 + s dq).
-
-    Args:
-        elastic: the coefficients.
-        columns: (n, p) the columns of the quadratic ones.
-        q0: (n,) start of the step.
-        dq: (n,) the step.
-        out: (2, n, p) by coordinates and by pairs, those i = j halved.
-    """
-    n = q0.size
-    for g in range(2):
-        mean, lever, row = 1.0 / (2.0 + g), 1.0 / (3.0 + g), 0
-        for i in range(n):
-            for k in range(columns.shape[1]):
-                out[g, i, k] = mean * columns[i, k]
-            diagonal = 0
-            for j in range(n):
-                out[g, i, diagonal] *= 0.5
-                diagonal += n - j
-        for i in range(n):
-            for j in range(i, n):
-                add_scaled(mean * q0[j] + lever * dq[j], elastic.cubic[row], out[g, i])
-                if j > i:
-                    add_scaled(mean * q0[i] + lever * dq[i], elastic.cubic[row], out[g, j])
                 row += 1
 
 

@@ -160,7 +160,6 @@ class PeriodMap:
                 drift,
                 self._record,
                 count,
-                last_step,
                 REST,
                 sliders,
                 self.memory,
@@ -199,7 +198,7 @@ class PeriodMap:
     def _begin_derivatives(self) -> None:
         """Set the values at the start of the derivatives to those of the state."""
         state, s = self._state, self._sensitivity
-        s.before[:5] = state.q, state.v, state.a, state.mean_velocity, state.mean_acceleration
+        s.before[:] = state.q, state.v, state.a
         s.x0[:], s.w0[:] = state.contact.x, state.contact.slider
         s.normal_force[:] = np.maximum(state.contact.trial_normal_force, 0.0)
 

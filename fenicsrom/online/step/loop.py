@@ -14,7 +14,13 @@ from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.kernels.compiled import also_compiled, compiled, part
 from fenicsrom.online.kernels.dense import combine, copy_vector
 from fenicsrom.online.step.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
-from fenicsrom.online.step.step import accept, attempt, extrapolate, mass_coefficient
+from fenicsrom.online.step.step import (
+    accept,
+    attempt,
+    extrapolate,
+    mass_coefficient,
+    set_blending,
+)
 
 STEP_SHARE = 0.01  # part of the tolerance that one adaptive step may use
 SMALLEST_STEP = 1e-6  # smallest step as a part of the nominal step; a smaller step ends the run
@@ -118,6 +124,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         not converge).
     """
     s = state.scalars
+    state.trial.scratch.blended_step[0] = np.nan  # model, contacts or resumed run may be others
     rows = 0
     slack = 1e-9 * control.grid
     while end - s[TIME] > slack:
@@ -134,6 +141,8 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             h = goal - s[TIME]
         elif control.tolerance > 0.0 and goal - s[TIME] < 2.0 * h:
             h = 0.5 * (goal - s[TIME])  # two equal steps instead of a full one and a very short one
+        whole = abs(h - control.grid) <= slack  # the steps of a grid differ by rounding
+        set_blending(model, contacts, scheme, state, control.grid if whole else h)
         load_ahead = model.load(s[TIME] + h)
         converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
         s[ITERATIONS] += iterations

@@ -152,8 +152,20 @@ def has_converged(decrement, last, iteration, scale, carried, quadratic):  # typ
 
 
 @also_compiled
+def set_blending(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
+    """Write the weights of the implicit blending in steps of size h, if the last step was not."""
+    scratch = state.trial.scratch
+    if scheme.discrete_gradient and scratch.blending.size > 0 and scratch.blended_step[0] != h:
+        model.write_normal_flexibility(h, scratch.blending)
+        implicit_blending(contacts, scratch.blending)
+        scratch.blended_step[0] = h
+
+
+@also_compiled
 def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Solve one step of size h from `state`, writing only to its trial.
+
+    `set_blending` has written the weights of the implicit blending.
 
     The step is solved for the candidates among the contact points. It is solved again from its
     first guess where another point touches at its end.
@@ -216,8 +228,6 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
             copy_vector(trial.displacement_before, x)
             combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
             copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
-            if iteration == 1:
-                implicit_blending(step, candidates, compliance.delassus)
             if not solve_contact(step, candidates, compliance, trial.free_displacement):
                 return False, iteration
         subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
