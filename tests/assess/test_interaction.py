@@ -207,6 +207,8 @@ def test_branches_by_newtons_method_are_those_of_the_marches(
     line = max(found.lines, key=lambda line: line.amplitude)
     assert line.speed_rpm == at and line.amplitude == pytest.approx(amplitude, rel=0.015)
     assert {(line.verdict, line.period) for line in found.lines} == {("period", 1)}
+    checked = {7100.0, at}  # the first speed, and the peak
+    assert {one.speed_rpm for one in found.lines if one.by_basis.size} == checked
     last, marched = found.lines[-1], mapped(two_modes(), "[7325, 8999]").lines[0]
     np.testing.assert_allclose(last.amplitudes, marched.amplitudes, atol=2e-3 * last.amplitude)
 
@@ -253,6 +255,8 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert (whole.reused, len(whole.lines), whole.interrupted) == (2, 3, False)
     fresh = mapped(stored, "[2000, 3000, 4000]", *few)
     np.testing.assert_array_equal(whole.amplitudes, fresh.amplitudes)
+    again = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, resume=True)
+    assert again.reused == 3 and list(again.column("seconds")) == list(whole.column("seconds"))
     other = mapped(stored, "[2000, 2100]", *few, "map.last=5", folder=tmp_path)
     assert other.reused == 0
     names = {path.name for path in tmp_path.iterdir()}

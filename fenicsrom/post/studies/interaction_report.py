@@ -44,6 +44,13 @@ def _errors(line: Line) -> tuple[float | None, float | None]:
     return basis, step
 
 
+def _judged(line: Line) -> str:
+    """The estimated errors of a line in words; empty if it was not checked."""
+    pairs = zip(_errors(line), ("basis", "step"), strict=True)
+    found = [f"{100 * error:.2g} % by the {name}" for error, name in pairs if error is not None]
+    return f", with an estimated error of {' and '.join(found)}" if found else ""
+
+
 def _named(verdict: str, period: int) -> str:
     """The verdict in words."""
     return f"period {period}" if period else verdict
@@ -122,7 +129,7 @@ def sentences(found: InteractionMap) -> list[str]:
         f"{found.steps} steps with {counted(found.size, 'coordinate')}; the last {table.last} are "
         f"shown. The clearance holds {table.clearance}.",
         f"Largest amplitude {1e3 * top.amplitude:.4g} mm at {top.speed_rpm:g} rpm, with a peak "
-        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}).",
+        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}){_judged(top)}.",
         f"Motions: {verdicts}.",
         f"The speeds took {found.column('seconds').sum():.0f} CPU s, all {found.seconds:.0f} s.",
     ]
@@ -131,12 +138,9 @@ def sentences(found: InteractionMap) -> list[str]:
     checked = [line for line in found.lines if line.errors.size]
     if checked:
         worst = max(checked, key=lambda line: float(line.errors.max()))
-        basis, step = _errors(worst)
-        by_basis = "" if basis is None else f"{100 * basis:.2g} % by the basis and "
         lines.append(
             f"Errors were estimated at {counted(len(checked), 'speed')}. The largest is that at "
-            f"{worst.speed_rpm:g} rpm: {by_basis}{100 * (step or 0.0):.2g} % by the step, of the "
-            "largest amplitude there."
+            f"{worst.speed_rpm:g} rpm{_judged(worst)}, of the largest amplitude there."
         )
     if found.reused:
         lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
