@@ -35,12 +35,12 @@ RADIUS = 300.0  # m
 GAP, LOBE, SPRING, FRICTION, DAMPING = 2e-4, 2.5e-4, 1e6, 0.15, 6.0
 
 
-def two_modes(*changes: str, **contact: Any) -> StoredModel:
+def two_modes(*changes: str, damping: float = DAMPING, **contact: Any) -> StoredModel:
     """The model for a range of speeds; `contact` gives other keys than a gap."""
     scene = beam_scene(
         2,
         (
-            f"material.mass_damping={DAMPING}",
+            f"material.mass_damping={damping}",
             "rotation={speed_rpm=3000.0, speeds_rpm=[0.0, 9000.0]}",
             "time.steps_per_period=600",
             *changes,
@@ -80,7 +80,7 @@ def two_modes(*changes: str, **contact: Any) -> StoredModel:
     rows = np.array([RADIAL, TANGENTIAL])
     model = reduced_model(
         mass=np.eye(2),
-        damping=DAMPING,
+        damping=damping,
         elastic=elastic,
         loads=np.array([[1.0], [0.0]]),
         load_histories=load_histories(scene),
@@ -221,6 +221,16 @@ def test_coexisting_motions_are_flagged() -> None:
     assert line.verdict == "torus" and line.amplitude > 4e-5
     assert line.coexists and line.other == pytest.approx(2.764831e-5, rel=0.01)
     assert any("3000 rpm: another start leads to another motion" in one for one in found.warnings)
+
+
+@pytest.mark.slow
+def test_motion_that_rings_on_is_the_periodic_one_to_which_it_tends() -> None:
+    """A march of hardly damped modes changes from revolution to revolution, as a torus does."""
+    stored, speeds = two_modes(damping=0.3), "[1500, 8999]"
+    found = mapped(stored, speeds, "map.revolutions=60").lines[0]
+    exact = mapped(stored, speeds, "map.steady='newton'").lines[0]
+    assert (found.verdict, found.period) == (exact.verdict, exact.period) == ("period", 1)
+    np.testing.assert_allclose(found.amplitudes, exact.amplitudes, atol=1e-6 * exact.amplitude)
 
 
 def test_verdict_tells_periods_tori_and_other_motions() -> None:

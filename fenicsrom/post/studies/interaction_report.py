@@ -23,8 +23,8 @@ from fenicsrom.post.studies.map_wear import (
 )
 from fenicsrom.words import counted
 
-DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
-THICKNESS = 0.003  # half of the smallest thickness of a line, relative to the height of the map
+SMALLEST = 1e-3  # smaller amplitudes, relative to the largest one, are not drawn
+THICKNESS = 0.005  # half of the smallest thickness of a line, relative to the height of the map
 VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
 CURVES = (
@@ -168,21 +168,22 @@ def figure(found: InteractionMap) -> Figure:
     drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, orders, values = found.speeds_rpm, found.orders, 1e3 * found.amplitudes
     top = float(values.max(initial=0.0)) or 1.0
-    seen = values > DARKEST * top
+    seen = values > SMALLEST * top
     highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
     modes = found.column("free_hz")
     highest = 1.1 * max(highest, modes[modes <= orders[-1] * speeds[-1] / 60.0].max(initial=0.0))
     half = 0.5 / found.scene.map.last
     edges, sides = _edges(speeds), np.append(orders - half, orders[-1] + half)
+    thick = _thickened(values, orders, speeds, highest)
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.log10(np.maximum(_thickened(values, orders, speeds, highest), DARKEST * top)).T,
-        cmap="Greys",
+        np.log10(np.ma.masked_less(thick, SMALLEST * top)).T,
+        cmap="viridis_r",
         rasterized=True,
     )
     bar = drawn.colorbar(mesh, ax=axis, label="amplitude, mm")
-    ticks = np.arange(np.ceil(np.log10(DARKEST * top)), np.log10(top) + 1e-9)
+    ticks = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
     bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
     _draw_modes(axis, found)
     _draw_marks(axis, found)
