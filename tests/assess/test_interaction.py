@@ -35,12 +35,12 @@ RADIUS = 300.0  # m
 GAP, LOBE, SPRING, FRICTION, DAMPING = 2e-4, 2.5e-4, 1e6, 0.15, 6.0
 
 
-def two_modes(*changes: str, **contact: Any) -> StoredModel:
+def two_modes(*changes: str, damping: float = DAMPING, **contact: Any) -> StoredModel:
     """The model for a range of speeds; `contact` gives other keys than a gap."""
     scene = beam_scene(
         2,
         (
-            f"material.mass_damping={DAMPING}",
+            f"material.mass_damping={damping}",
             "rotation={speed_rpm=3000.0, speeds_rpm=[0.0, 9000.0]}",
             "time.steps_per_period=600",
             *changes,
@@ -80,7 +80,7 @@ def two_modes(*changes: str, **contact: Any) -> StoredModel:
     rows = np.array([RADIAL, TANGENTIAL])
     model = reduced_model(
         mass=np.eye(2),
-        damping=DAMPING,
+        damping=damping,
         elastic=elastic,
         loads=np.array([[1.0], [0.0]]),
         load_histories=load_histories(scene),
@@ -207,6 +207,8 @@ def test_branches_by_newtons_method_are_those_of_the_marches(
     line = max(found.lines, key=lambda line: line.amplitude)
     assert line.speed_rpm == at and line.amplitude == pytest.approx(amplitude, rel=0.015)
     assert {(line.verdict, line.period) for line in found.lines} == {("period", 1)}
+    checked = {7100.0, at}  # the first speed, and the peak
+    assert {one.speed_rpm for one in found.lines if one.by_basis.size} == checked
     last, marched = found.lines[-1], mapped(two_modes(), "[7325, 8999]").lines[0]
     np.testing.assert_allclose(last.amplitudes, marched.amplitudes, atol=2e-3 * last.amplitude)
 
@@ -219,6 +221,16 @@ def test_coexisting_motions_are_flagged() -> None:
     assert line.verdict == "torus" and line.amplitude > 4e-5
     assert line.coexists and line.other == pytest.approx(2.764831e-5, rel=0.01)
     assert any("3000 rpm: another start leads to another motion" in one for one in found.warnings)
+
+
+@pytest.mark.slow
+def test_motion_that_rings_on_is_the_periodic_one_to_which_it_tends() -> None:
+    """A march of hardly damped modes changes from revolution to revolution, as a torus does."""
+    stored, speeds = two_modes(damping=0.3), "[1500, 8999]"
+    found = mapped(stored, speeds, "map.revolutions=60").lines[0]
+    exact = mapped(stored, speeds, "map.steady='newton'").lines[0]
+    assert (found.verdict, found.period) == (exact.verdict, exact.period) == ("period", 1)
+    np.testing.assert_allclose(found.amplitudes, exact.amplitudes, atol=1e-6 * exact.amplitude)
 
 
 def test_verdict_tells_periods_tori_and_other_motions() -> None:
@@ -253,6 +265,8 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert (whole.reused, len(whole.lines), whole.interrupted) == (2, 3, False)
     fresh = mapped(stored, "[2000, 3000, 4000]", *few)
     np.testing.assert_array_equal(whole.amplitudes, fresh.amplitudes)
+    again = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, resume=True)
+    assert again.reused == 3 and list(again.column("seconds")) == list(whole.column("seconds"))
     other = mapped(stored, "[2000, 2100]", *few, "map.last=5", folder=tmp_path)
     assert other.reused == 0
     names = {path.name for path in tmp_path.iterdir()}

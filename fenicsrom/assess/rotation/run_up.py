@@ -49,8 +49,11 @@ class RunUp:
         shaft_work: work of the shaft in the whole run, J.
         contact_work: work that the contacts take from the shaft, J.
         load_work: work that the loads take from the shaft, J.
-        own_work: work of loads and surfaces on the deformation of the body, less what damping,
-            friction and the contact springs take, J.
+        deformation_work: work of loads and surfaces on the deformation of the body, J.
+        damping: energy dissipated by damping, J.
+        friction_heat: energy dissipated by friction, J.
+        spring_energy: rise of the energy of the contact springs, J.
+        own_work: deformation_work - damping - friction_heat - spring_energy, J.
         momentum: (2,) angular momentum at the start and at the end, kg m²/s.
         energy_rise: rise of the kinetic and elastic energy of the body, seen at rest, J.
         balance: shaft_work - contact_work - load_work + own_work - energy_rise, J: the imbalance of
@@ -69,6 +72,10 @@ class RunUp:
     shaft_work: float
     contact_work: float
     load_work: float
+    deformation_work: float
+    damping: float
+    friction_heat: float
+    spring_energy: float
     own_work: float
     momentum: Array
     energy_rise: float
@@ -102,8 +109,11 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
     # the work (4) of `online.model.turning`, with the mean of v . (g + G q/2)
     euler = np.sum(np.diff(omega) * _middle(momentum - omega * inertia))
     parametric = 0.5 * np.sum(np.diff(omega**2) * _middle(inertia - turning.inertia))
-    spent = motion.contact_energy + motion.friction_dissipation + motion.damping_dissipation
-    done = np.sum(np.diff(motion.work - spent)) + euler + parametric + rest[-1] - rest[0]
+    spent = motion.damping_dissipation, motion.friction_dissipation, motion.contact_energy
+    damping, friction, springs = (float(values[-1] - values[0]) for values in spent)
+    by_speed = euler + parametric + rest[-1] - rest[0]
+    deformed = motion.work[-1] - motion.work[0] + by_speed
+    done = np.sum(np.diff(motion.work - sum(spent))) + by_speed
 
     turns = angle / (2.0 * np.pi)
     ends = np.arange(np.floor(turns[0]) + 1.0, np.floor(turns[-1] + 1e-9) + 1.0)
@@ -127,6 +137,10 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
         float(works[0].sum()),
         float(works[1].sum()),
         float(works[2].sum()),
+        float(deformed),
+        damping,
+        friction,
+        springs,
         float(done),
         momentum[[0, -1]],
         float(rise),

@@ -8,9 +8,10 @@ sliding, the frequencies are those of K + sum_p k_n (b_p - mu t_p) b_p^T, where 
 the normals and t_p those of the direction in which the surface slides. The resonance lies between
 both speeds.
 
-Every tenth speed is computed three times more: with twice the coordinates, with half the step, and
-from another start, which may lead to another motion. With layers that wear, half the step is used
-at each speed, and another start is not: it has another history of wear.
+Every tenth speed and that of the largest amplitude are computed three times more: with twice the
+coordinates, with half the step, and from another start, which may lead to another motion. With
+layers that wear, half the step is used at each speed, and another start is not: it has another
+history of wear.
 """
 
 import hashlib
@@ -37,6 +38,7 @@ from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
 CHECKED = 10  # every so many speeds the errors are estimated
+COST = 6  # of a speed whose errors are estimated, in others
 LARGE = 0.05  # estimated error of a cell, relative to the largest of its line, that is marked
 
 
@@ -124,7 +126,7 @@ class _Job:
         scene: the scene.
         speed_rpm: the speed.
         checked: whether errors are estimated.
-        file: keeps the result.
+        stem: path of the file of the result, without its ending.
         before: the speed from which this one continues; None starts at rest on new layers.
     """
 
@@ -132,8 +134,13 @@ class _Job:
     scene: Scene
     speed_rpm: float
     checked: bool
-    file: Path
+    stem: Path
     before: Line | None = None
+
+    @property
+    def file(self) -> Path:
+        """Keeps the result."""
+        return self.stem.with_suffix(".checked.npz" if self.checked else ".npz")
 
 
 def map_speeds(scene: Scene) -> Array:
@@ -195,30 +202,38 @@ def interaction_map(
     jobs = []
     for k, speed in enumerate(map(float, speeds)):
         before = {"rest": speeds[:0], "up": speeds[:k], "down": speeds[k + 1 :]}[table.start]
-        checked = k % CHECKED == 0
-        content = f"{digest_of(plain, origin)} {speed!r} {checked} {before.tolist()}"
-        digest = hashlib.sha256(content.encode())
-        file = folder / f"{digest.hexdigest()[:16]}.npz"
-        jobs.append(_Job(model, scene, speed, checked, file))
+        content = f"{digest_of(plain, origin)} {speed!r} {before.tolist()}"
+        stem = folder / hashlib.sha256(content.encode()).hexdigest()[:16]
+        jobs.append(_Job(model, scene, speed, k % CHECKED == 0, stem))
     if table.start == "down":
         jobs.reverse()
     stored = model_of(model, origin)
     points, turning = stored.model.points, scene.at_speed(float(speeds[-1]))
     rings = rings_of(turning, points, contacts_of(turning, points))
     found = InteractionMap(scene, [], stored.size, steps_of(scene), excited_orders(scene), rings)
-    kept = {k: _kept(job.file) for k, job in enumerate(jobs) if resume}
+    kept = {k: _kept(job) for k, job in enumerate(jobs) if resume}
     done = {k: line for k, line in kept.items() if line is not None}
     found.reused = len(done)
-    waiting = [k for k in range(len(jobs)) if k not in done]
-    try:
+
+    def compute(waiting: list[int]) -> None:
+        """Add the lines of some jobs to those that are done."""
+        cost = {k: COST if job.checked else 1 for k, job in enumerate(jobs) if not kept.get(k)}
         for k, line in _computed(jobs, waiting, done, workers, stop, comm):
             if isinstance(line, Exception):
                 found.unfinished = found.unfinished or line
                 found.warnings.append(f"{jobs[k].speed_rpm:g} rpm: {line}")
                 continue
             done[k] = line
-            left = time_left(clock.perf_counter() - begin, len(done) / len(jobs))
+            part = sum(cost.get(k, 0) for k in done) / max(sum(cost.values()), 1)
+            left = time_left(clock.perf_counter() - begin, part)
             log.info(f"  {line.speed_rpm:g} rpm; {len(done)} of {len(jobs)} speeds, {left}")
+
+    try:
+        compute([k for k in range(len(jobs)) if k not in done])
+        top = max(done, key=lambda k: done[k].amplitude, default=None)
+        if top is not None and not done[top].by_basis.size:
+            jobs[top] = replace(jobs[top], checked=True)
+            compute([top])
     except KeyboardInterrupt:
         found.interrupted = True
     if found.unfinished and table.start != "rest" and len(done) + 1 < len(jobs):
@@ -274,14 +289,16 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> Line | Exceptio
     return line
 
 
-def _kept(path: Path) -> Line | None:
-    """The line that a file keeps; None if there is none."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {entry.name: file[entry.name] for entry in fields(Line)}
-    except (OSError, ValueError, KeyError):
-        return None
-    return Line(**{key: value if value.ndim else value.item() for key, value in arrays.items()})
+def _kept(job: _Job) -> Line | None:
+    """The line that the file of a job keeps, with its checks if it has them; None without one."""
+    for found in (replace(job, checked=True), job):
+        try:
+            with np.load(found.file, allow_pickle=False) as file:
+                arrays = {entry.name: file[entry.name] for entry in fields(Line)}
+        except (OSError, ValueError, KeyError):
+            continue
+        return Line(**{key: value if value.ndim else value.item() for key, value in arrays.items()})
+    return None
 
 
 def _warnings(found: InteractionMap) -> list[str]:

@@ -9,7 +9,9 @@ other one is weighted by Hann's window,
 
 With `map.steady = "newton"` the march ends where Newton's method finds the stable periodic motion
 to which it tends (`fenicsrom.online.periodic.steady`). A map that goes up or down then continues
-the branches of stable motions: Newton's method starts at the motion of the speed before.
+the branches of stable motions: Newton's method starts at the motion of the speed before. With
+"march", Newton's method is tried at the end of a march that does not repeat: what the time steps
+hardly damp rings for thousands of revolutions, and looks like a torus.
 
 A speed that continues from another one takes the worn layers with it, and its surfaces have
 approached. Each speed with layers that wear is computed with half the step, too: wear adds up what
@@ -44,6 +46,7 @@ LINES, BINS = 12, 2  # a torus has its energy in so many lines, each of so many 
 REST = 0.01  # largest part of the energy of a torus that is not in its lines
 AWAY = 3.0  # the other start is so many times the amplitude away from the surface
 STEADY = 1e-4  # relative change of a period in which a motion repeats, with Newton's method
+LATE = 4  # revolutions in which Newton's method tries to end a march that does not repeat
 STEPS = 300  # steps per revolution where the scene gives none
 PERIOD, TORUS, OTHER, UNSETTLED = "period", "torus", "not periodic", "not settled"
 WEARING = "still wearing"
@@ -209,6 +212,8 @@ class Place:
     ) -> Motion:
         """The motion of a model at this speed until it is steady, or over all revolutions.
 
+        A march that does not repeat gives the periodic motion to which it tends, if there is one.
+
         Args:
             stored: the model.
             steps: steps per revolution.
@@ -225,7 +230,15 @@ class Place:
         if before is not None:
             problem = problem.settled().with_own_wear(before.worn)
             start = start or self._given(stored, before.end)
-        return integrate(problem, start=start, stop=self.stop)
+        motion = integrate(problem, start=start, stop=self.stop)
+        verdict, period = verdict_of(motion, self.radial(motion, steps), steps)
+        if time.steady == "newton" or (verdict not in (TORUS, OTHER) and period < 2):
+            return motion
+        time = time.changed(periods=LATE, steady="newton", steady_tolerance=STEADY)
+        assert motion.end is not None
+        problem = problem.settled().with_own_wear(motion.end.worn)._replace(time=time)
+        exact = integrate(problem, start=end_of(motion), stop=self.stop)
+        return exact if exact.steady else motion
 
     def radial(self, motion: Motion, steps: int) -> Array:
         """The motion (m N, P) of the points along their normals at equal instants, m.

@@ -54,8 +54,10 @@ def run_up_sentences(found: RunUp | None) -> list[str]:
         f"Shaft: work {found.shaft_work:.6g} J, angular momentum {found.momentum[0]:.5g} to "
         f"{found.momentum[1]:.5g} kg m²/s. The energy of the body rises by "
         f"{found.energy_rise:.6g} J. From the shaft, contacts take {found.contact_work:.5g} J and "
-        f"loads {found.load_work:.5g} J. Work on the deformation less dissipation gives the body "
-        f"{found.own_work:.5g} J. These works differ from the rise by {found.balance:.2g} J.",
+        f"loads {found.load_work:.5g} J. Loads and surfaces do {found.deformation_work:.6g} J of "
+        f"work on the deformation; of this, damping takes {found.damping:.5g} J, friction "
+        f"{found.friction_heat:.6g} J and the contact springs {found.spring_energy:.2g} J. These "
+        f"works differ from the rise by {found.balance:.2g} J.",
     ]
 
 

@@ -23,8 +23,8 @@ from fenicsrom.post.studies.map_wear import (
 )
 from fenicsrom.words import counted
 
-DARKEST = 1e-3  # smaller amplitudes, relative to the largest one, have one colour
-THICKNESS = 0.003  # half of the smallest thickness of a line, relative to the height of the map
+SMALLEST = 1e-3  # smaller amplitudes, relative to the largest one, are not drawn
+THICKNESS = 0.005  # half of the smallest thickness of a line, relative to the height of the map
 VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
 CURVES = (
@@ -42,6 +42,13 @@ def _errors(line: Line) -> tuple[float | None, float | None]:
     found = line.by_basis, line.by_step
     basis, step = (float(error.max()) / largest if error.size else None for error in found)
     return basis, step
+
+
+def _judged(line: Line) -> str:
+    """The estimated errors of a line in words; empty if it was not checked."""
+    pairs = zip(_errors(line), ("basis", "step"), strict=True)
+    found = [f"{100 * error:.2g} % by the {name}" for error, name in pairs if error is not None]
+    return f", with an estimated error of {' and '.join(found)}" if found else ""
 
 
 def _named(verdict: str, period: int) -> str:
@@ -122,7 +129,7 @@ def sentences(found: InteractionMap) -> list[str]:
         f"{found.steps} steps with {counted(found.size, 'coordinate')}; the last {table.last} are "
         f"shown. The clearance holds {table.clearance}.",
         f"Largest amplitude {1e3 * top.amplitude:.4g} mm at {top.speed_rpm:g} rpm, with a peak "
-        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}).",
+        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}){_judged(top)}.",
         f"Motions: {verdicts}.",
         f"The speeds took {found.column('seconds').sum():.0f} CPU s, all {found.seconds:.0f} s.",
     ]
@@ -131,12 +138,9 @@ def sentences(found: InteractionMap) -> list[str]:
     checked = [line for line in found.lines if line.errors.size]
     if checked:
         worst = max(checked, key=lambda line: float(line.errors.max()))
-        basis, step = _errors(worst)
-        by_basis = "" if basis is None else f"{100 * basis:.2g} % by the basis and "
         lines.append(
             f"Errors were estimated at {counted(len(checked), 'speed')}. The largest is that at "
-            f"{worst.speed_rpm:g} rpm: {by_basis}{100 * (step or 0.0):.2g} % by the step, of the "
-            "largest amplitude there."
+            f"{worst.speed_rpm:g} rpm{_judged(worst)}, of the largest amplitude there."
         )
     if found.reused:
         lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
@@ -164,21 +168,22 @@ def figure(found: InteractionMap) -> Figure:
     drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, orders, values = found.speeds_rpm, found.orders, 1e3 * found.amplitudes
     top = float(values.max(initial=0.0)) or 1.0
-    seen = values > DARKEST * top
+    seen = values > SMALLEST * top
     highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
     modes = found.column("free_hz")
     highest = 1.1 * max(highest, modes[modes <= orders[-1] * speeds[-1] / 60.0].max(initial=0.0))
     half = 0.5 / found.scene.map.last
     edges, sides = _edges(speeds), np.append(orders - half, orders[-1] + half)
+    thick = _thickened(values, orders, speeds, highest)
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.log10(np.maximum(_thickened(values, orders, speeds, highest), DARKEST * top)).T,
-        cmap="Greys",
+        np.log10(np.ma.masked_less(thick, SMALLEST * top)).T,
+        cmap="viridis_r",
         rasterized=True,
     )
     bar = drawn.colorbar(mesh, ax=axis, label="amplitude, mm")
-    ticks = np.arange(np.ceil(np.log10(DARKEST * top)), np.log10(top) + 1e-9)
+    ticks = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
     bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
     _draw_modes(axis, found)
     _draw_marks(axis, found)
