@@ -32,6 +32,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
+from fenicsrom.assess.errors.estimates import BASIS_SAFETY
+from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
@@ -125,10 +127,13 @@ class RicherModel:
     Attributes:
         stored: the model under the scene.
         transfer: (n', n) its coordinates of the displacement that the model's coordinates describe.
+        limit: change of an amplitude by the richer basis above which the curves will be followed
+            again with more coordinates.
     """
 
     stored: StoredModel
     transfer: Array
+    limit: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,8 +405,7 @@ def checks(
         family: its problems by the parameter.
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
-        limit: change by a richer basis at the named points above which no other point is compared,
-            because the curve will be followed again with more coordinates.
+        limit: as in `RicherModel`; if it is passed at a named point, no other one is compared.
     """
     made = _Checks(pieces, family, richer, ask)
     sizes = {
@@ -516,14 +520,16 @@ def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
         return None
 
 
-def richer_model(stored: StoredModel) -> RicherModel | None:
+def richer_model(stored: StoredModel, spare: int) -> RicherModel | None:
     """The model with all candidates (`fenicsrom.reduction.candidates`); None if it was not made.
 
     Args:
         stored: the reduced model.
+        spare: number of coordinates that must stay out, to judge the others.
     """
     candidates = stored.candidates
     if candidates is None:
         return None
     other = stored.resized((*stored.labels, *stored.further))
-    return RicherModel(other, np.eye(candidates.size, stored.size))
+    limit = stored.scene.basis.accuracy / BASIS_SAFETY if can_grow(stored, spare) else np.inf
+    return RicherModel(other, np.eye(candidates.size, stored.size), limit)
