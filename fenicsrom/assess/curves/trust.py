@@ -17,7 +17,7 @@ where the multipliers of the richer basis come near the unit circle
 (`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
 unit circle are left out. The verdict is not judged next to a change of stability, nor where such a
 change moves past the point by (1), by at most `MOVES`, and the verdict is the same elsewhere on the
-same stretch.
+same stretch, or the stretch goes on beyond the end of the curve.
 """
 
 from __future__ import annotations
@@ -330,7 +330,7 @@ class _Checks:
         """Whether a contradiction comes from the shift of a bifurcation next to a point.
 
         The point lies in a stretch of one stability. A stretch that the other motions do not have
-        at all is more than a shift.
+        at all is more than a shift, but one that the end of the curve cuts off may go on beyond it.
         """
         point, home = check.point, self._home.get(id(check.point), check.point)
         for piece in self._pieces:
@@ -346,7 +346,8 @@ class _Checks:
                 return True
             for known in self._bifurcations:
                 if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
-                    if self._moves(known, check) and self._has_agreement(stretch, check):
+                    cut = first == 0 or last == len(piece.points) - 1
+                    if self._moves(known, check) and (cut or self._has_agreement(stretch, check)):
                         return True
         return False
 
