@@ -123,7 +123,7 @@ def _curves(
                 workers=workers,
                 comm=source.comm,
                 stop=stop,
-                richer=richer_model(stored),
+                richer=richer_model(stored, spare),
             )
         larger = None if found.interrupted else larger_model(found, stored, spare)
         if larger is None:

@@ -182,7 +182,7 @@ def compared(stored: StoredModel, stiffness: float, own: float = 1.0) -> Respons
     model = reduced_model(
         np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
     )
-    richer_of = richer_model(replace(stored, candidates=model, further=("2V",)))
+    richer_of = richer_model(replace(stored, candidates=model, further=("2V",)), 0)
     return response(stored, richer=richer_of)
 
 

@@ -219,14 +219,24 @@ def test_motion_of_all_coordinates_is_found_once_and_starts_the_larger_run(
 def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
     sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
     stored = stored_with(response=sweep)
-    richer = richer_model(stored)
+    spare = spare_coordinates(stored)
+    richer = richer_model(stored, spare)
     found = response(stored, richer=richer)
     worst = max(check.basis_error or 0.0 for curve in found.curves for check in curve.checks)
     assert worst > 1e-3
-    larger = larger_model(found, stored, spare_coordinates(stored))
+    larger = larger_model(found, stored, spare)
     assert larger is not None and larger.labels == ("1V", "3V", "2V", "5V")
-    again = response(larger, richer=richer_model(larger))
-    assert larger_model(again, larger, spare_coordinates(stored)) is None
+    again = response(larger, richer=richer_model(larger, spare))
+    assert larger_model(again, larger, spare) is None
     assert not any("basis.accuracy" in text for text in again.warnings)
     fixed = stored_with("basis.size=1", response=sweep)
     assert larger_model(found, fixed, 3) is None
+
+
+def test_curve_of_a_model_that_cannot_grow_is_compared_at_all_points() -> None:
+    sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
+    stored = stored_with(response=sweep)
+    spare = [spare_coordinates(stored), len(stored.further)]
+    grows, ends = (response(stored, richer=richer_model(stored, k)).curves[0] for k in spare)
+    assert all(check.where not in ("between", "fold") for check in grows.checks)
+    assert len(ends.checks) > 4 and any(check.where == "between" for check in ends.checks)

@@ -143,6 +143,21 @@ def test_single_unstable_point_that_half_the_step_does_not_have_is_a_contradicti
     assert not any(c.contradicted_by_step for c in found)
 
 
+@pytest.mark.parametrize(("shift", "contradicted"), [(0.03, False), (0.9, True)])
+def test_bifurcation_that_moves_past_the_end_of_the_curve_is_no_contradiction(
+    monkeypatch: pytest.MonkeyPatch, shift: float, contradicted: bool
+) -> None:
+    """The last point is the only unstable one; with half the step the torus lies beyond it."""
+
+    def own(p: float) -> float:
+        return 1.0 + 0.5 * (p - 100.98)
+
+    found = checked(monkeypatch, lambda p: own(p) - shift, own, (100.98,))
+    (last,) = (c for c in found if c.where == "last")
+    assert last.point.verdict == "torus" and last.finer_verdict == "stable"
+    assert last.contradicted_by_step == contradicted
+
+
 def test_richer_motions_of_a_region_of_contact_take_as_long_as_the_curve() -> None:
     """A root of 110 points: a march with derivatives takes 0.15 s, of the richer basis 1.9 s."""
     points = [replace(motion(100.0, 0.5), z=np.zeros(28 + 220), marches=(2, 1))] * 340

@@ -17,7 +17,6 @@ from fenicsrom.assess.curves.peaks import follow_peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
-from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import Continuation
@@ -70,13 +69,10 @@ def follow_curve(
         if response_table(stored.scene).peak_over is not None:
             with listening(lambda _: walk("")):  # it may stop the computation
                 follow_peaks(stored, curve, richer)
-        other = None
+        other, limit = None, np.inf
         if richer is not None:
-            other = Richer(family_of(richer.stored), richer.transfer)
+            other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
         walk("checking the curve with half the step and a richer basis")
-        basis = stored.scene.basis
-        grows = basis.adapts and basis.size is None
-        limit = basis.accuracy / BASIS_SAFETY if grows else np.inf
         curve.checks = checks(curve.pieces, family, other, lambda: walk(""), limit)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])

@@ -17,7 +17,7 @@ where the multipliers of the richer basis come near the unit circle
 (`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
 unit circle are left out. The verdict is not judged next to a change of stability, nor where such a
 change moves past the point by (1), by at most `MOVES`, and the verdict is the same elsewhere on the
-same stretch.
+same stretch, or the stretch goes on beyond the end of the curve.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
+from fenicsrom.assess.errors.estimates import BASIS_SAFETY
+from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
@@ -125,10 +127,13 @@ class RicherModel:
     Attributes:
         stored: the model under the scene.
         transfer: (n', n) its coordinates of the displacement that the model's coordinates describe.
+        limit: change of an amplitude by the richer basis above which the curves will be followed
+            again with more coordinates.
     """
 
     stored: StoredModel
     transfer: Array
+    limit: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +330,7 @@ class _Checks:
         """Whether a contradiction comes from the shift of a bifurcation next to a point.
 
         The point lies in a stretch of one stability. A stretch that the other motions do not have
-        at all is more than a shift.
+        at all is more than a shift, but one that the end of the curve cuts off may go on beyond it.
         """
         point, home = check.point, self._home.get(id(check.point), check.point)
         for piece in self._pieces:
@@ -341,7 +346,8 @@ class _Checks:
                 return True
             for known in self._bifurcations:
                 if known.ends[1] is stretch[0] or known.ends[0] is stretch[-1]:
-                    if self._moves(known, check) and self._has_agreement(stretch, check):
+                    cut = first == 0 or last == len(piece.points) - 1
+                    if self._moves(known, check) and (cut or self._has_agreement(stretch, check)):
                         return True
         return False
 
@@ -400,8 +406,7 @@ def checks(
         family: its problems by the parameter.
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
-        limit: change by a richer basis at the named points above which no other point is compared,
-            because the curve will be followed again with more coordinates.
+        limit: as in `RicherModel`; if it is passed at a named point, no other one is compared.
     """
     made = _Checks(pieces, family, richer, ask)
     sizes = {
@@ -516,14 +521,16 @@ def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
         return None
 
 
-def richer_model(stored: StoredModel) -> RicherModel | None:
+def richer_model(stored: StoredModel, spare: int) -> RicherModel | None:
     """The model with all candidates (`fenicsrom.reduction.candidates`); None if it was not made.
 
     Args:
         stored: the reduced model.
+        spare: number of coordinates that must stay out, to judge the others.
     """
     candidates = stored.candidates
     if candidates is None:
         return None
     other = stored.resized((*stored.labels, *stored.further))
-    return RicherModel(other, np.eye(candidates.size, stored.size))
+    limit = stored.scene.basis.accuracy / BASIS_SAFETY if can_grow(stored, spare) else np.inf
+    return RicherModel(other, np.eye(candidates.size, stored.size), limit)

@@ -243,6 +243,12 @@ def spare_coordinates(stored: StoredModel) -> int:
     return int(np.ceil(RESERVE * len(stored.further)))
 
 
+def can_grow(stored: StoredModel, spare: int) -> bool:
+    """Whether a model may take more coordinates, apart from those that stay out to judge it."""
+    basis = stored.scene.basis
+    return basis.adapts and basis.size is None and len(stored.further) > spare
+
+
 def unreached(stored: StoredModel, error: float, limit: float) -> str:
     """The warning that a model cannot reach its accuracy.
 
