@@ -55,9 +55,10 @@ class LoadVectors:
 
 def varying_loads(structure: Structure) -> list[int]:
     """The numbers, from 0, of the loads that vary in time."""
-    sines, found = structure.load_histories.sines, []
-    for k, (first, last, row, end) in enumerate(structure.load_histories.spans):
-        if end > row or np.any(sines[first:last, OMEGA] != 0.0):
+    histories, found = structure.load_histories, []
+    for k in range(len(histories.spans)):
+        first, last, row, end = map(int, histories.spans[k])
+        if end > row or np.any(histories.sines[first:last, OMEGA] != 0.0):
             found.append(k)
     return found
 

@@ -221,7 +221,8 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     if rubin:
         # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
         # non-diagonal
-        inertia, flexibility = structure.mass_times(normal), np.zeros((0, 0))
+        inertia = structure.mass_times(normal)
+        flexibility: Array = np.zeros((0, 0))
         if count:
             flexibility = structure.inner(inertia, inverse.solve(inertia))
         static = attachment - normal @ (flexibility @ structure.inner(normal, b.T))
@@ -275,7 +276,7 @@ def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
         The groups, in order; they cover all k frequencies.
     """
     apart = np.flatnonzero(~(np.abs(np.diff(omega)) <= tolerance * omega[1:])) + 1
-    ends = [0, *apart.tolist(), omega.size] if omega.size else []
+    ends = [0, *map(int, apart), omega.size] if omega.size else []
     return [slice(begin, end) for begin, end in pairwise(ends)]
 
 

@@ -153,8 +153,9 @@ class TimoshenkoBeam:
         self.shear = 1.0 / (1.0 / section_shear + element**2 / (12.0 * self.bending))
         line = _consistent_mass(self.elements)
         each = np.diag(material.density * element * np.array([area, area, inertia]))
-        self.mass: Array = np.kron(line[1:, 1:], each)
-        self.translated: Array = np.kron(line[1:].sum(axis=1)[:, None], each[:, :2])
+        self.mass: Array = np.asarray(np.kron(line[1:, 1:], each), np.float64)
+        translated = np.kron(line[1:].sum(axis=1)[:, None], each[:, :2])
+        self.translated: Array = np.asarray(translated, np.float64)
         tangent = self._free(np.zeros(UNKNOWNS * self.elements))[2]
         self.stiffness = tangent[UNKNOWNS:, UNKNOWNS:].copy()
         self.load_node = _node_at(section.load_at, self.elements, source)

@@ -274,8 +274,8 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-    gaps, factors = np.array([contact.gap for contact in scene.contacts]), (0.5, 0.9, 1.1, 2.0)
-    return {f"{x:g} times": contacts_with(scene, gap=(x * gaps).tolist()) for x in factors}
+    gaps, factors = [contact.gap for contact in scene.contacts], (0.5, 0.9, 1.1, 2.0)
+    return {f"{x:g} times": contacts_with(scene, gap=[x * g for g in gaps]) for x in factors}
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
