@@ -281,7 +281,7 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     ("override", "key"),
     [
         ("rotation.history=[[0.0, 1000.0]]", "rotation.history"),
-        ("loads.0={group='load', at='centre', direction=[0.0, 1.0], force=1.0, frequency=3}", "map"),
+        ("loads.0={group='load', at='centre', direction=[0, 1], force=1, frequency=3}", "map"),
         ("contacts.0.surface.spin=3.0", "map"),
         ("time={tolerance=1e-3, periods=20}", "time.tolerance"),
     ],
