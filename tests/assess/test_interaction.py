@@ -6,25 +6,29 @@ point at 300 m from the axis, so that curvature and the lobe's argument do not m
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene
+from support import beam_scene, refusal
 
 from fenicsrom import study
-from fenicsrom.assess.studies.interaction import InteractionMap
+from fenicsrom.assess.studies.interaction import InteractionMap, map_speeds
 from fenicsrom.assess.studies.map_line import WEARING, Line, verdict_of_last
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.motion.wear import lobes_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
-from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.archive import StoredModel, changed_scene
 from fenicsrom.post.studies.map_wear import wear_row
 from fenicsrom.study.maps import LINES
 
@@ -271,6 +275,58 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert other.reused == 0
     names = {path.name for path in tmp_path.iterdir()}
     assert {"map.csv", "map.json", "map.h5", "report.html"} <= names
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("rotation.history=[[0.0, 1000.0]]", "rotation.history"),
+        ("loads.0={group='load', at='centre', direction=[0, 1], force=1, frequency=3}", "map"),
+        ("contacts.0.surface.spin=3.0", "map"),
+        ("time={tolerance=1e-3, periods=20}", "time.tolerance"),
+    ],
+)
+def test_what_does_not_follow_the_speed_of_a_map_is_refused(override: str, key: str) -> None:
+    scene = two_modes().scene
+    changes = [override]
+    if key == "rotation.history":
+        changes += ["time={duration=0.1, step=1e-4}", "rotation.coriolis=true"]
+    with refusal(ErrorKind.CONFLICT, key):
+        map_speeds(changed_scene(scene, changes, scene.source))
+
+
+@pytest.mark.slow
+def test_map_on_a_cluster_is_complete_although_a_worker_is_killed(tmp_path: Path) -> None:
+    """Two workers of a local Dask cluster; one is killed while it computes a speed."""
+    distributed = pytest.importorskip("distributed")
+    stored, speeds = two_modes("output.pictures=false"), "{first=2000, last=8000, number=9}"
+    few = "map.revolutions=20"
+    killed: list[int] = []
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+        client.get_executor(pure=False) as executor,
+    ):
+        processes = client.run(os.getpid)
+
+        def kill() -> None:
+            """Kill a busy worker as soon as a speed is done."""
+            while not killed:
+                time.sleep(0.01)
+                busy = [at for at, jobs in client.processing().items() if jobs]
+                if busy and list((tmp_path / LINES).glob("*.npz")):
+                    killed.append(processes[busy[0]])
+                    os.kill(killed[0], signal.SIGKILL)
+
+        killer = Thread(target=kill)
+        killer.start()
+        found = mapped(stored, speeds, few, folder=tmp_path, workers=executor)
+        killer.join()
+    assert killed and found.unfinished is None and not found.interrupted
+    fresh = mapped(stored, speeds, few)
+    np.testing.assert_array_equal(found.amplitudes, fresh.amplitudes)
 
 
 LAYER = {

@@ -447,6 +447,10 @@ def test_run_up_with_rub_and_wear_balances(tiny: tuple[StoredModel, Path]) -> No
     assert max(float(ring.depth.max()) for ring in rings) > 5e-4
     assert sum(ring.plastic_work for ring in rings) > found.contact_work
     works = found.shaft_work, found.contact_work, found.load_work, found.own_work
+    parts = found.damping, found.friction_heat, found.spring_energy
+    assert found.friction_heat == motion.friction_dissipation[-1] and found.damping > 0.0
+    own = found.deformation_work - sum(parts)
+    assert own == pytest.approx(found.own_work, abs=1e-9 * found.shaft_work)
     assert motion.relative_imbalance < 1e-9
     assert abs(found.balance) < 1e-9 * np.max(np.abs(works))
 

@@ -34,6 +34,7 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
+from fenicsrom.scene.checks.curve_checks import beside_speed
 from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
@@ -147,7 +148,8 @@ def map_speeds(scene: Scene) -> Array:
     """The speeds of a map, rev/min.
 
     Raises:
-        SceneError: there is no range of speeds or no contact, or a number is out of its range.
+        SceneError: there is no range of speeds or no contact, a number is out of its range, or a
+            load or a step does not follow the speed.
     """
     table = scene.map
 
@@ -158,6 +160,15 @@ def map_speeds(scene: Scene) -> Array:
         raise refuse("rotation.speeds_rpm", " is missing: a map needs it", ErrorKind.MISSING)
     if not scene.contacts:
         raise refuse("contacts", ": a map needs a contact", ErrorKind.MISSING)
+    if scene.rotation is not None and scene.rotation.history:
+        reason = ": not allowed in a map, whose speeds are constant; [] leaves it out"
+        raise refuse("rotation.history", reason, ErrorKind.CONFLICT)
+    for reason in beside_speed(scene):
+        raise refuse("map", f": {reason}", ErrorKind.CONFLICT)
+    for key in ("tolerance", "step"):
+        if getattr(scene.time, key):
+            reason = " is not allowed in a map: give time.steps_per_period"
+            raise refuse(f"time.{key}", reason, ErrorKind.CONFLICT)
     low, high = scene.speeds_rpm[0], scene.speeds_rpm[-1]
     speeds = np.array(table.speeds_rpm or np.linspace(max(low, high / 40.0), high, 40))
     for speed in speeds[(speeds <= 0.0) | (speeds < low) | (speeds > high)]:

@@ -386,4 +386,4 @@ def verdict_of_last(radial: Array, steps: int) -> tuple[str, int]:
 
 def steps_of(scene: Scene) -> int:
     """Steps per revolution of a map."""
-    return scene.time.steps_per_period or STEPS
+    return scene.time.steps_per_period or scene.time.steps_per_revolution or STEPS

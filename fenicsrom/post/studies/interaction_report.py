@@ -178,7 +178,7 @@ def figure(found: InteractionMap) -> Figure:
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.log10(np.ma.masked_less(thick, SMALLEST * top)).T,
+        np.ma.log10(np.ma.masked_less(thick, SMALLEST * top)).T,
         cmap="viridis_r",
         rasterized=True,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import Problem, Problems
@@ -71,13 +71,18 @@ def _speed_problems(scene: Scene, response: Response) -> Problems:
         return
     ends = {"response.first": response.first, "response.last": response.last}
     yield from speed_problems(scene.speeds_rpm, ends)
+    for allowed in beside_speed(scene):
+        yield Problem(key, allowed)
+
+
+def beside_speed(scene: Scene) -> Iterator[str]:
+    """Yield what does not follow the speed of rotation: frequencies, and surfaces that turn."""
     for k, load in enumerate(scene.loads):
         if load.frequency is not None and not isinstance(load.frequency, OrderFrequency):
-            allowed = f"needs an engine_order for loads[{k}]: its frequency must follow the speed"
-            yield Problem(key, allowed)
+            yield f"needs an engine_order for loads[{k}]: its frequency must follow the speed"
     for k, contact in enumerate(scene.contacts):
         if contact.surface is not None and contact.surface.spin:
-            yield Problem(key, f"not allowed with contacts[{k}].surface.spin")
+            yield f"not allowed with contacts[{k}].surface.spin"
 
 
 def speed_problems(speeds: tuple[float, ...], given: Mapping[str, float]) -> Problems:
