@@ -105,6 +105,38 @@ def test_curve_with_corners_in_five_unknowns_goes_through_all() -> None:
     assert np.all(np.diff([point.parameter for point in found.points]) > 0.0)
 
 
+def sweep(z: Array) -> tuple[Any, Any]:
+    """A slider w in the plane, kept within a distance of a point on an ellipse; x = 1 beside it.
+
+    The distance is 1 + 20 (p - 1). Above p = 1 the slider rests wherever it is near enough to the
+    whole ellipse.
+    """
+    w, p, moved, by_p = z[1:3].copy(), 20.0 * float(z[3]) - 19.0, np.eye(2), np.zeros(2)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False):
+        way = w - np.array([np.cos(angle), 0.4 * np.sin(angle + 0.4)])
+        far = float(np.linalg.norm(way))
+        if far > p:
+            u = way / far
+            turn = p / far * (np.eye(2) - np.outer(u, u))
+            w, moved, by_p = w + (p - far) * u, turn @ moved, turn @ by_p + 20.0 * u
+    jacobian = np.zeros((3, 4))
+    jacobian[0, 0] = -1.0
+    jacobian[1:, 1:3], jacobian[1:, 3] = moved - np.eye(2), by_p
+    return np.append(1.0 - z[0], w - z[1:3]), jacobian
+
+
+def test_point_that_sticks_in_two_directions_begins_to_slip(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Steps that drag the slider along its bounds must not lead back again and again."""
+    monkeypatch.setattr(Toy, "sliders", np.array([1, 2]))
+    for w in ([0.02, 0.1], [0.3, -0.2]):
+        found = followed(sweep, [1.0, *w, 1.5], (0.975, 1.5), direction=-1.0)
+        p = np.array([point.parameter for point in found.points])
+        assert found.reason == END and p[-1] == pytest.approx(0.975)
+        assert np.sum(np.diff(p) > 0.0) <= 2 and len(p) < 50
+
+
 def test_smooth_folds_are_passed() -> None:
     def equation(z: Array) -> tuple[Any, Any]:
         return z[1] - z[0] ** 3 + z[0], [1.0 - 3.0 * z[0] ** 2, 1.0]

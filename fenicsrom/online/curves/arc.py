@@ -14,7 +14,8 @@ eigenvalues of dr/ds changes its sign there.
 A step goes along the tangent, and Newton's method corrects the guess on the plane normal to it
 (Keller 1977; Seydel 2010, chapter 4). If this fails, a corner lies within the step: the step is
 repeated along the tangent of the far piece, which is taken at the end of the failed step, then in
-its middle. The sense c changes at a branch point only, where the curve goes straight on.
+its middle. It must not lead back on the near piece by dragging sliders that stick all the time. The
+sense c changes at a branch point only, where the curve goes straight on.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from fenicsrom.online.curves.curve import (
     hermite,
     norm,
 )
-from fenicsrom.online.periodic.shooting import hold_sliders
+from fenicsrom.online.periodic.shooting import STAYS, hold_sliders
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.05, 1e-7  # along a curve, with the lengths (1)
 SHORTER = 0.4  # factor of a step that failed
@@ -48,6 +49,7 @@ FAR = 1.5  # longest distance of a new point, in parts of the step
 BEND = 0.5  # least cosine of the angle between the tangents of neighbours without a corner
 SHORT = 0.003  # step that may pass a sharper bend, of which a corner is not told
 SMOOTH = 0.95  # cosine above which a tangent beyond a step shows no corner
+DRAGGED = 0.5  # part of the way to a new point by sliders that rest, above which it may not go back
 TURN = -0.5  # least cosine between the tangent of a far piece and that of the point found on it
 STRAIGHT, EASY = 0.98, 4  # cosine and corrections of a curve that goes straight through a branch
 FIRST_SIZE = 2.0  # least size in (1), in parts of that of the first point
@@ -271,10 +273,23 @@ class ArcLength:
             if far is None or far @ ahead > SMOOTH:
                 continue
             found = self._corrected(y + step * far, far, tolerance, exact=False)
-            if found is not None and norm(found.y - y) < FAR * step:
-                if here.sense * (found.tangent @ far) > TURN:
-                    return self._oriented(found, here.sense), found.corrections
+            if found is None or self._goes_back(here, found) or norm(found.y - y) >= FAR * step:
+                continue
+            if here.sense * (found.tangent @ far) > TURN:
+                return self._oriented(found, here.sense), found.corrections
         return None
+
+    def _goes_back(self, here: Point, found: Place) -> bool:
+        """Whether a step goes back in p and mainly moves sliders that rest at both of its ends.
+
+        A point sticks all the time wherever its slider is within some bounds. Sliders that are
+        moved against these bounds along the far piece may lead back to the near piece.
+        """
+        way = found.y - self.place(here)
+        rests = self.sliders[np.abs(here.tangent[self.sliders]) <= STAYS]
+        rests = rests[np.abs(found.tangent[rests]) <= STAYS]
+        back = way[-1] * here.tangent[-1] < 0.0
+        return bool(back and norm(way[rests]) > DRAGGED * norm(way))
 
     def _oriented(self, found: Place, sense: float) -> Point:
         return oriented(self._made(found), sense)

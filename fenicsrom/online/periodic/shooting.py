@@ -359,11 +359,7 @@ def solve(
         if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
             break
         bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
-        ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)
-        if bound < 1.0 and (ahead is None or np.linalg.norm(ahead[0]) > residuals[-1] * size):
-            step *= bound
-            ahead = shooting.march(s + step)
-        s, found = s + step, ahead
+        s, found = _stepped(shooting, s, step, bound, residuals[-1] * size)
     raise ConvergenceError(
         f"no periodic motion of {counted(shooting.m, 'period')} was found near the start: relative "
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "
@@ -371,6 +367,17 @@ def solve(
         residuals,
         decrements=residuals,
     )
+
+
+def _stepped(
+    shooting: Shooting, s: Array, step: Array, bound: float, residual: float
+) -> tuple[Array, tuple[Array, Array, Array, PeriodEnd] | None]:
+    """The variables after a step and their march; the step is shortened by `bound` if need be."""
+    ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)
+    if bound < 1.0 and (ahead is None or np.linalg.norm(ahead[0]) > residual):
+        step = bound * step
+        ahead = shooting.march(s + step)
+    return s + step, ahead
 
 
 def _motion(
