@@ -178,7 +178,7 @@ def figure(found: InteractionMap) -> Figure:
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.ma.log10(np.ma.masked_equal(image, 0.0)).T,
+        np.log10(image).T,
         cmap="viridis_r",
         rasterized=True,
     )
@@ -195,7 +195,7 @@ def figure(found: InteractionMap) -> Figure:
 
 
 def _image(values: Array, orders: Array, widths: Array, sides: Array, least: float) -> Array:
-    """Amplitudes (s, ROWS) over the engine orders, at each the largest one near it.
+    """Amplitudes (s, ROWS) over the engine orders, each the largest one near it, or nan.
 
     Args:
         values: (s, k) amplitudes; those below `least` are left out.
@@ -204,10 +204,10 @@ def _image(values: Array, orders: Array, widths: Array, sides: Array, least: flo
         sides: (ROWS + 1,) the edges of the rows, in engine orders.
         least: smallest amplitude that is drawn.
     """
-    image, widths = np.zeros((widths.size, ROWS)), np.maximum(widths, 0.5 * orders[1])
+    image, widths = np.full((widths.size, ROWS), np.nan), np.maximum(widths, 0.5 * orders[1])
     for k, j in np.argwhere(values > least):
         first, last = np.searchsorted(sides, orders[j] + widths[k] * np.array([-1.0, 1.0]))
-        image[k, first:last] = np.maximum(image[k, first:last], values[k, j])
+        image[k, first:last] = np.fmax(image[k, first:last], values[k, j])
     return image
 
 
