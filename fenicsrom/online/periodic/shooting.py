@@ -370,7 +370,7 @@ def solve(
 
 
 def _stepped(
-    shooting: Shooting, s: Array, step: Array, bound: float, residual: float
+    shooting: Shooting, s: Array, step: Any, bound: float, residual: float
 ) -> tuple[Array, tuple[Array, Array, Array, PeriodEnd] | None]:
     """The variables after a step and their march; the step is shortened by `bound` if need be."""
     ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)

@@ -25,6 +25,7 @@ from fenicsrom.words import counted
 
 SMALLEST = 1e-3  # smaller amplitudes, relative to the largest one, are not drawn
 THICKNESS = 0.005  # half of the smallest thickness of a line, relative to the height of the map
+ROWS = 2000  # engine orders that are drawn
 VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
 CURVES = (
@@ -172,13 +173,12 @@ def figure(found: InteractionMap) -> Figure:
     highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
     modes = found.column("free_hz")
     highest = 1.1 * max(highest, modes[modes <= orders[-1] * speeds[-1] / 60.0].max(initial=0.0))
-    half = 0.5 / found.scene.map.last
-    edges, sides = _edges(speeds), np.append(orders - half, orders[-1] + half)
-    thick = _thickened(values, orders, speeds, highest)
+    edges, sides = _edges(speeds), np.linspace(0.0, orders[-1] + orders[1], ROWS + 1)
+    image = _image(values, orders, THICKNESS * highest * 60.0 / speeds, sides, SMALLEST * top)
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
-        np.ma.log10(np.ma.masked_less(thick, SMALLEST * top)).T,
+        np.log10(image).T,
         cmap="viridis_r",
         rasterized=True,
     )
@@ -194,15 +194,21 @@ def figure(found: InteractionMap) -> Figure:
     return drawn
 
 
-def _thickened(values: Array, orders: Array, speeds: Array, highest: float) -> Array:
-    """Amplitudes (s, k) of which each one covers its neighbours, so that single lines are seen."""
-    thick = np.array(values)
-    for k, speed in enumerate(speeds):
-        reach = int(THICKNESS * highest * 60.0 / (speed * orders[1]))
-        for shift in range(1, reach + 1):
-            thick[k, shift:] = np.maximum(thick[k, shift:], values[k, :-shift])
-            thick[k, :-shift] = np.maximum(thick[k, :-shift], values[k, shift:])
-    return thick
+def _image(values: Array, orders: Array, widths: Array, sides: Array, least: float) -> Array:
+    """Amplitudes (s, ROWS) over the engine orders, each the largest one near it, or nan.
+
+    Args:
+        values: (s, k) amplitudes; those below `least` are left out.
+        orders: (k,) engine orders.
+        widths: (s,) half of the smallest thickness of a line, in engine orders.
+        sides: (ROWS + 1,) the edges of the rows, in engine orders.
+        least: smallest amplitude that is drawn.
+    """
+    image, widths = np.full((widths.size, ROWS), np.nan), np.maximum(widths, 0.5 * orders[1])
+    for k, j in np.argwhere(values > least):
+        first, last = np.searchsorted(sides, orders[j] + widths[k] * np.array([-1.0, 1.0]))
+        image[k, first:last] = np.fmax(image[k, first:last], values[k, j])
+    return image
 
 
 def _edges(speeds: Array) -> Array:

@@ -79,7 +79,7 @@ def wear_figure(found: InteractionMap, edges: Array) -> Figure:
     largest = 1e6 * found.column("worn").max(axis=1)
     line.errorbar(speeds, largest, largest * errors, fmt=".-", color=COLOURS[0], capsize=2)
     line.set(ylabel="largest, µm")
-    line.set_ylim(0.0, 1.1 * largest.max())
+    line.set_ylim(0.0, 1.1 * np.max(largest * (1.0 + errors)))
     counts = [wear_row(found, one)["worn_lobes"] or np.nan for one in found.lines]
     lobes.plot(speeds, counts, ".", color=COLOURS[0])
     most = np.nanmax(counts, initial=1.0)

@@ -441,8 +441,9 @@ class Map:
         orders: highest engine order of the map.
         start: the state in which a speed begins: at rest in the equilibrium, or where the next
             lower ("up") or higher ("down") speed ended.
-        steady: way to the motion of a speed: by time steps over all revolutions, or by Newton's
-            method, which tries for a stable periodic motion as in `time.steady` and ends there.
+        steady: way to the motion of a speed: by time steps over all revolutions, at the end of
+            which Newton's method is tried where they do not repeat, or by Newton's method, which
+            tries for a stable periodic motion as in `time.steady` and ends there.
         clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
             same at all speeds, or in the equilibrium at each speed.
     """
