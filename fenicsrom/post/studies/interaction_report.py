@@ -173,8 +173,10 @@ def figure(found: InteractionMap) -> Figure:
     highest = float(np.max(np.where(seen, speeds[:, None] * orders, 0.0))) / 60.0
     modes = found.column("free_hz")
     highest = 1.1 * max(highest, modes[modes <= orders[-1] * speeds[-1] / 60.0].max(initial=0.0))
-    edges, sides = _edges(speeds), np.linspace(0.0, orders[-1] + orders[1], ROWS + 1)
-    image = _image(values, orders, THICKNESS * highest * 60.0 / speeds, sides, SMALLEST * top)
+    edges = _edges(speeds)
+    sides = np.linspace(0.0, orders[-1] + orders[1], ROWS + 1, dtype=np.float64)
+    widths = np.asarray(THICKNESS * highest * 60.0 / speeds, dtype=np.float64)
+    image = _image(values, orders, widths, sides, SMALLEST * top)
     mesh = axis.pcolormesh(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
