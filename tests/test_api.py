@@ -162,10 +162,18 @@ def test_functions_say_what_to_pass(tmp_path: Path) -> None:
         (fenicsrom.model_arrays, None),
         (fenicsrom.amplitudes, stored),
         (fenicsrom.amplitudes, {"reduced": motion}),
+        (fenicsrom.run, stored),
+        (fenicsrom.response, motion),
     ):
         with pytest.raises(TypeError, match=f"{type(wrong).__name__}: must be a") as caught:
             function(wrong)
         assert "\n" not in str(caught.value)
+
+
+def test_computation_takes_the_file_of_a_scene(tmp_path: Path) -> None:
+    missing = tmp_path / "scene.toml"
+    with refusal(ErrorKind.FILE, file=missing.name):
+        fenicsrom.statics(str(missing))
 
 
 # ------------------------------------------------------------------ overrides and short records

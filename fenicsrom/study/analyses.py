@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.scene import Scene
 from fenicsrom.study.execution import all_ranks
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.stopwatch import never
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Overrides
 
 
+@starts_from()
 def statics(
     scene: Scene,
     comm: Any = None,
@@ -57,6 +59,7 @@ def statics(
     return found
 
 
+@starts_from("StoredModel")
 def campbell(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -94,6 +97,7 @@ def campbell(
     return found
 
 
+@starts_from()
 def compare(
     scene: Scene,
     comm: Any = None,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.progress import log
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.words import counted
@@ -25,6 +26,7 @@ STATE = "response_state"  # folder of what is kept of the curves
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
+@starts_from("StoredModel")
 def response(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -132,6 +134,7 @@ def _curves(
         source, resume = source.with_model(larger, folder), None
 
 
+@starts_from("StoredModel")
 def backbone(
     given: Scene | StoredModel,
     comm: Any = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.scene.base.rules import Where
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.speed_range import build_range
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from fenicsrom.study.offline_cache import OfflineCache
 
 
+@starts_from()
 def run(
     scene: Scene,
     comm: Any = None,
@@ -40,7 +42,7 @@ def run(
     """Run all stages that a scene needs.
 
     Args:
-        scene: the scene.
+        scene: the scene, or the path of its file.
         comm: MPI communicator of the offline stages and the full model; by default all ranks.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
@@ -79,6 +81,7 @@ def run(
     return run.study
 
 
+@starts_from()
 def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
@@ -140,6 +143,7 @@ def setup_picture(scene: Scene, name: str) -> tuple[Picture, list[str]]:
     return picture, solid.warnings
 
 
+@starts_from()
 def build_model(
     scene: Scene, mesh: Mesh | None = None, comm: Any = None, fresh: bool = False
 ) -> StoredModel:

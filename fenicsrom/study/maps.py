@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 LINES = "map_lines"  # folder of the speeds that are done
 
 
+@starts_from("StoredModel")
 def interaction_map(
     given: Scene | StoredModel,
     comm: Any = None,

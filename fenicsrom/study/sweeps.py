@@ -17,6 +17,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.reading.variations import Axis, combinations, make_axes
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import never
 from fenicsrom.words import counted
@@ -31,6 +32,7 @@ MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the resu
 Row = dict[str, Any]
 
 
+@starts_from("StoredModel")
 def sweep(
     given: Scene | StoredModel,
     over: Mapping[str, Sequence[Any]],
