@@ -101,10 +101,6 @@ class _Progress:
         self._change, self._iteration = np.inf, 0
         self.is_slow, self.renewals = False, 0
 
-    def iterate(self) -> Array:
-        """The state (local,) at the end of the step in this iteration."""
-        return self._start + self._dq
-
     def note(self, q0: Array, dq: Array) -> None:
         """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
         if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
