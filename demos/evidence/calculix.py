@@ -83,6 +83,14 @@ def _blades() -> Iterator[tuple[str, str, Any]]:
     yield "spinning", "the same at 6000 rpm", spinning
     hexahedra = read_scene(blade, ["geometry.curved=false", at_rest], unloaded=True)
     yield "hexahedra", "the same at rest, hexahedra", hexahedra
+    compressor = DEMOS / "rotor37_map.toml"
+    free = ["loads=[]", "contacts=[]", "basis={}", "time={}"]
+    for name, what, rpm in (
+        ("rotor37", "blade like that of rotor 37 at rest", 0.0),
+        ("rotor37_spinning", "the same at 17188.7 rpm", 17188.7),
+    ):
+        turning = f"rotation={{speed_rpm={rpm}, axis=[0.0, 1.0, 0.0]}}"
+        yield name, what, read_scene(compressor, [*straight, *free, turning], unloaded=True)
 
 
 def _plate_and_arch(folder: Path) -> Iterator[tuple[str, str, Any]]:

@@ -38,6 +38,14 @@ def test_crossing_of_southwell_curve_is_exact_from_two_speeds(speeds, order):
     assert found == pytest.approx(meeting(order), rel=1e-12)
 
 
+def test_crossing_of_an_oscillator_that_stiffens_with_the_speed_is_exact():
+    """2Ω meets the frequency √(80² + 1.8 Ω²) rad/s of test B of the run-ups at 53.9360 rad/s."""
+    speeds = np.array([40.0, 70.0])
+    squares = (80.0**2 + 1.8 * speeds**2) / (2.0 * np.pi) ** 2
+    (found,) = curve(30.0 / np.pi * speeds, squares).crossings(2)
+    assert np.pi / 30.0 * found == pytest.approx(53.9360, abs=5e-5)
+
+
 def test_engine_order_below_the_curve_has_no_crossing():
     assert not curve([0.0, 3000.0], southwell([0.0, 3000.0])).crossings(1).size
 

@@ -16,6 +16,7 @@ pytest.importorskip("dolfinx")
 from support import beam_scene, make_solid, refusal
 
 import fenicsrom
+from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_problem import family_of, start_motion
 from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.assess.errors.sizing import fitted
@@ -24,6 +25,7 @@ from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.turning import speed_history
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
@@ -35,6 +37,9 @@ from fenicsrom.online.motion.wear import wear_of
 from fenicsrom.online.periodic.shooting import periodic_motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.reduction import joined
+from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Scene, read_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "blade_rub.toml"
@@ -63,6 +68,32 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredModel, Path]:
     path = tmp_path_factory.mktemp("range") / "reduced_model.npz"
     save_model(path, stored)
     return stored, path
+
+
+LENGTH = 2.54  # m
+UNIT = float(np.sqrt(207e9 * 0.0254**2 / 12.0 / (7801.0 * LENGTH**4)))  # rad/s
+
+
+def cantilever(etas: tuple[float, ...], hub: float = 0.0, modes: int = 4) -> Scene:
+    """A slender beam that turns at speeds Omega = eta UNIT, with a hub of the radius hub LENGTH."""
+    return beam_scene(
+        3,
+        ("geometry.parameters.elements_along=40", "material.poisson=0.0"),
+        contacts=None,
+        rotation={
+            "speed_rpm": 0.5 * (etas[0] + etas[-1]) * UNIT * RPM,
+            "axis": [0.0, 0.0, 1.0],
+            "point": [-hub * LENGTH, 0.0, 0.0],
+            "speeds_rpm": [eta * UNIT * RPM for eta in etas],
+        },
+        basis={"modes": modes},
+    )
+
+
+def at_one_speed(scene: Scene) -> Scene:
+    """A scene at its `rotation.speed_rpm` only."""
+    assert scene.rotation is not None
+    return replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
 
 
 def at_speed(stored: StoredModel, rpm: float, *more: str) -> StoredModel:
@@ -94,39 +125,91 @@ def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
     """Flap of a uniform Euler-Bernoulli cantilever, by Rayleigh-Ritz with 24 polynomials: omega L^2
     sqrt(rho A / E I) at eta = Omega L^2 sqrt(rho A / E I) of 6, 10 and 14; lag^2 = flap^2 -
     eta^2. The speeds of the basis are eta = 0 and 12; the radius of the hub is 0 or L."""
-    length, height, young, density = 2.54, 0.0254, 207e9, 7801.0
-    unit = np.sqrt(young * height**2 / 12.0 / (density * length**4))
-    scene = beam_scene(
-        3,
-        ("geometry.parameters.elements_along=40", "material.poisson=0.0"),
-        contacts=None,
-        rotation={
-            "speed_rpm": 6.0 * unit * RPM,
-            "axis": [0.0, 0.0, 1.0],
-            "point": [-hub * length, 0.0, 0.0],
-            "speeds_rpm": [0.0, 12.0 * unit * RPM],
-        },
-        basis={"modes": 6},
-    )
+    scene = cantilever((0.0, 12.0), hub, modes=6)
     stored = fenicsrom.build_model(scene)
     assert stored.whole is not None
     for eta, flap, others in zip((6.0, 10.0, 14.0), flaps, higher, strict=True):
-        found = 2.0 * np.pi * stored.whole.at(eta * unit, False, True).frequencies_hz / unit
+        found = 2.0 * np.pi * stored.whole.at(eta * UNIT, False, True).frequencies_hz / UNIT
         np.testing.assert_allclose([found[1], np.hypot(found[0], eta)], flap, rtol=allowed)
         # shear and rotary inertia of the solid count more
         np.testing.assert_allclose(found[[3, 5]], others, rtol=5e-4)
     assert np.max(stored.whole.errors[1:3]) < 2e-4
-    solid = make_solid(replace(scene, rotation=replace(scene.rotation, speeds_rpm=None)))
-    solid.spin(12.0 * unit)  # a speed of the basis: the joined basis holds its modes
+    solid = make_solid(at_one_speed(scene))
+    solid.spin(12.0 * UNIT)  # a speed of the basis: the joined basis holds its modes
     squares, _ = solid.eigenmodes(solid.factor, 6)
-    found = stored.whole.at(12.0 * unit, False, True)
+    found = stored.whole.at(12.0 * UNIT, False, True)
     np.testing.assert_allclose(2.0 * np.pi * found.frequencies_hz, np.sqrt(squares), rtol=1e-6)
+
+
+def errors_at(etas: tuple[float, ...], solid: Solid, eta: float) -> tuple[float, float, Array]:
+    """The largest error of a frequency, the error of the elongation, and lag and flap, of the
+    cantilever's model joined at `etas`, against its solid at a speed."""
+    whole = fenicsrom.build_model(cantilever(etas)).whole
+    assert whole is not None
+    omega = eta * UNIT
+    solid.spin(omega)
+    squares, _ = solid.eigenmodes(solid.factor, 4)
+    found = 2.0 * np.pi * whole.at(omega, False, True).frequencies_hz
+    stretched = (whole.model.probe @ whole.equilibrium(omega))[0]
+    elongation = stretched / (solid.probe_rows @ solid.equilibrium)[0] - 1.0
+    error = float(np.max(np.abs(found / np.sqrt(squares) - 1.0)))
+    return error, abs(float(elongation)), found[:2] / UNIT
+
+
+def test_joined_cantilever_matches_its_solid_between_and_beyond_its_speeds() -> None:
+    """Lag and flap at eta = 6 of the solid are 4.2636 and 7.3604; one speed alone misses them."""
+    solid = make_solid(at_one_speed(cantilever((0.0, 12.0))))
+    error, elongation, found = errors_at((0.0, 12.0), solid, 6.0)
+    assert error < 2e-5 and elongation < 2e-6
+    np.testing.assert_allclose(found, (4.2636, 7.3604), rtol=0, atol=1.5e-4)
+    error, elongation, _ = errors_at((0.0, 12.0), solid, 14.0)
+    assert error < 2e-5 and elongation < 2e-6
+    single = (12.0, 12.0 * (1.0 + 1e-8))  # the second speed adds nothing
+    error, _, found = errors_at(single, solid, 6.0)
+    assert error > 2e-3 and found[1] == pytest.approx(7.3792, abs=1e-3)
+
+
+def test_nearly_dependent_vectors_of_the_joined_basis_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A basis that leaves them out at 1e-3 misses the modes of its own speeds."""
+    solid = make_solid(at_one_speed(cantilever((0.0, 12.0))))
+    assert errors_at((0.0, 6.0, 12.0), solid, 12.0)[0] < 8e-8
+    monkeypatch.setattr(joined, "DEPENDENCE", 1e-3)
+    assert errors_at((0.0, 6.0, 12.0), solid, 12.0)[0] > 1e-5
+
+
+@pytest.mark.slow
+def test_expansion_about_the_unloaded_shape_loses_no_digits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Against the expansion of the solid about its equilibrium, on the same basis. The eigenvalues
+    are those of the inverse problem: the rounding of the direct one is 4e-10 of the lowest
+    frequencies, because its largest eigenvalue is so much larger."""
+    scene, bases = blade(*TINY), list[ReducedBasis]()
+
+    def projected(structure: Any, basis: ReducedBasis) -> ReducedModel:
+        bases.append(basis)
+        return project(structure, basis)
+
+    monkeypatch.setattr(joined, "project", projected)
+    solid, omega = make_solid(at_one_speed(scene)), 6000.0 / RPM
+    whole = joined.range_model(solid, scene.basis, np.array([0.0, omega]))
+    solid.spin(omega)
+    wanted = project(solid, bases[0]).elastic.stiffness
+    found = whole.tangent(omega, whole.equilibrium(omega))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    lowest = [
+        scipy.linalg.eigh(whole.model.mass, tangent, eigvals_only=True)[:-5:-1]
+        for tangent in (found, wanted)
+    ]
+    np.testing.assert_allclose(np.sqrt(lowest[0]), np.sqrt(lowest[1]), rtol=1e-11)
 
 
 @pytest.mark.slow
 def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
     stored, _ = tiny
-    solid = make_solid(replace(blade(*TINY), rotation=replace(blade().rotation, speeds_rpm=None)))
+    solid = make_solid(at_one_speed(blade(*TINY)))
     for rpm in (1000.0, 4500.0):
         solid.spin(rpm / RPM)
         squares, _ = solid.eigenmodes(solid.factor, 4)
@@ -168,8 +251,7 @@ def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
 def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_middle_speed(tiny: Any) -> None:
     stored, path = tiny
     scene = blade(*TINY)
-    alone = replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
-    judged = fenicsrom.modes(alone).mesh_check
+    judged = fenicsrom.modes(at_one_speed(scene)).mesh_check
     found = stored.whole.mesh_errors
     assert found.size == 4 and found.max() > 1e-3
     np.testing.assert_allclose(found, judged.frequencies, rtol=1e-5)
@@ -209,7 +291,7 @@ def test_motion_at_a_speed_matches_that_of_a_model_of_this_speed(tiny: Any) -> N
     changes = ("rotation.speed_rpm=2000.0", "contacts.0.gap=1.3e-3")
     found = stored.with_overrides(changes).simulate()
     scene = blade(*TINY, *changes)
-    alone = replace(scene, rotation=replace(scene.rotation, speeds_rpm=None))
+    alone = at_one_speed(scene)
     wanted = simulate(
         fenicsrom.build_model(alone).candidates, alone
     )  # 38 coordinates instead of 24
@@ -252,10 +334,13 @@ def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> Non
     diagram = json.loads((out / "campbell.json").read_text())
     body = RangeBody(stored.whole, 5000.0 / RPM)
     modes = stored.whole.modes
-    assert modes < 6 and sum("basis.modes" in text for text in diagram["warnings"]) == 1
+    assert modes < 6 and not any("basis.modes" in text for text in diagram["warnings"])
     squares, _, _ = modes_at_speed(body, modes)
     found = np.sort(diagram["frequencies_hz"][2])
     np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-9)
+    asked = fenicsrom.campbell(stored.with_overrides([speeds, "campbell.modes=6"]))
+    assert asked.squares.shape == (3, modes)
+    assert sum("basis.modes" in text for text in asked.warnings) == 1
 
 
 @pytest.mark.parametrize(
@@ -540,6 +625,11 @@ def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     last = 1e3 * motion.displacement[-1, 0]
     np.testing.assert_allclose(last, (0.4078, -6.4266, 11.8867), rtol=0, atol=2e-3)
     assert np.max(np.abs(motion.imbalance)) < 1e-12 * np.max(motion.work)
+    assert stored.candidates is not None and stored.candidates.size > stored.size
+    larger = stored.resized(stored.candidates.size)
+    judged = run_up(larger, larger.simulate())
+    assert judged is not None
+    assert judged.amplitude.max() == pytest.approx(found.amplitude.max(), rel=5e-5)
     silent = stored.model.turning._replace(euler=0.0 * stored.model.turning.euler)
     without = replace(stored, model=stored.model._replace(turning=silent))
     other = run_up(without, without.simulate())

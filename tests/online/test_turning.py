@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from support import assert_tangent, fixed_steps, random_polynomial, slope
 
+from fenicsrom.errors import AccuracyError
 from fenicsrom.online.contact.points import no_points
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.contact.turning import angle_at, speed_at, speed_history, times_of_angles
@@ -100,15 +101,46 @@ def test_particle_on_spring_moves_straight_in_the_fixed_frame(scheme: str) -> No
         np.testing.assert_allclose(found.velocity[-1], exact[1], atol=1e-2)
         assert np.max(np.abs(found.imbalance)) < 1e-12 * np.max(found.kinetic)
     assert slope(1.0 / counts, errors) == pytest.approx(2.0, abs=0.1)
-    # without the Euler force, the error does not vanish
-    slow = run(
-        model._replace(turning=model.turning._replace(coriolis=0.0 * CROSS)),
-        400,
-        2.0,
-        np.array([1.0, 0.0]),
-        np.array([0.0, -2.0]),
+
+
+def test_particle_without_the_euler_force_is_refused_and_misses_the_closed_form() -> None:
+    """Test A with springs that cancel the Euler force 3 E q: the ledger misses its work."""
+    history = speed_history([[0.0, 2.0], [2.0, 8.0]])
+    springs = linear(100.0, 100.0)
+    springs.stiffness[:] -= 3.0 * CROSS
+    model = turning_model(springs, particle(history, 0.0))
+    with pytest.raises(AccuracyError) as refused:
+        run(model, 1600, 2.0, np.array([1.0, 0.0]), np.array([0.0, -2.0]))
+    missed = refused.value.partial.coordinates[-1] - [-0.34241004, 0.22200526]
+    assert np.linalg.norm(missed) == pytest.approx(0.2787, abs=5e-4)
+
+
+def oscillator(history: Array, stiffening: float = 0.0) -> ReducedModel:
+    """One coordinate under the engine order sin 2θ."""
+    still = particle(history, 0.0)._replace(
+        centrifugal=np.zeros(1),
+        softening=np.array([[-stiffening]]),
+        coriolis=np.zeros((1, 1)),
+        euler=np.zeros(1),
     )
-    assert np.linalg.norm(slow.coordinates[-1] - exact[0]) > 0.1
+    spring, damping = (80.0**2, 0.8) if stiffening else (1e4, 1.0)
+    return turning_model(linear(spring), still, damping=damping, order=2)
+
+
+def test_engine_order_of_the_speed_times_the_time_has_its_peak_too_early() -> None:
+    """Test B: sin 2Ωt with Ω = 40 + t is the engine order of a body that turns at 40 + 2t."""
+    wrong = oscillator(speed_history([[0.0, 40.0], [20.0, 80.0]]))
+    found = run(wrong, 160_000, 20.0, np.zeros(1), np.zeros(1))
+    top = found.time[np.argmax(np.abs(found.displacement[:, 0, 0]))]
+    assert 40.0 + top == pytest.approx(45.93, abs=5e-3)
+
+
+def test_steady_resonance_at_a_constant_speed_has_the_closed_peak() -> None:
+    """Test B: the largest amplitude, 1 / (c √(10⁴ - c²/4)) at 4Ω² = 10⁴ - c²/2."""
+    held = oscillator(speed_history([[0.0, 0.5 * np.sqrt(1e4 - 0.5)]]))
+    found = run(held, 120_000, 30.0, np.zeros(1), np.zeros(1))
+    last = np.abs(found.displacement[-4000:, 0, 0])
+    assert last.max() == pytest.approx(1.0000125e-2, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -124,17 +156,9 @@ def test_particle_on_spring_moves_straight_in_the_fixed_frame(scheme: str) -> No
 def test_run_through_resonance_has_the_peak_of_the_angle(
     first: float, last: float, duration: float, stiffening: float, peak: float, at: float
 ) -> None:
-    """Test B: an engine order sin 2θ; sin 2Ωt would have its peak at 45.93 rad/s. The stiffness is
-    10⁴, or 80² + 1.8 Ω²."""
+    """Test B: an engine order sin 2θ. The stiffness is 10⁴, or 80² + 1.8 Ω²."""
     history = speed_history([[0.0, first], [duration, last]])
-    still = particle(history, 0.0)._replace(
-        centrifugal=np.zeros(1),
-        softening=np.array([[-stiffening]]),
-        coriolis=np.zeros((1, 1)),
-        euler=np.zeros(1),
-    )
-    spring, damping = (80.0**2, 0.8) if stiffening else (1e4, 1.0)
-    model = turning_model(linear(spring), still, damping=damping, order=2)
+    model = oscillator(history, stiffening)
     errors = []
     for steps in (1000.0, 2000.0):
         found = run(model, int(steps * duration), duration, np.zeros(1), np.zeros(1))

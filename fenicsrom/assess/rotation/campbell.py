@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
 
+MODES = 6  # number of modes, unless the scene gives it
 DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
 
@@ -146,14 +147,14 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     """
     begin = clock.perf_counter()
     scene = given if isinstance(given, Scene) else given.scene
-    speeds, count = speeds_rpm(scene), scene.campbell.modes
+    speeds = speeds_rpm(scene)
     solid: Solid | RangeBody
     if isinstance(given, Scene):
         solid = _solid_at(float(speeds[0]), scene, comm)
     else:
         solid = range_body(given, speeds)
-        assert given.whole is not None
-        count = min(count, given.whole.modes)
+    most = solid.whole.modes if isinstance(solid, RangeBody) else solid.free
+    count = min(scene.campbell.modes or MODES, most)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free), scene.at_speed(float(speeds.max())))
     unfinished = tracked.follow_speeds(solid, speeds, count)
     body, names = None, list[str]()
@@ -233,9 +234,10 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
     mesh = build_mesh(scene.geometry, comm)
     log.info("solid ..")
     solid = solid_of(scene.at_speed(speed_rpm), mesh)
-    if scene.campbell.modes > solid.free:
+    asked = scene.campbell.modes
+    if asked is not None and asked > solid.free:
         allowed = f"must be at most {solid.free}, the number of free unknowns"
-        raise Where(scene.source, "campbell.modes").refuse(scene.campbell.modes, allowed)
+        raise Where(scene.source, "campbell.modes").refuse(asked, allowed)
     return solid
 
 

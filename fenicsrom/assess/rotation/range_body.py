@@ -90,9 +90,10 @@ def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
         allowed = f"must be in the range of the model, {first:g} to {last:g} rpm"
         raise Where(source, "campbell.speeds_rpm").refuse(float(out[0]), allowed)
     found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
-    if stored.scene.campbell.modes > whole.modes:
+    asked = stored.scene.campbell.modes
+    if asked is not None and asked > whole.modes:
         found.warnings.append(
-            f"campbell.modes = {stored.scene.campbell.modes}: the diagram has the "
+            f"campbell.modes = {asked}: the diagram has the "
             f"{counted(whole.modes, 'mode')} of the basis; for more, build the model with a larger "
             "basis.modes"
         )

@@ -420,12 +420,13 @@ class Campbell:
     Attributes:
         speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation], or over its
             range of speeds.
-        modes: number of modes, from the lowest one at the first speed.
+        modes: number of modes, from the lowest one at the first speed; by default 6, but
+            at most as many as the body or the basis of a model for a range of speeds has.
         engine_orders: numbers of excitations per revolution.
     """
 
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
-    modes: Annotated[int, integer(1, 1000)] = 6
+    modes: Annotated[int | None, integer(1, 1000)] = None
     engine_orders: Annotated[tuple[int, ...], list_of(integer(1, 1000))] = (1, 2, 3, 4)
 
 
