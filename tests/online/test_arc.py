@@ -176,6 +176,17 @@ def test_branch_point_is_passed_straight_and_changes_the_sense() -> None:
     assert found.points[change].parameter < 0.0 < found.points[change + 1].parameter
 
 
+@pytest.mark.parametrize("bound", [-0.02, -0.01, -0.001])
+def test_last_point_leaves_the_range_if_a_branch_point_lies_beyond(bound: float) -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[0] ** 3 - z[1] * z[0], [3.0 * z[0] ** 2 - z[1], -z[0]]
+
+    found = followed(equation, [0.0, -1.013], (-2.0, bound))
+    assert found.reason == END and found.points[-1].parameter == pytest.approx(bound)
+    assert all(point.tangent[-1] > 0.0 for point in found.points)
+    assert len({point.sense for point in found.points}) == 1
+
+
 def test_closed_curve_ends_where_it_began() -> None:
     def equation(z: Array) -> tuple[Any, Any]:
         return z[0] ** 2 + z[1] ** 2 - 1.0, [2.0 * z[0], 2.0 * z[1]]
