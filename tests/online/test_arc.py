@@ -176,6 +176,45 @@ def test_branch_point_is_passed_straight_and_changes_the_sense() -> None:
     assert found.points[change].parameter < 0.0 < found.points[change + 1].parameter
 
 
+def test_folds_are_not_sought_for_ever_if_all_tangents_are_contrary_to_the_way() -> None:
+    class Counted(Toy):
+        count = 0
+
+        def values(self, s: Array, parameter: float, *, derive: bool) -> Values:
+            self.count += 1
+            assert self.count < 1000
+            return super().values(s, parameter, derive=derive)
+
+    toy = Counted(lambda z: (z[1] - z[0], [-1.0, 1.0]), -4.0, 4.0, 1)
+    a, b = (toy.at_parameter(np.array([x]), x) for x in (0.1, -0.1))
+    a, b = (oriented(place, place.sense * np.sign(place.tangent[-1])) for place in (a, b))
+    assert 1 <= len(turned_points(toy, a, b)) <= 8
+
+
+def test_point_of_another_part_of_the_curve_is_not_between_two_points() -> None:
+    """The plane half way between them meets the curve at (0, 3)."""
+
+    def equation(z: Array) -> tuple[Any, Any]:
+        far = abs(z[0]) < 0.009
+        return (z[1] - 3.0 if far else z[1] + 0.1 * z[0]), ([0.0, 1.0] if far else [0.1, 1.0])
+
+    toy = Toy(equation, -4.0, 4.0, 1)
+    a, b = (toy.at_parameter(np.array([x]), -0.1 * x) for x in (-0.01, 0.01))
+    a, b = (oriented(place, place.sense * np.sign(place.tangent[-1])) for place in (a, b))
+    assert not turned_points(toy, a, b)
+
+
+@pytest.mark.parametrize("bound", [-0.02, -0.01, -0.001])
+def test_last_point_leaves_the_range_if_a_branch_point_lies_beyond(bound: float) -> None:
+    def equation(z: Array) -> tuple[Any, Any]:
+        return z[0] ** 3 - z[1] * z[0], [3.0 * z[0] ** 2 - z[1], -z[0]]
+
+    found = followed(equation, [0.0, -1.013], (-2.0, bound))
+    assert found.reason == END and found.points[-1].parameter == pytest.approx(bound)
+    assert all(point.tangent[-1] > 0.0 for point in found.points)
+    assert len({point.sense for point in found.points}) == 1
+
+
 def test_closed_curve_ends_where_it_began() -> None:
     def equation(z: Array) -> tuple[Any, Any]:
         return z[0] ** 2 + z[1] ** 2 - 1.0, [2.0 * z[0], 2.0 * z[1]]

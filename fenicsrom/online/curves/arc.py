@@ -304,13 +304,17 @@ class ArcLength:
         return None if tangent is None else sense * tangent
 
     def _end(self, inside: Point, outside: Point) -> Point | None:
-        """The point on the bound of the range between two points, if it is found."""
-        bound = self.high if outside.parameter > self.high else self.low
+        """The point on the bound of the range between two points, if it is found.
+
+        There the curve leaves the range. The sense of the point outside of it may be another one,
+        because a branch point may lie between both.
+        """
+        bound, way = (self.high, 1.0) if outside.parameter > self.high else (self.low, -1.0)
         share = (bound - inside.parameter) / (outside.parameter - inside.parameter)
         last = self.at_parameter(inside.s + share * (outside.s - inside.s), bound)
         if last is None:
             return None
-        return oriented(last, outside.sense)
+        return oriented(last, last.sense * (float(np.sign(last.tangent[-1] * way)) or 1.0))
 
     # ------------------------------------------------------------------ the curve
 

@@ -34,6 +34,8 @@ LOCATED = 1e-6  # of the range of the parameter: how closely special points are 
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
+DEEP = 20  # halvings after which a step has the width of a bracket
+CONTRARY = 2  # nested ways of which both halves may hide folds
 REAL = 1e-6  # angle of a multiplier below which it counts as real
 
 Test = Callable[[CurvePoint], float]
@@ -85,20 +87,46 @@ def special_points(
     return sorted(found, key=lambda point: float(chord @ path.place(point)))
 
 
-def turned_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
+def turned_points(
+    path: Path, a: CurvePoint, b: CurvePoint, deep: int = DEEP, contrary: int = CONTRARY
+) -> list[CurvePoint]:
     """Points between two points of a curve that hide two folds, in order; none if they do not.
 
     The tangents at a and b then ask for the other sense of the parameter than the way from a to b.
-    Of the points that are given, and a and b, no two neighbours hide two folds in this way.
+    Of the points that are given, and a and b, no two neighbours hide two folds in this way, unless
+    the tangents are contrary to the way on both sides of the points again and again: where sliders
+    begin to slip, the curve may go back over a piece with the tangents of the way there.
+
+    Args:
+        path: finds points of the curve.
+        a: a point.
+        b: the next point.
+        deep: how often the way may be divided.
+        contrary: how often both parts of a way may hide folds.
     """
-    way = path.place(b) - path.place(a)
-    hidden = a.tangent[-1] * b.tangent[-1] > 0.0 and way[-1] * a.tangent[-1] < 0.0
-    if not hidden or abs(way[-1]) <= BRACKET:
+    if not deep or not _turns(path, a, b):
         return []
     middle = point_between(path, a, b, 0.5)
     if middle is None:
         return []
-    return [*turned_points(path, a, middle), middle, *turned_points(path, middle, b)]
+    first, here, last = (path.place(point) for point in (a, middle, b))
+    if max(norm(here - first), norm(last - here)) > norm(last - first):
+        return []  # the plane between them meets another part of the curve
+    contrary -= _turns(path, a, middle) and _turns(path, middle, b)
+    if contrary < 0:
+        return [middle]
+    return [
+        *turned_points(path, a, middle, deep - 1, contrary),
+        middle,
+        *turned_points(path, middle, b, deep - 1, contrary),
+    ]
+
+
+def _turns(path: Path, a: CurvePoint, b: CurvePoint) -> bool:
+    """Whether the parameter goes from a to b against the tangents at both."""
+    way = path.place(b)[-1] - path.place(a)[-1]
+    hidden = a.tangent[-1] * b.tangent[-1] > 0.0 and way * a.tangent[-1] < 0.0
+    return bool(hidden and abs(way) > BRACKET)
 
 
 def _contact_changes(
