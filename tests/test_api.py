@@ -383,6 +383,7 @@ def test_demo_of_matrices_in_scipy_moves_as_the_program_does() -> None:
     assert np.abs(found["probe"]).max() > 0.01  # m: far in the nonlinear range
 
 
+@pytest.mark.slow
 def test_demo_built_from_python_rubs_and_balances_its_energy() -> None:
     found = demo("build_from_python")
     motion, stored = found["motion"], found["stored"]

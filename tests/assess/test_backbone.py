@@ -65,6 +65,7 @@ def run(model: Path, folder: Path, *overrides: str) -> int:
     return main(["backbone", "--from", str(model), "--output", str(folder), *sets])
 
 
+@pytest.mark.slow
 def test_curve_spans_the_amplitudes_of_the_probe() -> None:
     found = backbone(oscillator())
     assert found.reason == "end of the range" and found.direction == 0

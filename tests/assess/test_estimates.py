@@ -140,6 +140,7 @@ def test_check_of_a_surface_that_has_approached_takes_the_motion_nearby() -> Non
     assert estimates.distances(motion, found).amplitude > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "error"), [(None, 0.6), (0.6, 0.6), (0.4, np.inf)])
 def test_unsteady_motion_is_compared_with_a_quarter_of_the_step_unless_that_soon_settles(
     monkeypatch: pytest.MonkeyPatch, part: float | None, error: float
@@ -192,6 +193,7 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
         verdicts.check_error(scene, "basis", between)
 
 
+@pytest.mark.slow
 def test_soft_candidate_of_little_energy_is_in_the_estimate() -> None:
     """A stiff candidate has a million times the energy of a soft one, which moves the probe."""
     scene = two_modes("periodic")[2]

@@ -199,6 +199,7 @@ def test_map_that_goes_up_follows_the_motions_to_their_peaks() -> None:
         assert force is None or line.peak_force == pytest.approx(force, rel=0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "at", "amplitude"), [("up", 7275.0, 1.287e-3), ("down", 7125.0, 5.816e-4)]
 )
@@ -377,6 +378,7 @@ def test_wear_of_a_map_matches_an_explicit_integration(
     assert line.verdict != WEARING and np.isnan(line.other)
 
 
+@pytest.mark.slow
 def test_wear_that_half_the_step_changes_is_marked() -> None:
     """At 3000 rpm, 360 steps per revolution give twice the depth of short steps, 4.1 um."""
     coarse, line = worn_line(3000.0, 360)

@@ -384,6 +384,7 @@ def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
     assert run(tmp_path / "m.npz", tmp_path / "out") == 2
 
 
+@pytest.mark.slow
 def test_lost_curve_says_where_and_exits_1(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
@@ -403,6 +404,7 @@ def test_lost_curve_says_where_and_exits_1(
     assert "no next point" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_curve_out_of_points_says_what_to_do_and_exits_1(model: Path, tmp_path: Path) -> None:
     assert run(model, tmp_path / "out", "response.points=20") == 1
     summary = json.loads((tmp_path / "out" / "response.json").read_text())

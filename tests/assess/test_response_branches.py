@@ -186,6 +186,7 @@ def compared(stored: StoredModel, stiffness: float, own: float = 1.0) -> Respons
     return response(stored, richer=richer_of)
 
 
+@pytest.mark.slow
 def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:
     coarse, fine = curve_at(50), curve_at(100)
     named = [
@@ -211,6 +212,7 @@ def test_richer_basis_that_adds_nothing_has_no_error() -> None:
             assert check.basis_error is not None and check.basis_error < 1e-5
 
 
+@pytest.mark.slow
 def test_basis_that_must_grow_is_compared_at_the_named_points_only() -> None:
     for accuracy, others in (("1e-9", False), ("1.0", True)):
         stored = oscillator("time.steps_per_period=50", f"basis.accuracy={accuracy}")

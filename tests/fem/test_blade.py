@@ -462,6 +462,7 @@ def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> No
     assert motion.gap[-1, 0] == pytest.approx(-expected / stiffness, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_points_out_of_reach_are_reported_with_smallest_gap() -> None:
     """The run reports points that never touch, with their smallest gap; it does not name points
     that touch."""

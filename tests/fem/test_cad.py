@@ -159,6 +159,7 @@ def test_inspection_says_whether_curved_cells_work(tmp_path: Path) -> None:
     assert found.curved.startswith("works") and 0.0 < found.quality < 1.0
 
 
+@pytest.mark.slow
 def test_bore_has_no_outer_normal_but_its_end_face_has(tmp_path: Path) -> None:
     path = step_file(tmp_path / "tube.step", tube(8.0))
     found = inspect(path)

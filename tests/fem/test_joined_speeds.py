@@ -101,6 +101,7 @@ def at_speed(stored: StoredModel, rpm: float, *more: str) -> StoredModel:
     return stored.with_overrides([f"rotation.speed_rpm={rpm}", *more])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hub", "flaps", "higher", "allowed"),
     [

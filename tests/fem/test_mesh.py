@@ -256,6 +256,7 @@ def test_blade_mesh_has_its_groups(cells: str, curved: bool) -> None:
     assert set(vertices) == {v for edge in edges for v in topology.connectivity(1, 0).links(edge)}
 
 
+@pytest.mark.slow
 def test_blade_mesh_has_the_given_shape() -> None:
     size = {
         "span": 0.6,

@@ -25,6 +25,7 @@ def follow(scene: Scene, **options: Any) -> EquilibriumPath:
     return equilibrium_path(scene, MPI.COMM_SELF, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("follower", "factor"), [(True, 3.0), (False, 4.0 * OUTSIDE**2)])
 def test_path_of_a_ring_has_its_bifurcation_at_the_pressure_of_theory(
     follower: bool, factor: float, tmp_path: Path

@@ -64,6 +64,7 @@ def test_straight_cells_keep_least_degree(dimension: int, cells: str) -> None:
     assert solid.quadrature_degree == LEAST_DEGREE == 4
 
 
+@pytest.mark.slow
 def test_frequencies_of_curved_cells_are_those_of_exact_integrals(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

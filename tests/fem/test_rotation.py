@@ -523,6 +523,7 @@ def test_critical_speeds_of_blade_from_two_speeds_agree_with_nine() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed_rpm", "said"), [(5e4, ""), (8e4, "24.7 %"), (1e5, "det F is -1")])
 def test_modes_and_campbell_warn_of_a_block_that_is_crushed_at_speed(
     speed_rpm: float, said: str

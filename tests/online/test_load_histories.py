@@ -200,6 +200,7 @@ def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> N
     assert np.abs(exact).max() > 50 * 4e-4 * 3.0 / STIFFNESS and motion.steps < 600
 
 
+@pytest.mark.slow
 def test_adaptive_steps_do_not_alias_a_fast_load() -> None:
     """A sine of 100 Hz over 100 s: without the load history, the first step would be a whole period
     of it."""

@@ -325,6 +325,7 @@ def knocking() -> tuple[ReducedModel, Contacts]:
     return model, one_contact(gap=0.1, normal_stiffness=20.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
     """A contact that opens within a step keeps the order: the force has a kink, not a jump."""

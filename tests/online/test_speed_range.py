@@ -47,6 +47,7 @@ def turning(speeds: tuple[float, ...] = (0.0, 0.5), masters: int = 2) -> RangeMo
     )
 
 
+@pytest.mark.slow
 def test_shifted_and_projected_polynomials_are_exact() -> None:
     rng = np.random.default_rng(2)
     elastic, q0, z = random_polynomial(N), rng.standard_normal(N), rng.standard_normal((N, 4))

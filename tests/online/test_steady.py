@@ -180,6 +180,7 @@ def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [4.4e-3, 14.6e-3])
 def test_march_that_comes_nearer_for_long_ends_in_its_motion(force: float) -> None:
     """The frequency depends on the amplitude: 160 periods show too little of the slow decay."""
@@ -190,6 +191,7 @@ def test_march_that_comes_nearer_for_long_ends_in_its_motion(force: float) -> No
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_march_on_its_way_is_refused_with_the_periods_that_it_needs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -355,6 +357,7 @@ def test_energy_balances_on_both_sides_of_the_jump() -> None:
     np.testing.assert_allclose(x, last(motion)[:, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
 def test_adaptive_steps_end_in_the_motion_of_a_long_march(tolerance: float) -> None:
     model, contacts, period = rubbing()

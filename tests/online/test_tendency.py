@@ -31,6 +31,7 @@ def motion_at(x: float, v: float) -> PeriodicMotion:
     return solve(path.shooting, path.states[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [(0.0, 0.0), (2.0, -1.0), (-1.0, 1.5), (0.5, -2.0)])
 def test_march_tends_to_one_of_two_motions_from_a_state_that_it_reaches_later(
     start: tuple[float, float],

@@ -91,6 +91,7 @@ def test_wear_and_vibration_of_a_blade_match_an_explicit_integration(
     assert max(found.created, found.lost) <= 1e-9 * (found.energy + found.work)
 
 
+@pytest.mark.slow
 def test_wear_at_5500_rpm_ends_in_a_motion_that_repeats() -> None:
     """No wear after revolution 28; then Newton's method finds the motion of 25.01 um."""
     motion = integrate(rubbing(5500.0, periods=60, steady_tolerance=1e-6))

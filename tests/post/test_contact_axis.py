@@ -51,6 +51,7 @@ def test_analytic_line_load_does_not_alternate_along_the_edge_of_a_blade() -> No
     assert numbers == [str(k + 1) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_points_on_a_face_have_numbers_and_force_per_area() -> None:
     scene = read_scene(DEMOS / "blade_rub.toml", [*COARSE, 'contacts.0.group="tip"'])
     solid = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), UNDEFORMED)

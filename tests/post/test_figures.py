@@ -137,6 +137,7 @@ def test_contact_figure_in_3d_has_loop_per_direction_and_orbit(tmp_path):
     drawn(figure, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
     cases = [jenkins(dimension, normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
@@ -166,6 +167,7 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
     drawn(figure, tmp_path)
 
 
+@pytest.mark.slow
 def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
     x = np.linspace(0, 2.54, 61)
     s = x / x[-1]
@@ -192,6 +194,7 @@ def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
     drawn(solid, tmp_path)
 
 
+@pytest.mark.slow
 def test_modes_figure_leaves_out_flat_lines_that_would_hide_each_other(tmp_path):
     x = np.linspace(0, 1, 5)
     shapes = np.zeros((3, 5, 2))

@@ -60,6 +60,7 @@ def opened(folder: Path, row: int = -1) -> Any:
     return reader.time_values, reader.read()[0]
 
 
+@pytest.mark.slow
 def test_one_file_opens_every_block_of_the_run(run: Any) -> None:
     found, folder = run
     times, blocks = opened(folder)

@@ -36,6 +36,7 @@ def marks(scene: Any, known: Any = UNDEFORMED) -> tuple[dict[str, list[Mark]], A
     return kinds, found[0].points
 
 
+@pytest.mark.slow
 def test_follower_pressure_is_marked_on_the_undeformed_face_up_to_the_supports() -> None:
     """15 MPa turn the face of the equilibrium by several degrees."""
     load = {"plane": TOP, "pressure": 1.5e7, "follower": True}
