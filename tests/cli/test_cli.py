@@ -673,7 +673,7 @@ def test_interrupted_run_leaves_only_complete_files(tmp_path):
         "--output",
         str(tmp_path),
         "--set",
-        "time.steps_per_period=20000",
+        "time.steps_per_period=2000",
     ]
     process = subprocess.Popen(
         [sys.executable, *arguments], stderr=subprocess.PIPE, text=True, env=dict(os.environ)
