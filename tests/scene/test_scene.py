@@ -668,6 +668,29 @@ def test_mistake_about_surface_names_kind_and_key(
     assert refused(text, override) == (kind, key)
 
 
+@pytest.mark.parametrize(
+    ("order", "surface", "key"),
+    [
+        (1, "waves=[[2, 1e-5, 0]]", None),
+        (2, "waves=[[2, 1e-5, 0]]", None),
+        (2, "waves=[[4, 1e-5, 0], [6, 1e-5, 0]]", None),
+        (2, "waves=[[4, 1e-5, 0], [3, 0, 0]]", None),
+        (3, "waves=[[2, 1e-5, 0]]", "contacts[0].surface.waves"),
+        (2, "waves=[[4, 1e-5, 0], [3, 1e-5, 0]]", "contacts[0].surface.waves"),
+    ],
+)
+def test_waves_of_turning_surface_repeat_in_the_period_of_the_loads(
+    order: int, surface: str, key: str | None
+) -> None:
+    """Else Newton's method took a third of a revolution for the period of such a motion."""
+    text = CASING.replace("frequency =", f"engine_order = {order} #")
+    turns = "rotation={speed_rpm=3000.0, point=[0, 0]}", f"contacts.0.surface.{surface}"
+    if key is None:
+        assert parse(text, *turns).period == pytest.approx(0.02 / order)
+    else:
+        assert refused(text, *turns) == (ErrorKind.RANGE, key)
+
+
 def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
     solid = {"mesh": "beam3d.geo", "dimension": 3}
     table: Any = tomllib.loads(CASING) | {"geometry": solid}

@@ -57,6 +57,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
         yield from _abradable_problems(scene, contact, f"contacts[{index}]")
+        yield from _turning_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -160,16 +161,26 @@ def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
         if getattr(scene, name) is not None:
             allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
             yield Problem(name, allowed, value="a table")
+
+
+def _turning_problems(scene: Scene, contact: Contact, key: str) -> Problems:
+    """Yield a surface in another place after each period of the loads: no motion repeats there."""
     surface, period = contact.surface, scene.period
-    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
-    turns = 0.0 if period is None else abs(spin) * period / (2.0 * math.pi)
+    if surface is None or period is None:
+        return
+    wears = contact.abradable is not None
+    orders = [round(order) for order, height, _ in surface.waves if height != 0.0]
+    name = "abradable" if wears else "surface.waves"
+    turned = abs(surface_spin(surface, scene.rotation)) * period / (2.0 * math.pi)
+    turns = turned * (1 if wears else math.gcd(*orders))
     if abs(turns - round(turns)) > WHOLE_TURNS * turns:
         allowed = (
-            f"with {key}.abradable the surface must turn in whole numbers in the period of the "
-            f"loads, {period:.6g} s, in which it turns {turns:.6g} times; lengthen the period, for "
-            "example by engine_order = 1 with harmonics"
+            f"with {key}.{name} the surface must come back to its place in the period of the "
+            f"loads, {period:.6g} s, in which it makes {turned:.6g} turns; lengthen the period, for "
+            "example by engine_order = 1 with harmonics = [[3, 1.0, 0.0]] in place of engine_order "
+            "= 3"
         )
-        yield Problem(f"{key}.abradable", allowed, ErrorKind.RANGE, value="a table")
+        yield Problem(f"{key}.{name}", allowed, ErrorKind.RANGE, "a table" if wears else None)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
