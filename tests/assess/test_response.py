@@ -373,6 +373,22 @@ def test_second_number_with_a_bad_value_is_refused_by_the_key_of_the_values() ->
     assert "response.families.values: material.mass_damping = -2.0: must be" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("contact", "parameter", "last"),
+    [("gap=2e-3", "preload", 15.0), ("preload=15.0", "gap", 2e-3)],
+)
+def test_curve_over_preload_with_gap_is_refused_as_its_scenes_are(
+    contact: str, parameter: str, last: float
+) -> None:
+    scene = scene_with(
+        "contacts=[{group='tip', normal=[1, 0], normal_stiffness=1e5, tangential_stiffness=1e5, "
+        f"friction=0.1, {contact}}}]",
+        f"response={{parameter='contacts.0.{parameter}', first=0.0, last={last}}}",
+    )
+    with refusal(ErrorKind.CONFLICT, "response.last"):
+        check_response(scene)
+
+
 def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 

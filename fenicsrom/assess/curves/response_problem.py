@@ -48,7 +48,8 @@ def check_response(scene: Scene) -> None:
 
     Raises:
         SceneError: there is no table [response], nothing excites the body, the model would not be
-            an exact polynomial, or the second number of the curves cannot be used.
+            an exact polynomial, the scene may not have the parameter of an end of the curves, or
+            the second number of the curves cannot be used.
     """
     table = response_table(scene)
     _check_excitation(scene, scene)
@@ -60,8 +61,26 @@ def check_response(scene: Scene) -> None:
             key="basis.elastic_force",
             source=scene.source,
         )
+    if table.parameter not in ("frequency", "rotation.speed_rpm"):
+        for key, value in (("response.first", table.first), ("response.last", table.last)):
+            try:
+                _changed(scene, table.parameter, value, f"{scene.source}: {key}")
+            except SceneError as error:
+                raise SceneError(
+                    str(error), kind=error.kind, key=key, source=scene.source
+                ) from error
     if table.families is not None:
         _check_families(scene, table.parameter, table.families)
+
+
+def _changed(scene: Scene, key: str, value: float, place: str) -> Scene:
+    """The scene with another value of a key; the place names it in errors.
+
+    Raises:
+        SceneError: the scene may not have this value.
+    """
+    table = override_table(scene_table(scene), [f"{key}={value!r}"], place)
+    return parse_scene(table, place, None)
 
 
 def _check_excitation(scene: Scene, given: Scene) -> None:
@@ -114,9 +133,8 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
         raise refusal("must be a number that [response] does not set", ErrorKind.CONFLICT)
     place = f"{scene.source}: response.families.values"
     for value in families.values:
-        override = [f"{families.key}={value!r}"]
         try:
-            changed = parse_scene(override_table(scene_table(scene), override, place), place, None)
+            changed = _changed(scene, families.key, value, place)
         except SceneError as error:
             if error.kind in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
                 reason = (
