@@ -174,7 +174,8 @@ def test_curve_without_a_force_is_allowed_where_something_else_varies(
 
 
 def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
-    turning = {"kind": "cylinder", "point": [0.0, 0.0], "radius": 2.0, "spin": 1.0}
+    spin = 2.0 * np.pi * LOW
+    turning = {"kind": "cylinder", "point": [0.0, 0.0], "radius": 2.0, "spin": spin}
     wavy = turning | {"waves": [[1, 1e-3, 0.0]]}
     stiff = {"normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.1}
     contact = {"group": "tip", "surface": wavy} | stiff
