@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from support import beam_scene, linear_model, refusal
 
@@ -11,9 +13,9 @@ from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
 
-def round_wall(radius: float, preload: float) -> Scene:
+def round_wall(radius: float, preload: float, *overrides: str, **more: Any) -> Scene:
     """The tip of a beam of 2.54 m in a casing about the origin; the steps end at once."""
-    surface = {"kind": "cylinder", "point": [0.0, 0.0], "radius": radius}
+    surface = {"kind": "cylinder", "point": [0.0, 0.0], "radius": radius, **more}
     contact = {
         "group": "tip",
         "surface": surface,
@@ -22,12 +24,11 @@ def round_wall(radius: float, preload: float) -> Scene:
         "tangential_stiffness": 1e4,
         "friction": 0.5,
     }
-    return beam_scene(
-        2, ("time.periods=1", "geometrically_nonlinear=false"), contacts=[contact], probe=None
-    )
+    short = ("time.periods=1", "geometrically_nonlinear=false", *overrides)
+    return beam_scene(2, short, contacts=[contact], probe=None)
 
 
-def test_preload_needs_a_round_surface_that_touches_the_body() -> None:
+def test_preload_needs_a_surface_that_touches_and_a_period_waves_that_repeat() -> None:
     points = ContactPoints(
         np.zeros(1, dtype=np.int64), np.ones(1), np.array([[2.54, 0.0]]), np.eye(2)[None]
     )
@@ -44,6 +45,11 @@ def test_preload_needs_a_round_surface_that_touches_the_body() -> None:
         assert simulate(model, scene, compiled=False).periods == 1
     with refusal(ErrorKind.CONFLICT, "contacts[0].surface.radius", names="0.01 m"):
         simulate(model, apart, compiled=False)
+    turning: dict[str, Any] = {"waves": [[2, 1e-6, 0.0]], "spin": 1.0}
+    with refusal(ErrorKind.RANGE, "contacts[0].surface.waves"):
+        simulate(model, round_wall(2.55, 0.0, **turning), compiled=False)
+    unsought = round_wall(2.55, 0.0, "time.steady_tolerance=0", **turning)
+    assert simulate(model, unsought, compiled=False).periods == 1
 
 
 def test_static_loads_without_duration_are_refused() -> None:

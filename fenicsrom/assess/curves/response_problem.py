@@ -37,6 +37,7 @@ from fenicsrom.scene import (
     scene_table,
 )
 from fenicsrom.scene.base.rules import show
+from fenicsrom.scene.checks.checks import require_repeating
 from fenicsrom.scene.reading.overrides import names_of
 from fenicsrom.scene.reading.units import in_words
 
@@ -48,11 +49,12 @@ def check_response(scene: Scene) -> None:
 
     Raises:
         SceneError: there is no table [response], nothing excites the body, the model would not be
-            an exact polynomial, the scene may not have the parameter of an end of the curves, or
-            the second number of the curves cannot be used.
+            an exact polynomial, a surface does not repeat, the scene may not have the parameter of
+            an end of the curves, or the second number of the curves cannot be used.
     """
     table = response_table(scene)
     _check_excitation(scene, scene)
+    require_repeating(scene)
     if scene.basis.elastic_force == "projection":
         raise SceneError(
             f'{scene.source}: basis.elastic_force = "projection": must be "polynomial" for '

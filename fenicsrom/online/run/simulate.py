@@ -17,6 +17,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.checks.checks import require_repeating
 
 TOUCH = 1e-9
 """Smaller distances of a round surface, relative to its radius, are rounding errors."""
@@ -68,6 +69,8 @@ def checked_problem(model: Any, scene: Scene) -> Problem:
     if scene.static_only:
         where = Where(scene.source, "time.duration")
         raise where.refuse(MISSING, "all loads are static, so nothing moves")
+    if scene.time.steady_tolerance:
+        require_repeating(scene)
     problem = Problem.of(model, scene)
     _require_touch(problem.contacts, model.points, scene)
     return problem

@@ -11,7 +11,7 @@ from operator import mul
 from typing import Any
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule
+from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule, Where
 from fenicsrom.scene.base.tables import entries
 from fenicsrom.scene.checks.body_checks import (
     attachment_problems,
@@ -30,7 +30,7 @@ from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import Place, Region
-from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
+from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene, Surface
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
@@ -57,7 +57,6 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
         yield from _abradable_problems(scene, contact, f"contacts[{index}]")
-        yield from _turning_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -161,26 +160,37 @@ def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
         if getattr(scene, name) is not None:
             allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
             yield Problem(name, allowed, value="a table")
+    if (allowed := _out_of_place(scene, contact.surface, 1, f"{key}.abradable")) is not None:
+        yield Problem(f"{key}.abradable", allowed, ErrorKind.RANGE, value="a table")
 
 
-def _turning_problems(scene: Scene, contact: Contact, key: str) -> Problems:
-    """Yield a surface in another place after each period of the loads: no motion repeats there."""
-    surface, period = contact.surface, scene.period
-    if surface is None or period is None:
-        return
-    wears = contact.abradable is not None
-    orders = [round(order) for order, height, _ in surface.waves if height != 0.0]
-    name = "abradable" if wears else "surface.waves"
-    turned = abs(surface_spin(surface, scene.rotation)) * period / (2.0 * math.pi)
-    turns = turned * (1 if wears else math.gcd(*orders))
-    if abs(turns - round(turns)) > WHOLE_TURNS * turns:
-        allowed = (
-            f"with {key}.{name} the surface must come back to its place in the period of the "
-            f"loads, {period:.6g} s, in which it makes {turned:.6g} turns; lengthen the period, for "
-            "example by engine_order = 1 with harmonics = [[3, 1.0, 0.0]] in place of engine_order "
-            "= 3"
-        )
-        yield Problem(f"{key}.{name}", allowed, ErrorKind.RANGE, "a table" if wears else None)
+def require_repeating(scene: Scene) -> None:
+    """Check that all that excites the body repeats in the period of the loads, waves too.
+
+    Raises:
+        SceneError: the waves of a turning surface do not; the error names their key.
+    """
+    for k, contact in enumerate(scene.contacts):
+        surface = contact.surface
+        if surface is not None and scene.period is not None:
+            orders = [round(order) for order, height, _ in surface.waves if height != 0.0]
+            key = f"contacts[{k}].surface.waves"
+            if (allowed := _out_of_place(scene, surface, math.gcd(*orders), key)) is not None:
+                raise Where(scene.source, key).refuse(surface.waves, allowed, ErrorKind.RANGE)
+
+
+def _out_of_place(scene: Scene, surface: Surface | None, order: int, key: str) -> str | None:
+    """What is allowed in place of a turn that does not repeat in the period; None if it does."""
+    period = scene.period or 0.0
+    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
+    turned = abs(spin) * period / (2.0 * math.pi)
+    if abs(order * turned - round(order * turned)) <= WHOLE_TURNS * order * turned:
+        return None
+    return (
+        f"with {key} the surface must come back to its place in the period of the loads, "
+        f"{period:.6g} s, in which it makes {turned:.6g} turns; lengthen the period, for example "
+        "by engine_order = 1 with harmonics = [[3, 1.0, 0.0]] in place of engine_order = 3"
+    )
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
