@@ -694,3 +694,26 @@ def test_interrupted_run_leaves_only_complete_files(tmp_path):
     assert left - record == kept and record <= left
     assert json.loads((tmp_path / "provenance.json").read_text())["state"] == "interrupted"
     assert "not checked" in errors and f"--resume {tmp_path / 'checkpoint.npz'}" in errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signal_ends_a_long_call_of_gmsh(number, code, tmp_path):
+    """The folder is as after a killed run: the next run takes it."""
+    out = ["run", str(SCENE), "--output", str(tmp_path), *QUICK]
+    command = [sys.executable, "-m", "fenicsrom", *out]
+    long = ["--set", "geometry.parameters.elements_along=2e7"]
+    with subprocess.Popen([*command, *long], stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and "gmsh" not in Path(f"/proc/{process.pid}/maps").read_text():
+            time.sleep(0.1)
+        time.sleep(1.0)
+        process.send_signal(number)
+        try:
+            _, errors = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert process.returncode == code
+    assert errors.splitlines()[-1].startswith("fenicsrom: ") and "Traceback" not in errors
+    assert json.loads((tmp_path / "provenance.json").read_text())["state"] == "running"
+    assert not (tmp_path / "summary.json").exists()
+    assert main([*out, "--set", "geometry.parameters.elements_along=4", "--force"]) == 0
