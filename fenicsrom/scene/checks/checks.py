@@ -160,8 +160,8 @@ def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
         if getattr(scene, name) is not None:
             allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
             yield Problem(name, allowed, value="a table")
-    if (allowed := _out_of_place(scene, contact.surface, 1, f"{key}.abradable")) is not None:
-        yield Problem(f"{key}.abradable", allowed, ErrorKind.RANGE, value="a table")
+    if (out_of_place := _out_of_place(scene, contact.surface, 1, f"{key}.abradable")) is not None:
+        yield Problem(f"{key}.abradable", out_of_place, ErrorKind.RANGE, value="a table")
 
 
 def require_repeating(scene: Scene) -> None:
