@@ -49,7 +49,8 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
 def output_path(options: argparse.Namespace) -> Path:
     """The folder of --output, or out/ and the name of the scene or of the stored model.
 
-    Each command but `run` adds its own name, such as out/NAME_modes, once. A file `scene.toml`, such as an earlier run wrote, takes the name of its folder.
+    Each command but `run` adds its own name once, such as out/NAME_modes. A file `scene.toml`, such
+    as an earlier run wrote, takes the name of its folder.
 
     Raises:
         SceneError: a file has the name of the output folder or of a folder above it.
