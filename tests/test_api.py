@@ -162,6 +162,8 @@ def test_functions_say_what_to_pass(tmp_path: Path) -> None:
         (fenicsrom.model_arrays, None),
         (fenicsrom.amplitudes, stored),
         (fenicsrom.amplitudes, {"reduced": motion}),
+        (fenicsrom.contact_fractions, model),
+        (fenicsrom.read_scene, scene),
         (fenicsrom.run, stored),
         (fenicsrom.response, motion),
     ):

@@ -85,7 +85,11 @@ SCHEDULER = Argument(
     help="compute on a running Dask cluster, such as tcp://node1:8786; its workers need fenicsrom "
     "and the output folder",
 )
-OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
+OUTPUT = Argument(
+    "--output",
+    metavar="DIR",
+    help="output folder (default: out/NAME of the scene for run, out/NAME_COMMAND for others)",
+)
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
 )

@@ -1,6 +1,7 @@
 """The output folder of a command: its name, its record, and how to continue after an interrupt."""
 
 import argparse
+import json
 import os
 import shlex
 from collections.abc import Iterator
@@ -48,7 +49,8 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
 def output_path(options: argparse.Namespace) -> Path:
     """The folder of --output, or out/ and the name of the scene or of the stored model.
 
-    A file `scene.toml`, such as an earlier run wrote, takes the name of its folder.
+    Each command but `run` adds its own name once, such as out/NAME_modes. A file `scene.toml`, such
+    as an earlier run wrote, takes the name of its folder.
 
     Raises:
         SceneError: a file has the name of the output folder or of a folder above it.
@@ -57,7 +59,8 @@ def output_path(options: argparse.Namespace) -> Path:
 
     source = Path(options.scene or options.stored)
     own = source.resolve().parent.name if source.name == SCENE_FILE else ""
-    name = "stability" if options.name == "stability" else own or source.stem
+    ending = "" if options.name == "run" else f"_{options.name}"
+    name = (own or source.stem).removesuffix(ending) + ending
     folder = Path(options.output) if options.output else Path("out") / name
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
@@ -114,8 +117,19 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
     else:
         words += ["--resume", str(folder / state)]
     if options.name == "run" and holds_motion(folder / state):
+        if _is_checked(folder):
+            return f"the motion was kept and checked; to write all files: {shlex.join(words)}"
         return f"the motion was kept, but it is not checked; to check it: {shlex.join(words)}"
     return f"to continue: {shlex.join(words)}"
+
+
+def _is_checked(folder: Path) -> bool:
+    """Whether the summary of an interrupted run gives the errors of its motion."""
+    from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
+    from fenicsrom.post.run.summary import SUMMARY
+
+    warnings = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["warnings"]
+    return not {HALF_CHECKED, UNCHECKED} & set(warnings)
 
 
 def _is_of(options: argparse.Namespace, result: Path) -> bool:

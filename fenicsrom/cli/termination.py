@@ -11,12 +11,16 @@ import threading
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 from fenicsrom.cli.ranks import all_ranks, stopped
 
 REPEATED = 1.0  # s after a SIGTERM in which another one is the same request, as of a process group
 PATIENCE = 3.0  # s that a signal waits for a library
-WORDS = {signal.SIGINT: ("interrupted", 130), signal.SIGTERM: ("terminated", 143)}
+WORDS: dict[int, tuple[str, int]] = {
+    signal.SIGINT: ("interrupted", 130),
+    signal.SIGTERM: ("terminated", 143),
+}
 
 _termination = {"requested": False}
 
@@ -55,7 +59,7 @@ def terminable() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, note)}
+    before: dict[int, Any] = {signal.SIGTERM: signal.signal(signal.SIGTERM, note)}
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
     try:

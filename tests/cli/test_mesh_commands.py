@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from support import refusal
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom import formats
+from fenicsrom.errors import ErrorKind, SceneError
 
 pytest.importorskip("gmsh")
 from fenicsrom.cli import main
+from fenicsrom.cli.commands import make_parser
+from fenicsrom.cli.output import output_path
+from fenicsrom.fem.mesh import gmsh_files
 from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.post.studies import mesh_report
 from fenicsrom.post.studies.starter import outer_normal, starter_scene, units_of
@@ -148,6 +152,26 @@ def test_existing_scene_is_not_replaced(
     (tmp_path / "bar.toml").write_text("mine")
     assert main(["init", str(path)]) == 2 and (tmp_path / "bar.toml").read_text() == "mine"
     assert "bar.toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [*gmsh_files.SUFFIXES, *formats.SUFFIXES])
+def test_mesh_in_place_of_a_scene_is_refused_with_a_hint(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"part{suffix}"
+    path.write_text("a mesh")
+    with pytest.raises(SceneError, match=f"fenicsrom init {path}"):
+        read_scene(path)
+
+
+def test_commands_have_folders_of_their_own() -> None:
+    parser = make_parser()
+
+    def folder(*words: str) -> str:
+        return str(output_path(parser.parse_args(words)))
+
+    assert folder("run", "a/fan.toml") == "out/fan"
+    assert folder("modes", "a/fan.toml") == "out/fan_modes"
+    assert folder("modes", "out/fan_modes/scene.toml") == "out/fan_modes"
+    assert folder("response", "--from", "out/fan/reduced_model.npz") == "out/reduced_model_response"
 
 
 @pytest.mark.slow

@@ -141,6 +141,23 @@ def test_unknown_face_is_refused(tmp_path: Path) -> None:
         read(path, 5e-3, meshing=Meshing(near=(Refinement(group="7"),)))
 
 
+@pytest.mark.parametrize("kind", ["supports", "contacts"])
+def test_unknown_face_is_refused_by_the_key_that_names_it(kind: str, tmp_path: Path) -> None:
+    path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
+    table = {
+        "geometry": {"mesh": path.name, "dimension": 3, "size": 5e-3},
+        "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
+        "supports": [{"group": "1"}],
+    }
+    contact = {"group": "7", "normal": [0.0, 0.0, 1.0], "gap": 0.0, "friction": 0.1}
+    contact |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
+    table["time"] = {"duration": 1e-3, "step": 1e-5}
+    table[kind] = [{"group": "7"}] if kind == "supports" else [contact]
+    geometry = parse_scene(table, "scene", tmp_path, unloaded=True).geometry
+    with refusal(ErrorKind.PLACE, f"{kind}[0].group", "box.step", names="'7'"):
+        build_mesh(geometry, MPI.COMM_WORLD)
+
+
 def test_structured_box_has_hexahedra(tmp_path: Path) -> None:
     path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
     mesh = read(path, 5e-3, cells="structured")

@@ -121,6 +121,8 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     with monkeypatch.context() as patched:  # then in the report
         patched.setattr("fenicsrom.post.run.report.write_run_report", interrupt)
         assert main([*call, str(tmp_path), *resume]) == 130
+    said = capsys.readouterr().err
+    assert "not checked" not in said and again in said
     assert main([*call, str(tmp_path), *resume]) == 0
     kept = json.loads((tmp_path / "summary.json").read_text())
     assert kept["response"] == told["response"] and UNCHECKED not in kept["warnings"]

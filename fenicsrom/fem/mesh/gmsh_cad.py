@@ -144,7 +144,8 @@ def _refine(gmsh: Any, geometry: Geometry, faces: dict[str, list[int]]) -> None:
     source, meshing, fields = str(geometry.mesh), geometry.meshing, []
     for index, near in enumerate(meshing.near or ()):
         if near.group not in faces:
-            key, named = f"geometry.meshing.near[{index}].group", ", ".join(sorted(faces))
+            key = near.origin or f"geometry.meshing.near[{index}].group"
+            named = ", ".join(sorted(faces))
             reason = f"there is no facet group {near.group!r}; the facet groups are {named}"
             raise refuse(source, reason, ErrorKind.PLACE, key)
         size = near.size or 0.5 * geometry.size

@@ -14,6 +14,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.state import PeriodicSearch
 from fenicsrom.scene import Scene
 
+NO_MOTION = "must be a Motion, such as StoredModel.simulate returns"
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
 # a motion is at rest if its amplitude, relative to the largest displacement, is smaller
 REST = 1e-6
@@ -178,10 +179,8 @@ def amplitudes(motion: History) -> dict[str, Any]:
         123.52
     """
     if not isinstance(motion, History):
-        raise TypeError(
-            f"amplitudes: {type(motion).__name__}: must be a Motion, such as "
-            "StoredModel.simulate returns, or a History of read_history"
-        )
+        also = ", or a History of read_history"
+        raise TypeError(f"amplitudes: {type(motion).__name__}: {NO_MOTION}{also}")
     half = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2
     return {"normal": float(half[0]), "tangential": [float(value) for value in half[1:]]}
 
@@ -190,6 +189,9 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     """Fractions of the last period in each contact state, averaged over the contact points.
 
     The trapezoidal rule weights the instants, because the steps may differ.
+
+    Raises:
+        TypeError: the argument is no motion.
 
     Returns:
         The fractions "open", "slip" and "stick", whose sum is 1; without contact "open" is 1.
@@ -200,6 +202,8 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
         >>> {state: round(part, 2) for state, part in fr.contact_fractions(motion).items()}
         {'open': 0.0, 'slip': 0.93, 'stick': 0.07}
     """
+    if not isinstance(motion, Motion):
+        raise TypeError(f"contact_fractions: {type(motion).__name__}: {NO_MOTION}")
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
     return {name: float(fractions.mean()) for name, fractions in _state_fractions(motion).items()}

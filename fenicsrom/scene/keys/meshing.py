@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fenicsrom.scene.base import rules
@@ -17,10 +17,12 @@ class Refinement:
     Attributes:
         group: name of the face.
         size: size of the cells on the face; by default half of that of the body.
+        origin: key of the support or contact from which a default follows, for messages.
     """
 
     group: Annotated[str, rules.name]
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
+    origin: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,9 @@ from fenicsrom.scene.reading.overrides import Overrides, override_table
 from fenicsrom.scene.reading.paths import shared_meshes
 from fenicsrom.scene.reading.units import scene_in_si
 
+MESHES = ".geo .msh .unv .step .stp .inp .bdf .nas .dat .cdb .vtu .vtk".split()
+"""Suffixes of the files that `fenicsrom init` takes."""
+
 
 def read_scene(
     path: str | os.PathLike[str],
@@ -48,6 +51,7 @@ def read_scene(
 
     Raises:
         SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+        TypeError: the argument is no path.
 
     Example:
         >>> import fenicsrom as fr
@@ -55,6 +59,11 @@ def read_scene(
         >>> scene.loads[0].size, scene.contacts[0].friction
         (150.0, 0.5)
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(
+            f"read_scene: {type(path).__name__}: must be a path of a scene file; make_scene takes "
+            "tables, and fenicsrom.run and others take a scene"
+        )
     source = os.fspath(path)
     table = override_table(read_toml(source), overrides, source)
     table, folder = titled(table, overrides, source), Path(path).parent
@@ -166,7 +175,9 @@ def read_toml(source: str) -> dict[str, Any]:
     except OSError as error:
         raise refuse(source, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except ValueError as error:
-        raise refuse(source, f"is not TOML: {error}") from None
+        hint = f"; for a mesh file, `fenicsrom init {source}` writes a scene"
+        text = f"is not TOML: {error}{hint if Path(source).suffix.lower() in MESHES else ''}"
+        raise refuse(source, text) from None
 
 
 def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:
@@ -233,9 +244,11 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
     if geometry.dimension == 2 and geometry.plane is None:
         geometry = replace(geometry, plane="stress")
     if geometry.is_cad and geometry.meshing.near is None:
-        regions = (*scene.supports, *(contact.place for contact in scene.contacts))
-        names = dict.fromkeys(region.group for region in regions if region.group is not None)
-        near = tuple(Refinement(group=name) for name in names)
+        keyed = [(f"supports[{k}].group", one.group) for k, one in enumerate(scene.supports)]
+        keyed += [(f"contacts[{k}].group", one.place.group) for k, one in enumerate(scene.contacts)]
+        origins = {name: key for key, name in reversed(keyed) if name is not None}
+        names = dict.fromkeys(name for _, name in keyed if name is not None)
+        near = tuple(Refinement(group=name, origin=origins[name]) for name in names)
         geometry = replace(geometry, meshing=replace(geometry.meshing, near=near))
     return geometry
 
