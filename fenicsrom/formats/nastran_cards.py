@@ -34,7 +34,7 @@ class Card:
 
     def real(self, index: int, default: float = 0.0) -> float:
         """A field as a real number, which may lack the E: 1.5-3 is 0.0015."""
-        text = self.text(index).upper().replace("D", "E")
+        text = re.sub("[dD]", "E", self.text(index))
         return float(re.sub(r"(?<=[0-9.])([+-])", r"E\1", text)) if text else default
 
 
