@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
 
+KEPT = 0.5
+"""A vector of norm 1 is a rounding error if orthogonalising it once more leaves at most this."""
+
 WELL_DEFINED = 1e-3
 """Smallest independent part of a vector, relative to its norm, that a Cholesky factor resolves.
 
@@ -123,14 +126,12 @@ def extended_space(inner: Callable[[Array, Array], Array], space: Array, vectors
     """
     sizes = np.sqrt(np.diag(inner(vectors, vectors)))
     vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
-    for _ in range(2):  # the second pass removes the rounding errors of the first
+    for least in (DEPENDENCE, KEPT):  # the second pass removes the rounding errors of the first
         vectors = vectors - space @ inner(space, vectors)
-    values, turn = np.linalg.eigh(inner(vectors, vectors))
-    keep = values > DEPENDENCE**2
-    added = vectors @ (turn[:, keep] / np.sqrt(values[keep]))
-    added = added - space @ inner(space, added)
-    lower = np.linalg.cholesky(inner(added, added))
-    return np.concatenate([space, np.linalg.solve(lower, added.T).T], axis=1)
+        values, turn = np.linalg.eigh(inner(vectors, vectors))
+        keep = values > least**2
+        vectors = vectors @ (turn[:, keep] / np.sqrt(values[keep]))
+    return np.concatenate([space, vectors], axis=1)
 
 
 def _orthonormalised(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from support import enriched
 
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.reduction.basis import DEPENDENCE, build_basis
+from fenicsrom.reduction.basis import DEPENDENCE, build_basis, extended_space
 from fenicsrom.reduction.beam import SerialCommunicator
 
 Array = NDArray[np.float64]
@@ -171,3 +171,23 @@ def test_blocks_give_the_vectors_of_gram_schmidt() -> None:
     np.testing.assert_allclose(
         inner(basis.vectors[:, 2:], basis.vectors[:, 2:]), np.eye(8), rtol=0, atol=1e-13
     )
+
+
+@pytest.mark.parametrize("least", [1e-7, 1e-12])
+def test_space_extended_by_nearly_dependent_vectors_is_orthonormal(least: float) -> None:
+    """14 vectors, whose independent parts go down to `least`, add at most 13 to 19 of 32."""
+    rng = np.random.default_rng(1)
+
+    def orthogonal(rows: int, columns: int) -> Array:
+        return np.linalg.qr(rng.standard_normal((rows, columns)))[0]
+
+    for _ in range(50):
+        axes = orthogonal(32, 32)
+        mass = axes * np.geomspace(1e-6, 1.0, 32) @ axes.T
+        roots = axes / np.sqrt(np.geomspace(1e-6, 1.0, 32))  # roots^T M roots = I
+        space = roots @ orthogonal(32, 19)
+        vectors = roots @ orthogonal(32, 14) * np.geomspace(1.0, least, 14) @ orthogonal(14, 14)
+        extended = extended_space(lambda a, b, m=mass: a.T @ m @ b, space, vectors)
+        assert 19 + 6 < extended.shape[1] <= 32
+        gram = extended.T @ mass @ extended
+        np.testing.assert_allclose(gram, np.eye(len(gram)), rtol=0, atol=1e-10)
