@@ -24,3 +24,18 @@ def test_magnification_is_round_number(largest, factor):
     m."""
     assert style.magnification(largest, 2.0) == pytest.approx(factor)
     assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("largest", [2e-4, 8e-4, 1.0, 2e4, 9e5])
+def test_axis_with_usual_values_has_no_multiplier(largest):
+    @style.styled
+    def draw():
+        figure, (axis,) = style.new_panels(3.9, 3.9)
+        axis.plot([-largest, largest], [0.0, largest])
+        return figure
+
+    figure = draw()
+    figure.draw_without_rendering()
+    (axis,) = figure.axes
+    assert axis.xaxis.get_offset_text().get_text() == ""
+    assert axis.yaxis.get_offset_text().get_text() == ""

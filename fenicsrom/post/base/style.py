@@ -50,7 +50,7 @@ _STYLE = {
     "axes.edgecolor": EDGE,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.limits": (-5, 6),  # the multiplier of an axis may lie over its label
     "grid.color": "#E6E8EA",
     "grid.linewidth": 0.8,
     "legend.frameon": False,
