@@ -14,6 +14,7 @@ from fenicsrom.words import counted
 
 SMOOTH = 201  # points of a curve between the computed frequencies
 LEGEND_COLUMNS = 4
+NAME_WIDTH, NAME_HEIGHT = 0.06, 0.035  # of the name of an engine order, relative to the axes
 
 
 def summary(found: Campbell) -> dict[str, Any]:
@@ -155,14 +156,23 @@ def figure(found: Campbell) -> Figure:
 
 
 def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
-    """Draw the lines of the engine orders with their names at their ends."""
-    for order in found.scene.campbell.engine_orders:
+    """Draw the lines of the engine orders with their names at their ends.
+
+    A name that would overlap the one before it is left out.
+    """
+    taken = (np.inf, np.inf)  # end of the last line with a name
+    for order in sorted(found.scene.campbell.engine_orders):
         end = min(right, 60.0 * top / order)
-        axis.plot([0.0, end], [0.0, order * end / 60.0], color="#A6ABB0", linewidth=1.0, zorder=1)
+        height = order * end / 60.0
+        axis.plot([0.0, end], [0.0, height], color="#A6ABB0", linewidth=1.0, zorder=1)
+        apart = abs(end - taken[0]) / right, abs(height - taken[1]) / top
+        if apart[0] < NAME_WIDTH and apart[1] < NAME_HEIGHT:
+            continue
+        taken = end, height
         beside = end >= right
         axis.annotate(
             f"EO {order}",
-            (end, order * end / 60.0),
+            taken,
             (3, 0) if beside else (0, 3),
             textcoords="offset points",
             fontsize=9,
