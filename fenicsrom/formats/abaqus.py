@@ -103,7 +103,7 @@ def _instance(model: Model, keyword: Keyword) -> Part:
     part = model.parts[of]
     if not part.nodes and not part.elements:
         part = Part()
-    model.instances.append((name, part, placed(keyword)))
+    model.instances.append((name, part, placed(model.path, keyword)))
     return part
 
 
@@ -139,8 +139,12 @@ def _nodes(path: Path, part: Part, keyword: Keyword) -> None:
     numbers = []
     for line in keyword.lines:
         words = fields(line)
-        number = int(words[0])
-        place = [float(word.upper().replace("D", "E") or 0) for word in words[1:4]]
+        try:
+            number = int(words[0])
+            place = [float(word.upper().replace("D", "E") or 0) for word in words[1:4]]
+        except (ValueError, IndexError):
+            reason = "cannot be read; the file may be damaged"
+            raise refuse(path, f"*NODE: {line!r} {reason}") from None
         x, y, z = place + [0.0] * (3 - len(place))
         if system == "C":
             x, y = x * np.cos(np.radians(y)), x * np.sin(np.radians(y))
@@ -186,7 +190,10 @@ def _elements(model: Model, part: Part, keyword: Keyword) -> None:
             raise refuse(path, f"{given}, {reason}")
         if len(row) < size:
             continue
-        number, *nodes = map(int, row)
+        try:
+            number, *nodes = map(int, row)
+        except ValueError:
+            raise refuse(path, f"*ELEMENT: {line!r} cannot be read; it may be damaged") from None
         if elements.setdefault(number, tuple(nodes)) != tuple(nodes):
             raise refuse(path, f"element {number} is given twice, with different nodes")
         numbers.append(number)
@@ -209,7 +216,7 @@ def _set(path: Path, part: Part, keyword: Keyword) -> None:
         items: tuple[int | str, ...] = (OF_ELEMENTS + keyword.parameters["ELSET"],)
         add_to_set(sets, name, Entry(instance, items))
     else:
-        add_to_set(sets, name, Entry(instance, read_set(keyword)))
+        add_to_set(sets, name, Entry(instance, read_set(path, keyword)))
 
 
 def _surface(part: Part, keyword: Keyword) -> bool:

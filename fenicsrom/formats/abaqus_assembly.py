@@ -19,7 +19,7 @@ Placements = list[tuple[str, Part, Floats]]
 """Name, part and placement (3, 4) of each instance."""
 
 
-def placed(keyword: Keyword) -> Floats:
+def placed(path: Path, keyword: Keyword) -> Floats:
     """Read the placement of *INSTANCE: a translation, then a rotation about an axis.
 
     Returns:
@@ -28,14 +28,18 @@ def placed(keyword: Keyword) -> Floats:
     Raises:
         SceneError: a data line is wrong.
     """
-    rows = [[float(word or 0) for word in fields(line)] for line in keyword.lines[:2]]
-    shift = np.array((rows[0] if rows else []) + [0.0] * 3)[:3]
-    if len(rows) < 2:
-        return np.column_stack([np.eye(3), shift])
-    start, end, angle = np.array(rows[1][:3]), np.array(rows[1][3:6]), np.radians(rows[1][6])
-    length = float(np.linalg.norm(end - start))
-    if not 0.0 < length < np.inf:
-        raise ValueError(f"*INSTANCE: {keyword.lines[1]} has no axis of rotation")
+    try:
+        rows = [[float(word or 0) for word in fields(line)] for line in keyword.lines[:2]]
+        shift = np.array((rows[0] if rows else []) + [0.0] * 3)[:3]
+        if len(rows) < 2:
+            return np.column_stack([np.eye(3), shift])
+        start, end, angle = np.array(rows[1][:3]), np.array(rows[1][3:6]), np.radians(rows[1][6])
+        length = float(np.linalg.norm(end - start))
+        if not 0.0 < length < np.inf:
+            raise ValueError
+    except (ValueError, IndexError):
+        reason = f"{keyword.lines[:2]} must be a translation and a rotation"
+        raise refuse(path, f"*INSTANCE: {reason}") from None
     across = np.cross(np.eye(3), (end - start) / length)  # across @ x = axis × x
     turn = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across  # Rodrigues
     return np.column_stack([turn, turn @ (shift - start) + start])
@@ -116,10 +120,12 @@ def _blocks(
                 continue
             if twice := known.keys() & elements.keys():
                 raise refuse(path, f"element {min(twice)} is given twice, with different types")
-            index = node_numbers[name]
-            if missing := {node for row in elements.values() for node in row} - index.keys():
-                raise refuse(path, f"an element refers to node {min(missing)}, not in the file")
-            rows = np.array([[index[node] for node in row] for row in elements.values()])
+            try:
+                index = node_numbers[name]
+                rows = np.array([[index[node] for node in row] for row in elements.values()])
+            except KeyError as error:
+                reason = f"refer to node {error}, which is not in the file"
+                raise refuse(path, f"elements of type {type_} {reason}") from None
             labels = np.array(list(elements))
             known |= {int(label): start + k for k, label in enumerate(labels)}
             blocks.append(Block(kind, from_vtk(kind, rows), {}, type_, labels))

@@ -74,7 +74,7 @@ def known_name(names: dict[str, list[Entry]] | dict[str, list[Side]], name: str)
     return next((known for known in names if known.upper() == name.upper()), name)
 
 
-def read_set(keyword: Keyword) -> tuple[int | str, ...]:
+def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
     """The numbers and names of the data lines of *NSET or *ELSET.
 
     Raises:
@@ -85,8 +85,12 @@ def read_set(keyword: Keyword) -> tuple[int | str, ...]:
         return tuple(_number_or_name(word) for word in words)
     found: list[int] = []
     for line in keyword.lines:
-        first, last, step = ([int(word) for word in fields(line)] + [1])[:3]
-        found += numbers_between(first, last, step)
+        try:
+            first, last, step = ([int(word) for word in fields(line)] + [1])[:3]
+            found += numbers_between(first, last, step)
+        except ValueError:
+            reason = "must be first, last and step (1 if left out)"
+            raise refuse(path, f"*{keyword.name}, GENERATE: {line!r}: {reason}") from None
     return tuple(found)
 
 
@@ -125,7 +129,7 @@ class Resolver:
     numbers: dict[str, dict[int, int]]
     nodes_of: Callable[[str, str], Ints] | None = None
 
-    def indices(self, instance: str, name: str) -> Ints:
+    def indices(self, instance: str, name: str, seen: tuple[str, ...] = ()) -> Ints:
         """Sorted indices of a set of an instance, or of the model itself if instance is "".
 
         Numbers that the file does not define, such as the numbers of elements that are left out,
@@ -135,12 +139,14 @@ class Resolver:
             SceneError: there is no such set, or it contains itself.
         """
         sets = self.instances.get(instance, {}) if instance else self.sets
-        known = known_name(sets, name)
+        known, key = known_name(sets, name), f"{instance}.{name}".upper()
         if known not in sets:
             where, _, rest = name.partition(".")
             if not instance and rest and self._instance(where):
-                return self.indices(self._instance(where), rest)
+                return self.indices(self._instance(where), rest, seen)
             raise refuse(self.path, f"*{self.keyword}: there is no set {name!r}")
+        if key in seen:
+            raise refuse(self.path, f"*{self.keyword}: the set {name!r} contains itself")
         found: set[int] = set()
         for entry in sets[known]:
             where = instance
@@ -150,7 +156,7 @@ class Resolver:
                 reason = f"*{self.keyword} {name}: there is no instance {entry.instance!r}"
                 raise refuse(self.path, reason)
             for item in entry.items:
-                found.update(self._item(where, item))
+                found.update(self._item(where, item, (*seen, key)))
         return np.array(sorted(found), dtype=np.int64)
 
     def found(self, scope: tuple[str, ...], text: str) -> Ints:
@@ -164,18 +170,18 @@ class Resolver:
             SceneError: there is no such set.
         """
         item: int | str = int(text) if text.isdigit() else text
-        every = [index for instance in scope for index in self._item(instance, item)]
+        every = [index for instance in scope for index in self._item(instance, item, ())]
         return np.array(sorted(set(every)), dtype=np.int64)
 
-    def _item(self, instance: str, item: int | str) -> list[int]:
+    def _item(self, instance: str, item: int | str, seen: tuple[str, ...]) -> list[int]:
         """Indices of a number, of a number with its instance, or of a set."""
         if isinstance(item, str):
             where, _, number = item.rpartition(".")
             if where and number.isdigit() and self._instance(where):
-                return self._item(self._instance(where), int(number))
+                return self._item(self._instance(where), int(number), seen)
             if item.startswith(OF_ELEMENTS) and self.nodes_of is not None:
                 return list(map(int, self.nodes_of(instance, item.removeprefix(OF_ELEMENTS))))
-            return list(map(int, self.indices(instance, item)))
+            return list(map(int, self.indices(instance, item, seen)))
         index = self.numbers.get(instance, {}).get(item)
         return [] if index is None else [index]
 

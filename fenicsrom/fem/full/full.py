@@ -150,7 +150,6 @@ class FullModel:
         self._is_exact = False
         self._unit = np.zeros((solid.local, 0))
         self._delassus = np.zeros((self._rows.shape[0],) * 2)
-        self._blended_step, self._normal_flexibility = np.nan, np.zeros(0)
         self._progress = _Progress(solid)
 
     def set_at_rest(self) -> None:
@@ -239,15 +238,11 @@ class FullModel:
     def write_normal_flexibility(self, h: float, out: Array) -> None:
         """Write the flexibility (P,) of the contact points along their normals for a step at rest.
 
-        That of the last step size is kept, and the factor for the steps that follow.
+        The factor is kept for the steps that follow.
         """
-        if h != self._blended_step:
-            still = np.zeros(self.local), np.zeros(self._pressures.numbers.size)
-            found = self._factorise(_Effective(2.0 / h**2, 0.0, [(0.5, *still)]), True)
-            normals = np.diag(self._delassus)[:: len(self._delassus) // out.size]
-            self._normal_flexibility = normals.copy() if found else np.full(out.size, np.nan)
-            self._blended_step = h
-        out[:] = self._normal_flexibility
+        still = np.zeros(self.local), np.zeros(self._pressures.numbers.size)
+        found = self._factorise(_Effective(2.0 / h**2, 0.0, [(0.5, *still)]), True)
+        out[:] = np.diag(self._delassus)[:: len(self._delassus) // out.size] if found else np.nan
 
     def _factorise(self, wanted: _Effective, exact: bool) -> bool:
         """Factorise S, and solve for the contact directions; False if S is singular.

@@ -163,17 +163,18 @@ class FullPeriodMap:
         """
         times, rows, s = self.times, list[Record](), state.scalars
         control = Control(float(np.max(np.diff(times))), 0.0, 0.0, times)
-        row, status = no_record(1, self._points, self._dimension), FULL
+        room = times.size if columns is None else 1
+        row, status = no_record(room, self._points, self._dimension), FULL
         s[STEP] = times[1] - times[0]
-        while status == FULL:  # after each step
+        while status == FULL:  # with derivatives after each step
             begin, q, contact = float(s[TIME]), state.q.copy(), copy.deepcopy(state.contact)
             status, count = march(
                 self.model, self.contacts, self.plan, control, state, 0.0, times[-1], row
             )
-            rows += [copied_rows(row, 1)] * count
+            rows.append(copied_rows(row, count))
             if count and columns is not None:
                 self._linearise(state, q, contact, begin, columns)
-        record = joined_rows(rows, [1] * len(rows))
+        record = joined_rows(rows, [found.time.size for found in rows])
         if status == FAILED:
             raise ConvergenceError(
                 f"a period of the full model stopped at t = {s[TIME]:.6g} s: no convergence with "
