@@ -1,4 +1,4 @@
-"""Hostile files: a damaged model, or a mesh that is cut short, gives a result or one sentence.
+"""Hostile files: a damaged model or mesh gives a result or one sentence, and nothing hangs.
 
 The quick part has several hundred inputs, the slow part several thousand. A separate process reads
 the meshes, so that the tests can tell a crash of gmsh from a refusal.
@@ -413,6 +413,13 @@ def test_intact_square_is_read(reader: Reader, tmp_path: Path) -> None:
     assert refused(reader, tmp_path / "square.msh", text(square())) == "mesh 4 0"
 
 
+def test_mesh_with_node_zero_is_refused(reader: Reader, tmp_path: Path) -> None:
+    """gmsh 4.13 crashes on node number 0."""
+    sections = square()
+    sections[2][10] = "0 1.0 1.0 9"
+    assert refused(reader, tmp_path / "crash.msh", text(sections)).startswith("refused ")
+
+
 def test_mesh_with_name_not_in_utf8_is_refused(reader: Reader, tmp_path: Path) -> None:
     path = tmp_path / "name.msh"
     path.write_bytes(text(square()).encode().replace(b"root", b"r\xf3ot"))
@@ -476,10 +483,7 @@ def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
     else:
         order = data.draw(st.permutations(words))
         rows[k] = " ".join(order)
-    path = tmp_path_factory.getbasetemp() / "mixed.msh"
-    path.write_text(text(sections))
-    answer = reader.read(path)  # gmsh itself ends on a few numbers that fit no mesh
-    assert answer.startswith(("refused ", "mesh ", "crashed ")), answer
+    answer = refused(reader, tmp_path_factory.getbasetemp() / "mixed.msh", text(sections))
     if answer.startswith("mesh "):
         _, cells, warnings = answer.split()
         assert cells == "4" or warnings != "0", f"{kind} {rows[k]}: {answer}"
@@ -493,7 +497,7 @@ def test_damaged_mesh_is_refused_or_read(
     path = tmp_path_factory.getbasetemp() / "damaged.msh"
     path.write_bytes(damage(text(square()).encode(), done))
     answer = reader.read(path)
-    assert answer.startswith(("refused ", "mesh ", "crashed ")), answer
+    assert answer.startswith(("refused ", "mesh ")), answer
 
 
 SIZES = ["1e300", "-1e300", "1e16", "1e-300", "0", "nan", "inf"]
@@ -539,11 +543,13 @@ def test_geometry_of_absurd_size_is_refused(
         ("1.E-300", ""),
         ("0.", ""),
         ("1.E16", "size = 0.001: must be at least 5e+09 for a body of 1e+13 m"),
+        pytest.param("1e300", "", marks=LONG),
     ],
 )
 def test_step_file_of_absurd_size_is_refused(
     reader: Reader, tmp_path: Path, size: str, sentence: str
 ) -> None:
+    """The last text is not a number in a STEP file, and gmsh does not finish reading it."""
     gmsh = pytest.importorskip("gmsh")
     path = tmp_path / "block.step"
     gmsh.initialize(readConfigFiles=False, interruptible=False)

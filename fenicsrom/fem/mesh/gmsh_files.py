@@ -1,13 +1,15 @@
 """Mesh and geometry files in gmsh: its own formats, and those that `fenicsrom.formats` reads.
 
-A .geo file is a program that gmsh runs. Every other file is data: its beginning is checked before
-gmsh sees it, because gmsh would run a script whatever the name of the file is. It would also run a
-script that lies beside a file.
+A .geo file is a program that gmsh runs. Every other file is data: its header is checked before gmsh
+sees it, because gmsh would run a script whatever the name of the file is. It would also run
+a script that lies beside a file.
 """
 
 import os
 import re
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,38 +29,46 @@ from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
 
-STEP_ENDS = rb"\s*(/\*.*?\*/\s*)*ISO-10303-21\s*;", rb"\bEND-ISO-10303-21\s*;"
-ENDS = {
-    ".msh": (rb"\$(MeshFormat|NOD|Comments)\b", rb"\$E(nd|ND)\w+\s*\Z"),
-    ".unv": (rb"\s*-1\s", rb"\s-1\s*\Z"),
-    ".step": STEP_ENDS,
-    ".stp": STEP_ENDS,
+HEADERS = {
+    ".msh": rb"\$(MeshFormat|NOD|Comments)\b",
+    ".unv": rb"\s*-1\s",
+    ".step": rb"\s*(/\*.*?\*/\s*)*ISO-10303-21\s*;",
+    ".stp": rb"\s*(/\*.*?\*/\s*)*ISO-10303-21\s*;",
 }
-"""Beginning and end of a data file that gmsh reads, by its suffix."""
+"""Beginning of a data file that gmsh reads, by its suffix."""
 
-END_BYTES = 10_000
-"""Part of a file in which its beginning, and its end, is looked for."""
+_READ = """
+import sys, gmsh
+gmsh.initialize(readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.option.setNumber("General.AbortOnError", 0)
+try:
+    gmsh.model.add("file")
+    gmsh.merge(sys.argv[1])
+    gmsh.model.mesh.getNodes()
+    for d, tag in gmsh.model.getEntities():
+        for kind in gmsh.model.mesh.getElements(d, tag)[0]:
+            gmsh.model.mesh.getElementProperties(kind)
+    for d, tag in gmsh.model.getPhysicalGroups():
+        gmsh.model.getEntitiesForPhysicalGroup(d, tag)
+except Exception:
+    pass
+gmsh.finalize()
+"""
+"""A script that reads a file as this program does; it only shows whether gmsh crashes."""
 
 
-def check_ends(path: Path) -> None:
-    """Check that a data file begins and ends as its format does.
-
-    If it began otherwise, gmsh would run it as a script. Of a file that is cut short, gmsh would
-    take the first part, or crash.
+def check_header(path: Path) -> None:
+    """Check that a data file begins as its format does; gmsh would run a script.
 
     Raises:
-        SceneError: the file begins or ends otherwise.
+        SceneError: the file begins otherwise.
     """
-    first, last = ENDS[path.suffix.lower()]
     with path.open("rb") as file:
-        head = file.read(END_BYTES)
-        file.seek(-min(END_BYTES, path.stat().st_size), os.SEEK_END)
-        tail = file.read()
-    if not re.match(first, head, flags=re.DOTALL):
+        head = file.read(10_000)
+    if not re.match(HEADERS[path.suffix.lower()], head, flags=re.DOTALL):
         reason = f"the file does not begin as a {path.suffix} file does; it may be damaged, or it "
         raise refuse(path, f"{reason}has the wrong suffix")
-    if not re.search(last, tail):
-        raise refuse(path, f"the file does not end as a {path.suffix} file does; it is cut short")
 
 
 @contextmanager
@@ -74,6 +84,34 @@ def linked_alone(path: Path) -> Iterator[str]:
         except OSError:  # a system without links
             shutil.copyfile(path, link)
         yield str(link)
+
+
+def check_survival(source: str, link: str) -> None:
+    """Read a data file in another process first.
+
+    A damaged file can crash gmsh, or gmsh may never finish reading it.
+
+    Args:
+        source: the file, for messages.
+        link: the file that gmsh reads.
+
+    Raises:
+        SceneError: gmsh crashed or did not finish.
+    """
+    seconds = 60.0 + 1e-6 * Path(link).stat().st_size
+    try:
+        code = subprocess.run(
+            [sys.executable, "-c", _READ, link],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
+        ).returncode
+    except subprocess.TimeoutExpired:
+        reason = f"gmsh did not finish reading the file within {seconds:.0f} s; it may be damaged"
+        raise refuse(source, reason) from None
+    if code:
+        raise refuse(source, "gmsh crashed while reading the file; it is damaged")
 
 
 FARTHEST = 1e15
@@ -174,8 +212,9 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
             gmsh.merge(source)
         _check_reach(gmsh, geometry)
         return Loaded()
-    check_ends(geometry.mesh)
+    check_header(geometry.mesh)
     with _errors(gmsh, source), linked_alone(geometry.mesh) as link:
+        check_survival(source, link)
         if form == "mesh":
             gmsh.merge(link)
             _check_content(gmsh, source)
