@@ -16,7 +16,9 @@ ENGINE = """#!/bin/sh
 case "$1" in
     info) exit 0 ;;
     inspect) [ -e "$ENGINE_HOME/built" ] && grep -qx "$4" "$ENGINE_HOME/built" ;;
-    build) echo "$7" >> "$ENGINE_HOME/built" ;;
+    build)
+        printf '%s\\n' "$@" > "$ENGINE_HOME/build"
+        sed -n '/^-t$/{n;p;}' "$ENGINE_HOME/build" >> "$ENGINE_HOME/built" ;;
     run) printf '%s\\n' "$@" > "$ENGINE_HOME/run"; exit 7 ;;
 esac
 """
@@ -100,7 +102,23 @@ def test_image_is_built_again_only_after_change_of_environment(
 
 
 def test_missing_command_is_refused(engine: Path) -> None:
-    assert docker_run(engine) == (2, "docker/run: usage: docker/run COMMAND...\n")
+    usage = "docker/run: usage: docker/run COMMAND... or docker/run --image NAME [STAGE]\n"
+    assert docker_run(engine) == (2, usage)
+
+
+def test_image_of_the_program_is_built_up_to_a_stage_after_the_environment(engine: Path) -> None:
+    assert docker_run(engine, "--image", "mine", "program")[0] == 0
+    assert (engine / "built").read_text().splitlines()[1:] == ["mine"]
+    asked = (engine / "build").read_text().splitlines()
+    assert asked[asked.index("--target") + 1] == "program"
+    assert asked[-1] == str(CHECKOUT)
+
+
+def test_no_secret_is_mounted_on_a_file_of_the_image() -> None:
+    # buildah deletes the file of the layer below such a mount, and the next `pip` fails
+    text = (CHECKOUT / "docker" / "Dockerfile").read_text()
+    targets = [word.split("target=")[1] for word in text.split() if "type=secret" in word]
+    assert targets and all(target.startswith("/tmp/") for target in targets)
 
 
 @pytest.mark.slow
