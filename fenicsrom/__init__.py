@@ -7,8 +7,8 @@
 Imports run one way. A package may import itself and the packages on its left, never those on its
 right:
 
-    arrays, errors, files, progress, words < formats < scene < online < reduction < fem < exchange
-        < assess < records < post < study < cli
+    arrays, errors, files, progress, words, notes < formats < scene < online < reduction < fem
+        < exchange < assess < records < post < study < cli
 
 Only `fem` needs dolfinx; `scene`, `online` and `reduction` run with numpy, scipy and numba alone.
 The names below are the public interface. Each is imported from its module on first use. Therefore

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.assess.rotation.run_up import RunUp
+    from fenicsrom.notes import Note
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
@@ -46,7 +47,7 @@ class Rerun:
         sized: how the basis got its size; None if it has no candidates.
         stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
             or the model does not have them.
-        left_out: sentences "NAME: REASON" on what was not computed.
+        left_out: the reasons why something was not computed, with its name as the key.
         files: the written files, the report first.
         pictures: the written pictures, as `fenicsrom.post.base.picture.Drawn`.
         seconds: stage -> run time, s.
@@ -60,7 +61,7 @@ class Rerun:
     warnings: list[str]
     sized: Sized | None = None
     stresses: Stresses | None = None
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[Note] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     pictures: list[Any] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -129,7 +130,7 @@ class Study:
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
-        left_out: sentences "NAME: REASON" on what was not computed.
+        left_out: the reasons why something was not computed, with its name as the key.
         errors: estimated relative errors of the reduced model by their causes, "time step",
             "basis" and "mesh".
         sized: how the basis got its size; None if it has no candidates.
@@ -161,7 +162,7 @@ class Study:
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[Note] = field(default_factory=list)
     errors: dict[str, MotionErrors] = field(default_factory=dict)
     sized: Sized | None = None
     deflection: Array | None = None

@@ -99,7 +99,3 @@ def _cut(text: str) -> str:
     """The beginning of a text, on one line."""
     line = " ".join(text.split())
     return line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..."
-
-
-IMPLAUSIBLE = "implausible: "
-"""How the sentences on most likely mistakes start. After one, its consequences need none."""

@@ -24,6 +24,7 @@ FORBIDDEN = {
     "errors": MESH | PICTURES | {"numba", "scipy", "numpy"},
     "files": MESH | PICTURES | {"numba", "scipy"},
     "words": MESH | PICTURES | {"numba", "scipy", "numpy"},
+    "notes": MESH | PICTURES | {"numba", "scipy", "numpy"},
     "scene": MESH | PICTURES | {"numba"},
     "online": MESH | PICTURES,
     "reduction": MESH | PICTURES,

@@ -125,11 +125,10 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
 
 def _is_checked(folder: Path) -> bool:
     """Whether the summary of an interrupted run gives the errors of its motion."""
-    from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
     from fenicsrom.post.run.summary import SUMMARY
 
-    warnings = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["warnings"]
-    return not {HALF_CHECKED, UNCHECKED} & set(warnings)
+    verdict = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["verdict"]
+    return bool(verdict["kind"] != "incomplete")
 
 
 def _is_of(options: argparse.Namespace, result: Path) -> bool:

@@ -100,7 +100,8 @@ def finish(found: Any, comm: Any) -> int:
 
     if found.files and (comm is None or comm.rank == 0):
         shown = report(found)
-        print_results(found.scene, shown.text(), shown.warnings, (), found.files, shown.varied)
+        table, said = shown.text(), [shown.verdict.text]
+        print_results(found.scene, table, shown.warnings, said, found.files, shown.varied)
     if getattr(found, "interrupted", False):
         raise KeyboardInterrupt
     if (error := failure_of(found)) is None:

@@ -34,6 +34,7 @@ from itertools import pairwise
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
 from fenicsrom.reduction.masters import master_directions
@@ -101,7 +102,7 @@ def solve_eigenmodes(
     return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
 
-def missing_modes(scene: Scene, frequencies: Array) -> str | None:
+def missing_modes(scene: Scene, frequencies: Array) -> Note | None:
     """Give a warning of loads that are too fast for the modes of a basis; None without such loads.
 
     Args:
@@ -111,10 +112,11 @@ def missing_modes(scene: Scene, frequencies: Array) -> str | None:
     highest, last = highest_frequency(scene), float(np.max(frequencies, initial=0.0))
     if highest * ENOUGH <= last or highest == 0.0:
         return None
-    return (
+    return Note(
+        NoteKind.BASIS,
         f"the scene excites up to {highest:.5g} Hz, and the normal modes of the basis "
         f"({frequencies.size}) end at {last:.5g} Hz; they should reach {ENOUGH:g} times the "
-        'highest excited frequency: run the scene with basis.modes = "auto", or with more modes'
+        'highest excited frequency: run the scene with basis.modes = "auto", or with more modes',
     )
 
 

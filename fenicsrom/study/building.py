@@ -6,9 +6,9 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from fenicsrom.notes import Note, NoteKind, has_kind
 from fenicsrom.progress import log
 from fenicsrom.study.stage import Run
-from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
@@ -40,7 +40,7 @@ def solid(run: Run) -> None:
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
     for text in body.warnings:
-        if text.startswith(IMPLAUSIBLE) or (body.flutters and text is body.warnings[-1]):
+        if has_kind([text], NoteKind.IMPLAUSIBLE, NoteKind.UNSTABLE):
             log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long
     run.study.deformation = equilibrium_deformation(body, run.study.scene)
     body.warnings += equilibrium_warnings(run.study.deformation)
@@ -70,10 +70,11 @@ def set_modes(run: Run, found: ComponentModes) -> None:
         study.warnings.append(sentence)
     for label, share in study.modes.loads.shares.items():
         if label not in study.modes.loads.labels:
-            study.left_out.append(
-                f"response to load {label}: the modes leave out {100.0 * share:.2g} % of it "
+            text = (
+                f"the modes leave out {100.0 * share:.2g} % of it "
                 f"(at most {100.0 * LOAD_SHARE:g} % is accepted)"
             )
+            study.left_out.append(Note(NoteKind.LEFT_OUT, text, f"response to load {label}"))
     run.snapshots = Snapshots(study.solid, study.scene, study.modes)
     run.reduction = Reduction(
         study.solid, study.scene, lambda stage: nullcontext(), study.modes, run.snapshots
@@ -109,13 +110,11 @@ def note_selection(study: Study) -> None:
     threshold = study.scene.basis.threshold
     light = [label for label in selected.weights if label not in selected.derivatives]
     if dropped:
-        study.left_out.append(
-            f"modes {', '.join(dropped)}: their amplitude is below {threshold:g} of the largest"
-        )
+        text = f"their amplitude is below {threshold:g} of the largest"
+        study.left_out.append(Note(NoteKind.LEFT_OUT, text, f"modes {', '.join(dropped)}"))
     if light:
-        study.left_out.append(
-            f"derivatives {', '.join(light)}: their weight is at most {threshold:g} of the largest"
-        )
+        text = f"their weight is at most {threshold:g} of the largest"
+        study.left_out.append(Note(NoteKind.LEFT_OUT, text, f"derivatives {', '.join(light)}"))
 
 
 def derivatives(run: Run) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.output_folder import output_folder
@@ -197,7 +198,7 @@ def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) ->
     """
     study = run.study
     study.left_out += [
-        f"{item.name}: {item.reason}"
+        Note(NoteKind.LEFT_OUT, item.reason, item.name)
         for stage in listed
         for item in (stage, *stage.parts)
         if not item.needed

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.notes import Note, NoteKind, has_kind, packed, unpacked
 from fenicsrom.online.store.result_cache import cache_folder, read_results, write_results
 from fenicsrom.progress import log
 from fenicsrom.study import building
@@ -43,7 +44,7 @@ MODEL_STAGES = (
 )
 """The stages whose results each archive holds."""
 
-BODY = ", ".join(MODES_STAGES[:2])
+BODY = MODES_STAGES[:2]
 """The stages of the body, which a later stage may need in spite of their known results."""
 
 Contents = tuple[dict[str, Any], dict[str, Any]]
@@ -93,11 +94,10 @@ class OfflineCache:
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
         listed = offline_stages(self._run.study.scene, modes_only=False)
-        names = ", ".join(one.name for one in listed if one.needed and self.has(one.name))
-        log.info(f"taken from an earlier run: {names} (--fresh computes them again)")
-        self._run.study.left_out.append(
-            f"{names}: taken from an earlier run; --fresh computes them again"
-        )
+        names = [one.name for one in listed if one.needed and self.has(one.name)]
+        log.info(f"taken from an earlier run: {', '.join(names)} (--fresh computes them again)")
+        reason = "taken from an earlier run; --fresh computes it again"
+        self._run.study.left_out += [Note(NoteKind.LEFT_OUT, reason, name) for name in names]
 
     def has(self, stage: str) -> bool:
         """Whether the results of a stage were read."""
@@ -147,14 +147,12 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
 
 def _modes_contents(run: Run) -> Contents:
     """The archive of the equilibrium and the modes."""
-    from fenicsrom.reduction.modes import missing_modes
-
     study, modes, solid = run.study, run.study.modes, run.study.solid
     assert modes is not None
-    missing = missing_modes(study.scene, modes.frequencies_hz)  # depends on loads that may change
     header = {
         "solid": {name: getattr(solid, name) for name in SOLID},
-        "warnings": [text for text in study.warnings if text != missing],
+        # those on fast loads depend on loads that may change
+        "warnings": packed(note for note in study.warnings if not has_kind([note], NoteKind.BASIS)),
         "body": _fingerprint(solid),
         "method": modes.method,
         "labels": modes.labels,
@@ -187,7 +185,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         comm=run.comm,
         equilibrium=arrays["equilibrium"],
         points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
-        warnings=header["warnings"],
+        warnings=unpacked(header["warnings"]),
     )
     inverse: Any = Late(lambda: solid.factor)
     if header["method"] == "craig-bampton" and arrays["rows"].shape[0]:
@@ -218,7 +216,7 @@ def _model_contents(run: Run, warned: int) -> Contents:
     basis = study.basis
     header = {
         "model": model,
-        "warnings": study.warnings[warned:],
+        "warnings": packed(study.warnings[warned:]),
         "selection": asdict(replace(study.selection, principal=None)),
         "mesh_check": study.mesh_check and asdict(study.mesh_check),
         "derivatives": study.derivatives.labels,
@@ -256,7 +254,7 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     study.tables, study.further = stored.tables, stored.further
     study.finer, study.finer_labels = stored.finer, stored.finer_labels
     study.mesh_check = MeshCheck(**header["mesh_check"])
-    study.warnings.extend(header["warnings"])
+    study.warnings.extend(unpacked(header["warnings"]))
     building.note_selection(study)
 
 
@@ -270,9 +268,9 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
 
     user = f'the stage "{run.watch.stage}" needs the body' if run.watch.stage else "they are used"
     kept = "; the equilibrium is the earlier one" if run.study.solid.loaded else ""
-    log.info(f"{BODY}: made again, because {user}{kept}")
+    log.info(f"{', '.join(BODY)}: made again, because {user}{kept}")
     left_out = run.study.left_out
-    left_out[:] = [line.removeprefix(f"{BODY}, ") for line in left_out]
+    left_out[:] = [note for note in left_out if note.key not in BODY]
     with run.watch("mesh"):
         building.mesh(run)
     assert run.mesh is not None

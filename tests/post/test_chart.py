@@ -14,9 +14,10 @@ import pytest
 
 pytest.importorskip("bokeh")
 
+from fenicsrom.notes import verdict_of
 from fenicsrom.post.base.captions import CAPTIONS, caption, numbers_of
 from fenicsrom.post.base.chart import chart, noted
-from fenicsrom.post.base.html_page import Folded, html_report, verdict_of
+from fenicsrom.post.base.html_page import Folded, html_report
 from fenicsrom.post.base.origin import is_result
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import new_figure
@@ -85,32 +86,17 @@ def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path
     page = html_report(
         "title",
         [("Motion", [drawn]), (Folded("Details"), ["a detail"])],
-        verdict_of(["a < b; use c", "x.png was not drawn: no EGL"]),
+        verdict_of(["a < b; use c"]),
         ["a < b; use c"],
     )
     assert not notes
-    assert '<p class="verdict doubtful">Doubtful: a &lt; b.</p>' in page
+    assert '<p class="verdict doubtful">Doubtful: a &lt; b; use c.</p>' in page
     assert page.index("verdict doubtful") < page.index("<li>a &lt; b") < page.index("Figure 1.")
     assert "<details><summary>Details</summary>" in page
     assert '<a href="history.npz">' in page and caption("motion.png") in page
     (packed,) = re.findall(r'atob\("([^"]+)"\)', page)
     assert b"embed_item" in gzip.decompress(base64.b64decode(packed))
     assert page.count('id="chart-motion.png"') == 1 and 'src="motion.png"' in page
-
-
-@pytest.mark.parametrize(
-    ("warnings", "failure", "verdict"),
-    [
-        (["motion.gif was not drawn: no EGL"], None, "Trusted: "),
-        (["coarse mesh", "coarse mesh"], None, "Doubtful: coarse mesh."),
-        (["coarse", "unsteady"], None, "Doubtful: coarse, and 1 more warning."),
-        ([], ValueError("no motion"), "Refused, as the computation did not end: no motion"),
-    ],
-)
-def test_verdict_names_the_first_doubt(
-    warnings: list[str], failure: Exception | None, verdict: str
-) -> None:
-    assert verdict_of(warnings, failure).startswith(verdict)
 
 
 def test_captions_are_those_of_results() -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from fenicsrom.cli import main
+from fenicsrom.notes import verdict_of
+from fenicsrom.post.base.report import told
 from fenicsrom.post.studies.folders_report import curves_figure, differences, outcome
 
 
@@ -23,13 +25,15 @@ def folders(tmp_path: Path) -> list[Path]:
     rows += [f"25,1,{f},0.0,{f}e-3,stable" for f in (1.0, 2.0)]
     rows += [f"50,1,{f},0.0,{2 * f}e-3,{'un' * (f > 1.5)}stable" for f in (1.0, 2.0, 3.0)]
     (found[0] / "response.csv").write_text("\n".join(rows) + "\n")
-    summary = {"parameter": "frequency", "family": "loads.0.force", "warnings": ["coarse mesh"]}
+    summary = {"parameter": "frequency", "family": "loads.0.force"}
+    summary |= told(verdict_of(["coarse mesh"]), ["coarse mesh"])
     (found[0] / "response.json").write_text(json.dumps(summary))
     mode = "linear_amplitude_m,frequency_Hz,amplitude_x_m\n1e-3,1.5,1e-3\n2e-3,1.4,2e-3\n"
     (found[1] / "backbone.csv").write_text(mode)
-    (found[1] / "backbone.json").write_text(json.dumps({"warnings": []}))
+    (found[1] / "backbone.json").write_text(json.dumps(told(verdict_of([]), [])))
     motion = {"amplitude_m": {"normal": 0.001, "tangential": [0.004]}, "peak_normal_force_N": 7.0}
-    (found[2] / "summary.json").write_text(json.dumps({"response": {"reduced": motion}}))
+    summary = {"response": {"reduced": motion}, **told(verdict_of([]), [])}
+    (found[2] / "summary.json").write_text(json.dumps(summary))
     moved = np.array([[[0.0, 0.0]], [[0.001, 0.004]]])
     np.savez(
         found[2] / "history.npz", reduced_time=np.array([0.0, 1.0]), reduced_displacement=moved
@@ -53,12 +57,12 @@ def test_page_has_results_differences_and_curves(
 
 def test_page_refuses_what_one_of_its_runs_refused(folders: list[Path], tmp_path: Path) -> None:
     found = json.loads((folders[2] / "summary.json").read_text())
-    found["unfinished"] = {"model": "reduced", "reason": "the steps are too long"}
+    found |= told(verdict_of([], "the steps are too long"), [])
     (folders[2] / "summary.json").write_text(json.dumps(found))
     output = tmp_path / "page"
     assert main(["report", *map(str, folders), "--output", str(output)]) == 0
     page = (output / "report.html").read_text()
-    assert "Refused, as the computation did not end: motion: the steps are too long" in page
+    assert "Refused: motion: the steps are too long" in page
 
 
 def test_differences_are_the_keys_with_other_values(folders: list[Path]) -> None:

@@ -14,6 +14,7 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.full.full_periodic import full_periodic_motion
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve
 from fenicsrom.online.store.archive import StoredModel
@@ -51,7 +52,8 @@ def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: A
                     log.info(f"  {name}")
                     motion = full_periodic_motion(solid, basis, shooting, reduced)
                 except ConvergenceError as error:
-                    found.warnings.append(f"{name}: {error}")
+                    note = Note(NoteKind.LEFT_OUT, f"{name}: {error}", curve=begin)
+                    found.warnings.append(note)
                     found.unfinished = found.unfinished or error
                     continue
                 curve.full.append(

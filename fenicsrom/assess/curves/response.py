@@ -26,11 +26,13 @@ from fenicsrom.assess.curves.response_results import (
     Response,
     ResponseCurve,
     curve_title,
+    joined_notes,
     response_table,
 )
 from fenicsrom.assess.curves.trust import Check, RicherModel
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.notes import AMPLITUDES, EVENTS, PEAKS, STABILITY, Note, NoteKind
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak
@@ -123,13 +125,15 @@ def response(
     for outcome in outcomes:
         error = outcome.error or _incomplete(scene, outcome.curve)
         if error is not None:
-            found.warnings.append(f"{curve_title(scene, outcome.curve.value)}{error}")
+            title = curve_title(scene, outcome.curve.value)
+            found.warnings.append(Note(NoteKind.WARNING, str(error), curve=title))
             found.unfinished = found.unfinished or error
     found.curves = [outcome.curve for outcome in outcomes if outcome.curve.points]
     _leave_out_unresolved(found)
     found.warnings += [*_light_modes(stored), *_one_speed(scene)]
     _warn_of_errors(found)
     _warn_of_peaks(found, stored)
+    found.warnings[:] = joined_notes(found)
     found.seconds = working_time() - begin
     return found
 
@@ -181,11 +185,12 @@ def _leave_out_unresolved(found: Response) -> None:
         for piece in curve.pieces:
             piece.special = resolved_events(piece, found.steps)
         if count := before - len(curve.special):
-            found.warnings.append(
-                f"{curve_title(found.scene, curve.value)}a contact point grazes its surface: "
-                f"{count} changes of contact were left out, because the time steps do not resolve "
-                "them; increase time.steps_per_period."
+            text = (
+                f"a contact point grazes its surface: {count} changes of contact were left out, "
+                "because the time steps do not resolve them; increase time.steps_per_period."
             )
+            title = curve_title(found.scene, curve.value)
+            found.warnings.append(Note(NoteKind.ERROR, text, curve=title, quantity=EVENTS))
 
 
 def _light_modes(stored: StoredModel) -> list[str]:
@@ -237,12 +242,15 @@ def _one_speed(scene: Scene) -> list[str]:
 def _warn_of_errors(found: Response) -> None:
     """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
     for curve in found.curves:
-        said = inaccuracies(curve.checks, found.scene, found.table.parameter)
-        said += contradictions(curve.checks, found.scene, found.table.parameter)
-        said = [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        title = curve_title(found.scene, curve.value)
+        said = [
+            Note(NoteKind.ERROR, text, curve=title, quantity=quantity)
+            for quantity, judge in ((AMPLITUDES, inaccuracies), (STABILITY, contradictions))
+            for text in judge(curve.checks, found.scene, found.table.parameter)
+        ]
         found.warnings += said
         if said and found.unfinished is None:
-            found.unfinished = AccuracyError(f"response: {said[0]}")
+            found.unfinished = AccuracyError(f"response: {title}{said[0]}")
 
 
 def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
@@ -253,9 +261,9 @@ def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
     for curve in found.curves:
         said = incomplete_peaks(curve, over, peak_range(stored), found.scene)
         if said:
-            said = f"{curve_title(found.scene, curve.value)}{said}"
-            found.warnings.append(said)
-            found.unfinished = found.unfinished or ConvergenceError(f"response: {said}")
+            title = curve_title(found.scene, curve.value)
+            found.warnings.append(Note(NoteKind.WARNING, said, curve=title, quantity=PEAKS))
+            found.unfinished = found.unfinished or ConvergenceError(f"response: {title}{said}")
 
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.assess.curves.trust import LARGEST, Check
+from fenicsrom.notes import Note, note_of
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.periodic.shooting import largest_multiplier
@@ -148,6 +150,24 @@ def curve_title(scene: Scene, value: float | None) -> str:
     if families is None or value is None:
         return ""
     return f"{in_words(scene, families.key, value)}: "
+
+
+def joined_titles(found: Response, titles: Sequence[str]) -> str:
+    """The beginning of a sentence about several curves, from those of the single curves."""
+    if len(titles) == len(found.curves) > 1:
+        return "All curves: "
+    return f"{', '.join(title.removesuffix(': ') for title in titles)}: " if titles[0] else ""
+
+
+def joined_notes(found: Response) -> list[Note]:
+    """The notes with the titles of their curves; equal ones of several curves are one."""
+    same: dict[str, list[Note]] = {}
+    for note in map(note_of, found.warnings):
+        same.setdefault(note, []).append(note)
+    return [
+        notes[0].saying(f"{joined_titles(found, [note.curve for note in notes])}{text}")
+        for text, notes in same.items()
+    ]
 
 
 def judged_multiplier(point: CurvePoint) -> complex:

@@ -7,13 +7,13 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note, NoteKind, has_kind, implausible
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.excitation import highest_frequency
-from fenicsrom.words import IMPLAUSIBLE
 
 FAR = 100.0
 """Ratio of frequencies beyond which one of them is most likely wrong."""
@@ -33,12 +33,12 @@ OUT_OF_REACH = 10.0
 
 def is_explained(warnings: Sequence[str]) -> bool:
     """Whether there is a likely cause already, which the sentences of this module would repeat."""
-    return any(text.startswith(IMPLAUSIBLE) for text in warnings)
+    return has_kind(warnings, NoteKind.IMPLAUSIBLE)
 
 
 def implausible_loads(
     model: Any, scene: Scene, frequencies: Array, extent: float = np.inf
-) -> list[str]:
+) -> list[Note]:
     """One sentence on loads far too fast, slow, large or unequal, or on damping; else none.
 
     Args:
@@ -58,26 +58,26 @@ def implausible_loads(
     return _too_large(model, loads, scene, extent) or _unequal(model, loads)
 
 
-def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[str]:
+def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[Note]:
     """One sentence if the loads are far too slow or too fast for the first natural frequency."""
     first = float(np.min(frequencies, initial=np.inf))
     highest = highest_frequency(scene)
     units = "check the lengths, the material and the frequencies, and their units ([units])"
     if 0.0 < highest * FAR < first < np.inf:
-        return [
-            f"{IMPLAUSIBLE}the scene excites up to {highest:.4g} Hz, 1/{first / highest:.3g} of "
+        return implausible(
+            f"the scene excites up to {highest:.4g} Hz, 1/{first / highest:.3g} of "
             f"the first natural frequency of {first:.4g} Hz: the motion is nearly static; {units}"
-        ]
+        )
     if scene.period is not None and 0.0 < first * FAR * scene.period < 1.0:
-        return [
-            f"{IMPLAUSIBLE}the loads repeat at {1.0 / scene.period:.4g} Hz, "
+        return implausible(
+            f"the loads repeat at {1.0 / scene.period:.4g} Hz, "
             f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
             f"Hz: {units}"
-        ]
+        )
     return []
 
 
-def _overdamped(model: ReducedModel) -> list[str]:
+def _overdamped(model: ReducedModel) -> list[Note]:
     """One sentence if the first mode does not swing, else none."""
     squares, shapes = eigh(model.elastic.stiffness, model.mass, subset_by_index=[0, 0])
     if squares[0] <= 0.0:
@@ -87,35 +87,35 @@ def _overdamped(model: ReducedModel) -> list[str]:
     ratio = (model.damping + viscous) / (2.0 * np.sqrt(squares[0]))
     if ratio <= 1.0:
         return []
-    return [
-        f"{IMPLAUSIBLE}the first mode has a damping ratio of {ratio:.3g}: it does not swing; check "
+    return implausible(
+        f"the first mode has a damping ratio of {ratio:.3g}: it does not swing; check "
         "material.mass_damping, [damping] and the dashpots, and their units ([units])"
-    ]
+    )
 
 
-def _too_large(model: ReducedModel, loads: Array, scene: Scene, extent: float) -> list[str]:
+def _too_large(model: ReducedModel, loads: Array, scene: Scene, extent: float) -> list[Note]:
     """One sentence if a load (n, k) would move the linear body by far more than its extent."""
     moved = _linear_response(model, loads, highest_frequency(scene))
     if moved.max() <= TOO_LARGE * extent:
         return []
-    return [
-        f"{IMPLAUSIBLE}loads[{int(np.argmax(moved))}] would move the linear body by "
+    return implausible(
+        f"loads[{int(np.argmax(moved))}] would move the linear body by "
         f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
         "loads, the material and the lengths, and their units ([units])"
-    ]
+    )
 
 
-def _unequal(model: ReducedModel, loads: Array) -> list[str]:
+def _unequal(model: ReducedModel, loads: Array) -> list[Note]:
     """One sentence if a load (n, k) deforms the linear body far more than another one."""
     work = np.sum(loads * np.linalg.solve(model.elastic.stiffness, loads), axis=0)
     size: Array = np.sqrt(np.abs(work))
     large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
     if size[large] <= UNEQUAL * size[small]:
         return []
-    return [
-        f"{IMPLAUSIBLE}loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
+    return implausible(
+        f"loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
         f"much as loads[{small}]: check the sizes and units of both ([units])"
-    ]
+    )
 
 
 def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array:
@@ -132,7 +132,7 @@ def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array
 
 def implausible_motion(
     motion: Motion, points: ContactPoints, extent: float, scene: Scene
-) -> list[str]:
+) -> list[Note]:
     """One sentence on a motion larger than its body, far from its surfaces or in them; else none.
 
     Args:
@@ -143,26 +143,26 @@ def implausible_motion(
     """
     moved = float(np.linalg.norm(motion.displacement, axis=2).max(initial=0.0))
     if moved > extent:
-        return [
-            f"{IMPLAUSIBLE}the motion reaches {moved:.4g} m, and the body is {extent:.4g} m long: "
+        return implausible(
+            f"the motion reaches {moved:.4g} m, and the body is {extent:.4g} m long: "
             "check the loads, the material and the lengths, and their units ([units])"
-        ]
+        )
     travel = np.ptp(motion.displacement, axis=0)
     for k in np.unique(points.contact):
         mine = np.flatnonzero(points.contact == k)
         stiffness = points.tributary_area[mine] * scene.contacts[k].normal_stiffness
         depth = float(np.max(motion.force[:, mine, 0] / stiffness))
         if depth > DEEP * extent:
-            return [
-                f"{IMPLAUSIBLE}the contact springs of contacts[{k}] are compressed by {depth:.3g} "
+            return implausible(
+                f"the contact springs of contacts[{k}] are compressed by {depth:.3g} "
                 f"m, and the body is {extent:.4g} m long: check the contact stiffness, the preload "
                 "and the normal, and their units ([units])"
-            ]
+            )
         gap, reach = float(motion.gap[:, mine].min()), float(travel[mine, 0].max())
         if not np.any(motion.force[:, mine, 0] > 0.0) and gap > OUT_OF_REACH * reach:
-            return [
-                f"{IMPLAUSIBLE}contacts[{k}] can hardly touch its surface: the smallest gap is "
+            return implausible(
+                f"contacts[{k}] can hardly touch its surface: the smallest gap is "
                 f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
                 "back: check the gap, the normal and the loads, and their units ([units])"
-            ]
+            )
     return []

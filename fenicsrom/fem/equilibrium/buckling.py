@@ -35,6 +35,7 @@ from petsc4py import PETSc
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
 from fenicsrom.reduction.projection import COUPLING
 from fenicsrom.words import counted
@@ -92,26 +93,29 @@ def check_stability(body: Any) -> int:
         return 0
     directions = counted(unstable, "direction")
     if body.points.contact.size:
-        body.warnings.append(
-            f"without its contacts the body is unstable under the static loads, in {directions}"
+        _warn(
+            body,
+            f"without its contacts the body is unstable under the static loads, in {directions}",
         )
         return unstable
     first = _probe_text(body)
     stable = _stable_equilibrium(body, unstable)
     if stable is None:
-        body.warnings.append(
+        _warn(
+            body,
             f"the static equilibrium is unstable in {directions}, and no stable one was found near "
-            "it: the loads are beyond the buckling load"
+            "it: the loads are beyond the buckling load",
         )
         return unstable
     body.equilibrium = stable
     body.tangent(stable, body.stiffness)
     body.factor.update()
-    body.warnings.append(
+    _warn(
+        body,
         f"the static loads buckle the body: the equilibrium that they reach from the undeformed "
         f"body displaces the probe by {first} and is unstable in {directions}, so the run takes a "
         f"stable equilibrium near it, which displaces the probe by {_probe_text(body)}; a "
-        "symmetric body has a second one on the other side"
+        "symmetric body has a second one on the other side",
     )
     return unstable
 
@@ -161,10 +165,11 @@ def check_snap(body: Any, linear: Array) -> None:
             begin, end = k / LOAD_STEPS, (k + 1) / LOAD_STEPS
             new = grown(u, begin, end, HALVINGS)
             if new is None:
-                body.warnings.append(
+                _warn(
+                    body,
                     f"the body snaps through between {100.0 * begin:g} % and {100.0 * end:g} % of "
                     "the static loads: the equilibrium is one after the snap, and the motion "
-                    "during the snap is not computed; fenicsrom statics follows the path between"
+                    "during the snap is not computed; fenicsrom statics follows the path between",
                 )
                 return
             u = new
@@ -173,6 +178,11 @@ def check_snap(body: Any, linear: Array) -> None:
     finally:
         factor.destroy(matrix=True)
         body.pressures.part = 1.0
+
+
+def _warn(body: Any, text: str) -> None:
+    """Warn of an unstable equilibrium."""
+    body.warnings.append(Note(NoteKind.UNSTABLE, text))
 
 
 def _probe_text(body: Any) -> str:
@@ -284,21 +294,22 @@ def check_coupling(body: Any, negative: int) -> int:
     flutters = np.abs(coupled.imag) > IMAGINARY * np.abs(coupled)
     frequencies = np.sqrt(np.abs(coupled)) / (2.0 * np.pi)
     if np.any(flutters):
-        body.flutters = True
-        body.warnings.append(
+        _warn(
+            body,
             "the follower pressure makes the body flutter without damping, at "
             f"{frequencies[flutters].min():.4g} Hz: it is not conservative, because the loaded "
-            "surface has a free edge"
+            "surface has a free edge",
         )
         return int(np.sum(coupled[~flutters].real < 0.0))
     squared = np.sort(coupled.real)
     changes = np.abs(np.sqrt(np.abs(squared / squares)) - 1.0)
     if negative or changes.max() > COUPLING:
-        body.warnings.append(
+        _warn(
+            body,
             "the follower pressure is not conservative, because the loaded surface has a free "
             "edge: the modes are those of the symmetric part of the stiffness; the other part "
             f"changes the lowest frequencies by up to {100.0 * changes.max():.2g} %, the first one "
-            f"to {np.sqrt(np.abs(squared[0])) / (2.0 * np.pi):.4g} Hz"
+            f"to {np.sqrt(np.abs(squared[0])) / (2.0 * np.pi):.4g} Hz",
         )
     return int(np.sum(squared < 0.0))
 

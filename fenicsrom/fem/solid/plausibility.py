@@ -15,10 +15,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.compat import cells_of
+from fenicsrom.notes import Note, implausible
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
-from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
@@ -55,7 +55,7 @@ MOST = 4
 """Points of a contact without facets that are judged."""
 
 
-def implausible_inputs(scene: Scene, mesh: Mesh) -> list[str]:
+def implausible_inputs(scene: Scene, mesh: Mesh) -> list[Note]:
     """One sentence on the first material, or on the size, that is most likely a mistake.
 
     Args:
@@ -65,23 +65,23 @@ def implausible_inputs(scene: Scene, mesh: Mesh) -> list[str]:
     names = [("material", scene.material)]
     names += [(f"materials[{k}]", group) for k, group in enumerate(scene.materials)]
     for key, material in names:
-        if sentence := _material_sentence(key, material):
-            return [sentence]
+        if found := _material_note(key, material):
+            return found
     extent = mesh.extent()
     if EXTENTS[0] <= extent <= EXTENTS[1]:
         return []
     what = "coordinates in mm? Then give [units], or geometry.scale = 0.001 for a mesh file"
     likely = f": are the {what}" if extent > EXTENTS[1] else ": check geometry.scale and [units]"
-    return [f"{IMPLAUSIBLE}the body is {extent:.4g} m long{likely}"]
+    return implausible(f"the body is {extent:.4g} m long{likely}")
 
 
-def _material_sentence(key: str, material: Elasticity) -> str | None:
-    """A sentence on a material that no solid has, with the likely units; None on any other one."""
+def _material_note(key: str, material: Elasticity) -> list[Note]:
+    """A note on a material that no solid has, with the likely units; none on any other one."""
     young, density = max(material.orthotropic_constants[0]), material.density
     if _is_solid(young, density):
-        return None
-    return (
-        f"{IMPLAUSIBLE}{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
+        return []
+    return implausible(
+        f"{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
         f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} to "
         f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density)}"
     )
@@ -130,7 +130,7 @@ def _is_solid(young: float, density: float, usual: bool = False) -> bool:
     )
 
 
-def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[str]:
+def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[Note]:
     """One sentence on the first contact whose surface is on the side of the body. Collective.
 
     Stops on both sides of one place are not judged.
@@ -151,11 +151,11 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
         if _enters(mesh, contact.place, points.position[points.contact == k][:MOST], normal):
             name = "normal" if contact.surface is None else "surface"
             words = ", ".join(f"{x + 0.0:.3g}" for x in normal)
-            return [
-                f"{IMPLAUSIBLE}contacts[{k}].{name}: the direction into the surface, ({words}), "
+            return implausible(
+                f"contacts[{k}].{name}: the direction into the surface, ({words}), "
                 "points into the body where they touch: turn it round, so that the surface lies "
                 "outside of the body"
-            ]
+            )
     return []
 
 

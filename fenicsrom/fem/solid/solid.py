@@ -79,7 +79,6 @@ class Solid(ElasticBody):
         loaded: whether static loads or rotation deform the body.
         unstable: number of directions in which the equilibrium that the loads reach from the
             undeformed body is unstable; without contacts the body then is in a stable one nearby.
-        flutters: whether static follower pressures make the body flutter without damping.
         equilibrium: (local,) displacement under the static loads, at speed, m.
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents], point by point.
@@ -94,7 +93,6 @@ class Solid(ElasticBody):
     """
 
     gauss_points = 2
-    flutters = False
 
     def __init__(self, mesh: Mesh, scene: Scene, known: KnownEquilibrium | None = None):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.support_motion import support_displacement
 from fenicsrom.online.motion.history import History
@@ -48,20 +49,18 @@ def times_before_end(motion: Motion, phases: Array) -> Array:
     return np.asarray(motion.time[-1] - length * phases)
 
 
-def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
-    """One sentence for each contact with points that never touch, with their smallest gap."""
-    sentences = []
+def out_of_reach(motion: Motion, points: ContactPoints) -> list[Note]:
+    """A note on each contact with points that never touch, with their smallest gap."""
+    found = []
     for k in np.unique(points.contact):
         mine = np.flatnonzero(points.contact == k)
         open_ones = mine[~np.any(motion.force[:, mine, 0] > 0.0, axis=0)]
         if open_ones.size:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
-            sentences.append(
-                f"contacts[{k}]: {number} never touched the surface; "
-                f"the smallest gap was {1e3 * least:.4g} mm"
-            )
-    return sentences
+            text = f"{number} never touched the surface; the smallest gap was {1e3 * least:.4g} mm"
+            found.append(Note(NoteKind.LEFT_OUT, text, f"contacts[{k}]"))
+    return found
 
 
 def amplitude(motion: Motion) -> Array:

@@ -4,7 +4,6 @@ import base64
 import gzip
 import html
 import io
-import re
 from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import count
@@ -12,12 +11,12 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from fenicsrom.notes import Verdict
 from fenicsrom.post.base.captions import numbers_of
 from fenicsrom.post.base.origin import origin_table
 from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.base.tables import cell_text, filled_columns, numeric_columns
 from fenicsrom.post.base.writers import write_text
-from fenicsrom.words import counted
 
 FEW_COLUMNS = 8  # a table with more columns has smaller letters
 SHORT = 28  # characters of the longest cell that is not broken into lines
@@ -36,7 +35,11 @@ Sections = Iterable[tuple[str, Iterable[Any]]]
 
 
 def write_report(
-    path: Path, title: str, sections: Sections, verdict: str = "", warnings: Sequence[str] = ()
+    path: Path,
+    title: str,
+    sections: Sections,
+    verdict: Verdict | None = None,
+    warnings: Sequence[str] = (),
 ) -> Path:
     """Write a report, see `html_report`; return its path.
 
@@ -51,7 +54,7 @@ def write_report(
 
 
 def html_report(
-    title: str, sections: Sections, verdict: str = "", warnings: Sequence[str] = ()
+    title: str, sections: Sections, verdict: Verdict | None = None, warnings: Sequence[str] = ()
 ) -> str:
     """Compose a report in one HTML page.
 
@@ -61,7 +64,7 @@ def html_report(
             of rows, the first row is the header), a matplotlib figure, a `Drawn` picture, which
             gets a number and a caption, or a `Page`. A section with a `Folded` heading is closed
             at first.
-        verdict: whether the results can be trusted, at the top; see `verdict_of`.
+        verdict: whether the results can be trusted, at the top.
         warnings: warnings, below the verdict.
 
     Returns:
@@ -69,8 +72,7 @@ def html_report(
     """
     body = [f"<h1>{html.escape(title)}</h1>"]
     if verdict:
-        kind = re.split(r"\W", verdict)[0].lower()
-        body.append(f'<p class="verdict {kind}">{html.escape(verdict)}</p>')
+        body.append(f'<p class="verdict {verdict.kind}">{html.escape(verdict.text)}</p>')
     if warnings:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in dict.fromkeys(warnings))
         body.append(f"<section><h2>Warnings</h2><ul>{lines}</ul></section>")
@@ -88,27 +90,6 @@ def html_report(
         body.append(f"</{tag}>")
     script = _script(charts) if charts else ""
     return _filled("page.html", title=html.escape(title), body="\n".join(body), script=script)
-
-
-def verdict_of(
-    warnings: Sequence[str], failure: object = None, *, interrupted: bool = False
-) -> str:
-    """Say in one line whether the results can be trusted.
-
-    Args:
-        warnings: the warnings; those on pictures raise no doubt.
-        failure: why there is no complete result, or None.
-        interrupted: whether the computation was interrupted.
-    """
-    if failure is not None:
-        return f"Refused, as the computation did not end: {failure}"
-    if interrupted:
-        return "Incomplete: the computation was interrupted."
-    doubts = [line for line in dict.fromkeys(warnings) if not _UNDRAWN.search(line)]
-    if not doubts:
-        return "Trusted: no check found a reason for doubt."
-    more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""
-    return f"Doubtful: {doubts[0].split('; ')[0].removesuffix('.')}{more}."
 
 
 def _figure(drawn: Drawn, number: int) -> str:
@@ -195,6 +176,3 @@ def _picture(content: bytes, heading: str, kind: str) -> str:
     """Embed a PNG or GIF picture in the page."""
     data = base64.b64encode(content).decode()
     return f'<img alt="{html.escape(heading)}" src="data:image/{kind};base64,{data}">'
-
-
-_UNDRAWN = re.compile(r"\bw(?:as|ere) not drawn\b")

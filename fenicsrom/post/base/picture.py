@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.post.base.captions import caption
 from fenicsrom.post.base.chart import chart
 from fenicsrom.post.base.optional import missing_module, missing_renderer
@@ -50,7 +51,7 @@ class Drawn:
     chart: str | None = None
 
 
-def not_drawn(names: Sequence[str], in_space: bool = False) -> str | None:
+def not_drawn(names: Sequence[str], in_space: bool = False) -> Note | None:
     """Say in one sentence that these pictures are left out; None if they can be drawn.
 
     Args:
@@ -64,7 +65,7 @@ def not_drawn(names: Sequence[str], in_space: bool = False) -> str | None:
         return None
     *most, last = names
     listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
-    return f"{listed} not drawn: {reason}"
+    return Note(NoteKind.NOT_DRAWN, f"{listed} not drawn: {reason}")
 
 
 def draw_pictures(pictures: Sequence[Picture], folder: Path, notes: list[str]) -> list[Drawn]:
@@ -111,4 +112,5 @@ def softly(name: str, notes: list[str]) -> Iterator[None]:
     except OSError:
         raise
     except Exception as error:
-        notes.append(f"{name} was not drawn: {type(error).__name__}: {error}")
+        reason = f"{name} was not drawn: {type(error).__name__}: {error}"
+        notes.append(Note(NoteKind.NOT_DRAWN, reason, name))

@@ -6,8 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.notes import Verdict, verdict_of
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.html_page import Folded, html_report, verdict_of, write_report
+from fenicsrom.post.base.html_page import Folded, html_report, write_report
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures
 from fenicsrom.post.base.style import Figure
 from fenicsrom.post.base.tables import text_table
@@ -64,6 +65,7 @@ class Report:
         notes: paragraphs below the sentences, on the page only.
         varied: keys of the scene that its heading leaves out.
         more_rows: rows of other CSV files, by the name of the file.
+        quantities: what the user reads, each with its own judgement; see `Verdict`.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Report:
     notes: Sequence[str] = ()
     varied: Collection[str] = ()
     more_rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    quantities: Sequence[str] = ()
 
     @property
     def scene(self) -> Scene:
@@ -110,7 +113,7 @@ class Report:
             ended["unfinished"] = str(found.unfinished) if found.unfinished else None
         if hasattr(found, "mesh_check"):
             ended["estimated_mesh_error"] = asdict(found.mesh_check)
-        last = {"warnings": self.warnings, "provenance": provenance()}
+        last = {**told(self.verdict, self.warnings), "provenance": provenance()}
         return {"scene": self.scene.source, **self.summary, **ended, **last}
 
     def write(self, folder: Path) -> list[Path]:
@@ -148,10 +151,15 @@ class Report:
         return write_report(page, self._heading(), parts, self.verdict, self.warnings)
 
     @property
-    def verdict(self) -> str:
-        """Whether the results can be trusted, in one line."""
+    def verdict(self) -> Verdict:
+        """Whether the results can be trusted."""
         interrupted = getattr(self.found, "interrupted", False)
-        return verdict_of(self.warnings, failure_of(self.found), interrupted=interrupted)
+        return verdict_of(
+            self.warnings,
+            failure_of(self.found),
+            interrupted=interrupted,
+            quantities=self.quantities,
+        )
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
@@ -203,6 +211,11 @@ class Report:
             return text_table(item, section.keys)
         shown = text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
+
+
+def told(verdict: Verdict, warnings: Sequence[str]) -> dict[str, Any]:
+    """The entries of a JSON file on the trust in its results."""
+    return {"verdict": asdict(verdict), "warnings": warnings}
 
 
 def failure_of(found: Any) -> Exception | None:

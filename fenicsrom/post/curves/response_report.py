@@ -55,7 +55,6 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         found: the curves.
         clicked: what a click on a point of the curves shows.
     """
-    found.warnings[:] = response_tables.joined_warnings(found)
     keys = 1 if found.table.families is None else 2
     peaks = peak_table(found)
     more = {

@@ -1,6 +1,5 @@
 """The results of response curves: sentences and tables for people, rows and numbers for files."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from fenicsrom.assess.curves.response_results import (
     Response,
     ResponseCurve,
     curve_title,
+    joined_titles,
     judged_multiplier,
 )
 from fenicsrom.assess.curves.trust import LARGEST
@@ -105,26 +105,6 @@ def _gaps(curve: ResponseCurve) -> list[str]:
 def _so_far(curve: ResponseCurve) -> str:
     """What follows the largest amplitude of an incomplete curve; "" of a complete one."""
     return " so far" if _gaps(curve) else ""
-
-
-def joined_titles(found: Response, begins: Sequence[str]) -> str:
-    """The beginning of a sentence about several curves, from those of the single curves."""
-    if len(begins) == len(found.curves) > 1:
-        return "All curves: "
-    return f"{', '.join(begin.removesuffix(': ') for begin in begins)}: " if begins[0] else ""
-
-
-def joined_warnings(found: Response) -> list[str]:
-    """The warnings; equal ones of several curves are one."""
-    known = sorted({curve_title(found.scene, curve.value) for curve in found.curves}, key=len)
-    titles: dict[str, list[str]] = {}
-    for warning in found.warnings:
-        begin = next((one for one in reversed(known) if one and warning.startswith(one)), "")
-        titles.setdefault(warning.removeprefix(begin), []).append(begin)
-    return [
-        f"{joined_titles(found, begins) if all(begins) else begins[0]}{text}"
-        for text, begins in titles.items()
-    ]
 
 
 def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:

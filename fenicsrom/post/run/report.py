@@ -23,7 +23,7 @@ from fenicsrom.post.run.motion_table import (
 )
 from fenicsrom.post.run.pictures import motion_pictures
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE, estimate_rows, run_sentences
-from fenicsrom.post.run.summary import write_numbers
+from fenicsrom.post.run.summary import quantities, write_numbers
 from fenicsrom.records import Rerun, Study
 
 TURN = "The body: choose a shape, turn it with the mouse"
@@ -41,8 +41,7 @@ def report(found: Study | Rerun) -> Report:
     """The report of a run: tables and sentences, and the pictures of the motion."""
     motions, names = found.motions, direction_names(found.scene, found.points)
     errors = estimate_rows(found.errors, motions["reduced"], names) if found.errors else []
-    left_out = (line.split(": ", 1) for line in found.left_out)
-    left_out_table = table_of({"stage": stage, "reason": reason} for stage, reason in left_out)
+    left_out_table = table_of({"stage": line.key, "reason": line} for line in found.left_out)
     periods = PERIODS_NOTE if has_period(motions) else None
     table = response_rows(motions, found.sizes, names)
     sections = [
@@ -55,7 +54,16 @@ def report(found: Study | Rerun) -> Report:
     ]
     listed = motion_pictures(found)
     return RunReport(
-        "summary", "", found, run_sentences(found), sections, (), {}, listed, _notes(found)
+        "summary",
+        "",
+        found,
+        run_sentences(found),
+        sections,
+        (),
+        {},
+        listed,
+        _notes(found),
+        quantities=quantities(found),
     )
 
 

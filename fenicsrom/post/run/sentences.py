@@ -10,6 +10,7 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.mesh_check import of_range
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import Sized
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import (
     has_contact,
@@ -62,17 +63,19 @@ UNJUDGED_MATRICES = (
 
 FASTER = "use the full model (reference.full = true), or a smaller basis by a larger basis.accuracy"
 
-UNCHECKED = (
+UNCHECKED = Note(
+    NoteKind.CUT_SHORT,
     "the run was interrupted before its motion was checked: the energy balance and the errors due "
-    "to the time step and the basis are not known"
+    "to the time step and the basis are not known",
 )
-HALF_CHECKED = (
+HALF_CHECKED = Note(
+    NoteKind.CUT_SHORT,
     "the run was interrupted in the checks of its motion: the energy balance and the error due to "
-    "the time step are checked, the error due to the basis is not known"
+    "the time step are checked, the error due to the basis is not known",
 )
 
 
-def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> str:
+def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> Note:
     """The warning of a run that was interrupted before or in its checks.
 
     Args:
@@ -302,7 +305,8 @@ def run_sentences(found: Study | Rerun) -> list[str]:
         told += [range_sentence(found.stored), of_range(found.stored.whole).sentence()]
         told += run_up_sentences(found.run_up)
     told += [] if found.sized is None else [size_sentence(found.sized)]
-    told += [] if reduced is None else out_of_reach(reduced, found.points)
+    if reduced is not None:
+        told += [f"{note.key}: {note}" for note in out_of_reach(reduced, found.points)]
     told += [] if found.stresses is None else stress_sentences(found.stresses)
     return [sentence for sentence in told if sentence]
 
@@ -329,22 +333,24 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
     return found
 
 
-def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
+def rerun_warnings(scene: Scene, given: Collection[str]) -> list[Note]:
     """Warn of the given keys or tables that have no effect on a run of a stored model."""
     asked = _without_effect(scene).values()
     keys = [key for key in asked if any(_is_in(key, name) or _is_in(name, key) for name in given)]
     if not keys:
         return []
     verb = "has" if len(keys) == 1 else "have"
-    return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+    text = f"{', '.join(keys)} {verb} no effect on a run of a stored model"
+    return [Note(NoteKind.REMARK, text, keys[0])]
 
 
-def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
-    """State what a run of a stored model does not compute, as "NAME: REASON"."""
+def rerun_left_out(stored: StoredModel, motion: Motion) -> list[Note]:
+    """State what a run of a stored model does not compute, and why."""
+    body = "the reduced model is stored without its mesh"
     return [
-        "offline stages, and files of the body: the reduced model is stored without its mesh",
+        Note(NoteKind.LEFT_OUT, body, "offline stages, and files of the body"),
         *(
-            f"{stage}: {key} has no effect on a run of a stored model"
+            Note(NoteKind.LEFT_OUT, f"{key} has no effect on a run of a stored model", stage)
             for stage, key in _without_effect(stored.scene).items()
         ),
         *out_of_reach(motion, stored.model.points),

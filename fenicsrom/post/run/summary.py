@@ -9,6 +9,16 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.sizing import Sized
+from fenicsrom.notes import (
+    AMPLITUDES,
+    DEFLECTION,
+    FREQUENCIES,
+    PEAK_FORCE,
+    STABILITY,
+    STRESSES,
+    WEAR,
+    verdict_of,
+)
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.support_motion import moves_supports, support_displacement
@@ -17,6 +27,7 @@ from fenicsrom.online.motion.measures import (
     absolute_displacement,
     amplitudes,
     errors_percent,
+    has_contact,
     point_summaries,
     response_summary,
 )
@@ -25,6 +36,7 @@ from fenicsrom.online.motion.wear import worn_under_points
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.report import failure_of, told
 from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
@@ -53,9 +65,25 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
     if found.unfinished is not None:
         model, reason = found.unfinished
         contents["unfinished"] = {"model": model, "reason": str(reason)}
-    contents["warnings"] = found.warnings
+    judged = verdict_of(found.warnings, failure_of(found), quantities=quantities(found))
+    contents |= told(judged, found.warnings)
     contents["provenance"] = found.stored.provenance if isinstance(found, Rerun) else provenance()
     return contents
+
+
+def quantities(found: Study | Rerun) -> list[str]:
+    """The quantities of a run that a user reads; each has its own judgement."""
+    reduced = found.motions.get("reduced")
+    read = {
+        AMPLITUDES: bool(found.motions),
+        PEAK_FORCE: reduced is not None and has_contact(reduced),
+        STABILITY: reduced is not None and reduced.search is not None,
+        WEAR: bool(found.motions) and found.scene.wears,
+        FREQUENCIES: found.frequencies_hz.size > 0,
+        DEFLECTION: isinstance(found, Study) and found.deflection is not None,
+        STRESSES: found.stresses is not None,
+    }
+    return [name for name, is_read in read.items() if is_read]
 
 
 def _of_stages(study: Study) -> dict[str, Any]:
@@ -76,7 +104,7 @@ def _of_stages(study: Study) -> dict[str, Any]:
             **size_summary(study.sized),
         },
         "seconds": study.seconds,
-        "left_out": study.left_out,
+        "left_out": left_out(study),
     }
     if study.agreement is not None:
         found["modes"] = agreement_summary(study.agreement)
@@ -100,8 +128,13 @@ def _of_model(found: Rerun) -> dict[str, Any]:
         **range_summary(stored),
         **run_up_summary(found.run_up),
         "seconds": {"reduced motion": found.motion.seconds},
-        "left_out": found.left_out,
+        "left_out": left_out(found),
     }
+
+
+def left_out(found: Study | Rerun) -> list[str]:
+    """What was not computed, as "NAME: REASON"."""
+    return [f"{note.key}: {note}" for note in found.left_out]
 
 
 def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.notes import TRUSTED, VERDICTS, Verdict
 from fenicsrom.post.base.directions import in_order
-from fenicsrom.post.base.html_page import verdict_of, write_report
+from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.origin import SCENE_FILE
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
@@ -44,6 +45,11 @@ class Outcome:
     summary: Mapping[str, Any]
     rows: Sequence[Mapping[str, str]]
 
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the results."""
+        return Verdict(**self.summary["verdict"])
+
 
 def outcome(folder: Path, name: str) -> Outcome:
     """Read the results in an output folder.
@@ -63,6 +69,9 @@ def outcome(folder: Path, name: str) -> Outcome:
         text = table.read_text("utf-8") if kind != "run" else ""
     except (ValueError, OSError) as error:
         raise refuse(folder, f"the results cannot be read: {error}") from None
+    if "verdict" not in summary:
+        reason = f"{FILES[kind]} has no verdict: an earlier version wrote it; run the scene again"
+        raise refuse(folder, reason, ErrorKind.MISMATCH)
     rows = list(csv.DictReader(text.splitlines()))
     return Outcome(name, kind, folder, scene, summary, rows)
 
@@ -92,9 +101,7 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
     unique = len({folder.name for folder in folders}) == len(folders)
     found = [outcome(folder, folder.name if unique else str(folder)) for folder in folders]
     output.mkdir(parents=True, exist_ok=True)
-    refused = [f"{one.name}: {reason}" for one in found if (reason := _unfinished(one))]
     warnings = [f"{one.name}: {line}" for one in found for line in one.summary.get("warnings", ())]
-    warnings = [*refused, *warnings]
     drawn = draw_pictures(_pictures(found), output, warnings)
     results, differing = results_table(found), differences(found)
     sections: list[tuple[str, list[Any]]] = [
@@ -103,15 +110,17 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         *((picture.heading, [picture]) for picture in drawn[1:]),
     ]
     title = f"Comparison of {', '.join(one.name for one in found)}"
-    verdict = verdict_of(warnings, next(iter(refused), None))
-    page = write_report(output / "report.html", title, sections, verdict, warnings)
+    page = write_report(output / "report.html", title, sections, _verdict(found), warnings)
     return text_table(results, 2), [page, *(picture.path for picture in drawn)]
 
 
-def _unfinished(one: Outcome) -> Any:
-    """Why a computation has no complete or no reliable result; None if it has."""
-    found = one.summary.get("unfinished")
-    return found["reason"] if isinstance(found, dict) else found
+def _verdict(found: Sequence[Outcome]) -> Verdict:
+    """The worst verdict of the folders."""
+    worst = max(found, key=lambda one: VERDICTS.index(one.verdict.kind))
+    if worst.verdict.kind == TRUSTED:
+        return worst.verdict
+    each = {one.name: one.verdict.text for one in found}
+    return Verdict(worst.verdict.kind, f"{worst.name}: {worst.verdict.reason}", each)
 
 
 def results_table(found: Sequence[Outcome]) -> list[list[Any]]:
