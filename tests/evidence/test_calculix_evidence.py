@@ -116,7 +116,7 @@ def test_motions_are_compared_by_their_root_mean_square_difference(tmp_path: Pat
 
 @pytest.mark.skipif(
     shutil.which("ccx") is None,
-    reason="calculix-ccx is not installed; the header of demos/evidence/calculix.py says how to "
+    reason="calculix-ccx is not installed; the header of tests/evidence/calculix.py says how to "
     "compare with it on another computer",
 )
 def test_turning_beam_is_that_of_calculix(

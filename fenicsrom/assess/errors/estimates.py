@@ -40,7 +40,7 @@ NEARBY_STEP = 1e-5
 CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
 ENOUGH_PERIODS = 50  # of a motion that does not settle, for its root mean squares
 # the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
-# 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
+# 1.1 times the true error in nine of ten (`tests/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
 # the distance from the motion of elements of one degree more is 0.7 to 0.95 of the true error
 # (`tests/README.md`); these elements have an error too, above all at corners and clamped edges

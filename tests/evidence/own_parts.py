@@ -1,7 +1,7 @@
 """Ten parts from file to modes, a run with friction contact and a response curve.
 
-    docker/run python3 demos/evidence/own_parts.py --output out/own_parts
-    python3 demos/evidence/own_parts.py --output out/own_parts
+    docker/run python3 tests/evidence/own_parts.py --output out/own_parts
+    python3 tests/evidence/own_parts.py --output out/own_parts
 
 The first command draws five CAD bodies, writes five decks as Abaqus, CalculiX, Nastran and ANSYS
 write them, and takes each through `fenicsrom init`, `modes`, `run`, `response` and `export`. Where

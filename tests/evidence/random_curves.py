@@ -1,6 +1,6 @@
 """Response curves of random scenes: how many are complete, and whether their points are right.
 
-    python3 demos/evidence/random_curves.py [--count 40] [--seed 1] [--output FOLDER]
+    python3 tests/evidence/random_curves.py [--count 40] [--seed 1] [--output FOLDER]
 
 Each scene is a beam, planar or spatial, linear or not, with one to ten contact points at random
 places, in random directions, with random preloads or gaps, stiffnesses and friction, and one or two

@@ -1,7 +1,7 @@
 """Time the offline stages of blade_rub beside the bare computations that they need.
 
-    python3 demos/benchmark.py --offline ALONG ACROSS THROUGH
-    python3 demos/benchmark.py --offline ALONG ACROSS THROUGH --points 17 100 500 1000
+    python3 tests/evidence/benchmark.py --offline ALONG ACROSS THROUGH
+    python3 tests/evidence/benchmark.py --offline ALONG ACROSS THROUGH --points 17 100 500 1000
 
 The numbers are elements along the span, across the chord and through the thickness. With --points
 the stages run for several numbers of contact points on one mesh instead: the nodes of the hollow
@@ -36,7 +36,7 @@ from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import Scene, read_scene
 
-SCENE = Path(__file__).parent / "blade_rub.toml"
+SCENE = Path(__file__).parents[2] / "demos" / "blade_rub.toml"
 STRAIN_ROWS = 7  # Mandel's six components and the trace
 
 

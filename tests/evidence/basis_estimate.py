@@ -1,6 +1,6 @@
 """The estimate of the error due to the basis against the true error, on random scenes.
 
-    python3 demos/evidence/basis_estimate.py --output DIR [--planar 250] [--spatial 50] [--seed 1]
+    python3 tests/evidence/basis_estimate.py --output DIR [--planar 250] [--spatial 50] [--seed 1]
 
 The scenes are the random variants that `fenicsrom stability --random` makes of a cantilever beam
 with a rubbing tip: planar with 6 x 1 quadratic cells, and spatial with 4 x 1 x 1. The reference is
@@ -35,7 +35,7 @@ from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.writers import write_figure
 from fenicsrom.reduction.candidates import candidate_model
 
-DEMOS = Path(__file__).parents[1]
+DEMOS = Path(__file__).parents[2] / "demos"
 SMALL = ("time.steps_per_period=40", "reference={}", "output={}")
 SCENES = {
     "planar": ("slip_liftoff_2d.toml", (*SMALL, "geometry.parameters.elements_along=6")),

@@ -1,6 +1,6 @@
 """The errors of the three time integration schemes on the demo beam, by step size.
 
-    python3 demos/evidence/schemes.py --output DIR
+    python3 tests/evidence/schemes.py --output DIR
 
 The paper's three contact cases, a hard case and an impact are run by every scheme with 25 to 800
 steps per period and with three tolerances. Two processes need about ten minutes.

@@ -1,7 +1,7 @@
 """The size and the error of reduced models that choose their size, on random nonlinear scenes.
 
-    python3 demos/evidence/basis_size.py --output DIR [--planar 28] [--spatial 12] [--seed 1]
-    python3 demos/evidence/basis_size.py --output DIR SCENE ...
+    python3 tests/evidence/basis_size.py --output DIR [--planar 28] [--spatial 12] [--seed 1]
+    python3 tests/evidence/basis_size.py --output DIR SCENE ...
 
 The scenes are cantilever beams of 12 cells in the plane and of 6 cells in space, with 1 to 8
 contact points, shaken near their first resonance by a load that would swing the free tip by 0.1 %

@@ -1,6 +1,6 @@
 """What a run of a stored model and a sweep cost beside their integrations.
 
-    docker/run python3 demos/evidence/start_up.py [--rounds N] [--runs N] [--output DIR]
+    docker/run python3 tests/evidence/start_up.py [--rounds N] [--runs N] [--output DIR]
 
 The model is that of `slip_liftoff_2d`. First line: the CPU time of processes `fenicsrom run --from`
 without pictures, minus that of the integration and the checks once everything is imported and
@@ -22,7 +22,7 @@ import time as clock
 from collections.abc import Sequence
 from pathlib import Path
 
-SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
+SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 ALONE = ("reference.full=false", "reference.beam=false", "output.pictures=false")
 PROGRAM = (sys.executable, "-m", "fenicsrom")
 COUNTING = """

@@ -1,6 +1,6 @@
 """Mutation testing of all packages by the quick part of the tests, with Python 3.12 or later.
 
-    python3 demos/evidence/mutants.py --output DIR [--number 60] [--seed 1]
+    python3 tests/evidence/mutants.py --output DIR [--number 60] [--seed 1]
 
 A mutant is a module with one wrong operator, sign, constant, condition, index or statement. All
 mutants are drawn before one is run, as many of each package as of the others; modules that draw

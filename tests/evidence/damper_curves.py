@@ -1,6 +1,6 @@
 """Curves of a beam with friction damper: points, marched periods, CPU time, and errors.
 
-    python3 demos/evidence/damper_curves.py
+    python3 tests/evidence/damper_curves.py
 
 A cantilever of 0.5 m with four contact points, clamped by friction. Under 4 N its response curve
 has dozens of corners, where slip phases of the contact points appear and vanish. Scene (a) has

@@ -1,6 +1,6 @@
 """The estimates of a run, by its time step, its basis and its mesh, against the true errors.
 
-    python3 demos/evidence/three_estimates.py --output DIR [--seed 7] [--planar 90] [--several 35]
+    python3 tests/evidence/three_estimates.py --output DIR [--seed 7] [--planar 90] [--several 35]
                                               [--spatial 25]
 
 The scenes are run as a user runs them, on random meshes with random time steps: the variants that

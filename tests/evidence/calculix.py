@@ -1,7 +1,7 @@
 """The same bodies in this program and in CalculiX: frequencies, deflections and a large motion.
 
-    docker/run python3 demos/evidence/calculix.py --output out/calculix
-    python3 demos/evidence/calculix.py --output out/calculix
+    docker/run python3 tests/evidence/calculix.py --output out/calculix
+    python3 tests/evidence/calculix.py --output out/calculix
 
 The first command computes the bodies with this program, and writes their decks as
 `fenicsrom export SCENE --format inp` does. Where `ccx` is installed, the script then runs it on
@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-DEMOS = Path(__file__).parents[1]
+DEMOS = Path(__file__).parents[2] / "demos"
 MODES = 6
 NUMBERS = "ours.json"
 

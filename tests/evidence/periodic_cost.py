@@ -1,6 +1,6 @@
 """The cost of periodic motions and their curves in marched periods.
 
-    python3 demos/evidence/periodic_cost.py [--without-marching]
+    python3 tests/evidence/periodic_cost.py [--without-marching]
 
 All times are CPU times of one process, side by side in one run. The unit of the first rows is the
 march of one period of `slip_liftoff_2d` by `fenicsrom run`, with 200 steps. Then come whole runs of
@@ -40,7 +40,7 @@ from fenicsrom.scene import read_scene
 from fenicsrom.scene.reading.step_size import with_time
 from fenicsrom.study import build_model
 
-DEMOS = Path(__file__).parents[1]
+DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
 RUNS = ("slip_liftoff_2d", "stick_slip_2d", "high_load_2d", "open_2d")  # whole runs
 MODELS = {

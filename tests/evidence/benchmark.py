@@ -1,10 +1,10 @@
 """Measure the table "How accurate, how fast" of the README on this machine.
 
-    python3 demos/benchmark.py
-    python3 demos/benchmark.py --errors              # the errors too: the full blade takes an hour
-    python3 demos/benchmark.py --offline 32 24 1     # CPU times of the offline stages instead
-    python3 demos/benchmark.py --offline 32 24 1 --points 17 100 500 1000    # by contact points
-    python3 demos/benchmark.py --floors              # CPU times of the steps of reduced models
+    python3 tests/evidence/benchmark.py
+        --errors              the errors too: the full blade takes an hour
+        --offline 32 24 1     CPU times of the offline stages instead
+        --offline 32 24 1 --points 17 100 500 1000    the same by contact points
+        --floors              CPU times of the steps of reduced models
 
 A row is a scene and changes of its keys. Both models take the same steps: one period from rest. The
 ratio is that of the median CPU times of 25 runs of the reduced model and five runs of the full
@@ -35,7 +35,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, read_scene
 
-HERE = Path(__file__).parent
+DEMOS = Path(__file__).parents[2] / "demos"
 LARGE = 1000  # unknowns above which the full model runs three times instead of five
 ROWS = (
     ("slip_liftoff_2d", ()),
@@ -49,7 +49,7 @@ ROWS = (
 
 def measure(name: str, changes: tuple[str, ...], errors: bool) -> str:
     """Measure a row of the table; returns it as a sentence."""
-    scene = read_scene(HERE / f"{name}.toml", changes)
+    scene = read_scene(DEMOS / f"{name}.toml", changes)
     solid = build_solid(scene, MPI.COMM_WORLD)
     found = Reduction(solid, scene, lambda stage: nullcontext())
     full = FullModel(solid)

@@ -1,6 +1,6 @@
 """Hostile inputs: damaged scenes, meshes, stored models and checkpoints, through the command line.
 
-    python3 demos/evidence/hostile_inputs.py --output DIR [--scenes 1000] [--meshes 500]
+    python3 tests/evidence/hostile_inputs.py --output DIR [--scenes 1000] [--meshes 500]
                                              [--archives 500] [--seed 1]
 
 Each input is one command in a process of its own. It must end within `LIMIT` of CPU time with exit
@@ -32,7 +32,7 @@ import numpy as np
 from fenicsrom.cli import main as command_line
 from fenicsrom.scene.base.toml import toml_text
 
-DEMOS = Path(__file__).parents[1]
+DEMOS = Path(__file__).parents[2] / "demos"
 LIMIT = 60  # s of CPU time
 PATIENCE = 900.0  # s; a longer command waits for something
 SHORT = (

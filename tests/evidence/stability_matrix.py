@@ -1,6 +1,6 @@
 """The stability matrix of the demo beam: 155 extreme runs and the verdict on each.
 
-    python3 demos/evidence/stability_matrix.py --output DIR
+    python3 tests/evidence/stability_matrix.py --output DIR
 
 `fenicsrom stability SCENE` drives any scene along axes that follow from the scene's own values.
 This script drives the demo `slip_liftoff_2d` along axes in absolute numbers, and along axes that
@@ -24,7 +24,7 @@ import numpy as np
 from fenicsrom.assess.studies.stability import WORKERS, Case, Matrix, Verdict, load, run_all
 from fenicsrom.post.studies.stability_report import report
 
-SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
+SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 
 LOAD, CONTACT = "loads.0.", "contacts.0."
 KN, KT = CONTACT + "normal_stiffness", CONTACT + "tangential_stiffness"

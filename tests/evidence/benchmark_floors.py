@@ -1,6 +1,6 @@
 """Time the steps of reduced models beside the bare computations that they need.
 
-    python3 demos/benchmark.py --floors
+    python3 tests/evidence/benchmark.py --floors
 
 The floor of a step is the sum of the products of the elastic polynomial by BLAS and of the linear
 solutions by LAPACK: in each Newton iteration the products at both Gauss points and one solution
