@@ -224,7 +224,8 @@ class _Builder:
                 where = f"{self.scene.source}: {key}"
                 axes = frame(surface_normal(contact, position, where))
                 one = np.array([k]), np.array([area]), position[None, :], axes[None, :]
-                found.append(ContactPoints(*one))
+                lengths = 2 if contact.place.at == "nodes" else 0  # the area is a mere number
+                found.append(ContactPoints(*one, np.array([lengths])))
                 rows.append(axes @ block)
                 offsets.append(axes @ offset)
         points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))

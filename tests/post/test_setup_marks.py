@@ -86,7 +86,7 @@ def test_round_wall_is_marked_and_a_plane_is_not() -> None:
     ]
     found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
     first, second = found["contact"]
-    labels = ["contact 1, preload 500000 N per area or length", "contact 2, gap 1 mm"]
+    labels = ["contact 1, preload 500000 N per m² of facets", "contact 2, gap 1 mm"]
     assert [first.label, second.label] == labels
     assert first.wall is None
     assert second.wall is not None
@@ -113,7 +113,7 @@ def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:
         "spring, 3 N/m in each direction",
         "dashpot, 2 N s/m in each direction",
         "mass, 0.25 kg",
-        "spring, 2 N/m per area or length along y",
+        "spring, 2 N/m per m² of facets along y",
     ]
     places = [mark.places[0] for mark in found["attachment"]]
     np.testing.assert_allclose(places[:3], [[1, 0, 0], [1, 0, 0], [0.5, 0.05, 0]], atol=1e-9)

@@ -33,7 +33,7 @@ def worst_checks(found: Response, stored: StoredModel) -> list[tuple[StoredModel
         wrong.sort(key=_error, reverse=True)
         own = stored
         if families is not None and wrong:
-            own = stored.with_overrides([f"{families.key}={curve.value!r}"])
+            own = stored.with_values({families.key: curve.value})
         worst += [(own, each) for each in wrong[:POINTS]]
     return worst
 

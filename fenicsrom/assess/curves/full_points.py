@@ -42,7 +42,7 @@ def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: A
         for curve in found.curves:
             current, begin = stored, ""
             if families is not None:
-                current = stored.with_overrides([f"{families.key}={curve.value!r}"])
+                current = stored.with_values({families.key: curve.value})
                 begin = curve_title(found.scene, curve.value)
             family = family_of(current)
             for value in found.table.full_values:

@@ -119,7 +119,7 @@ def height(point: CurvePoint) -> float:
 def _at(stored: StoredModel, value: float) -> StoredModel:
     """The model under the scene with a value."""
     keys = keys_over(stored.scene, str(response_table(stored.scene).peak_over))
-    return stored.with_overrides(dict.fromkeys(keys, value))
+    return stored.with_values(dict.fromkeys(keys, value))
 
 
 def _peak(

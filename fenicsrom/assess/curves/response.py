@@ -314,10 +314,10 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
     stored, families = job.stored, response_table(job.stored.scene).families
     richer = job.richer
     if families is not None:
-        override = f"{families.key}={job.value!r}"
-        stored = stored.with_overrides([override])
+        value = {families.key: job.value}
+        stored = stored.with_values(value)
         if richer is not None:
-            richer = replace(richer, stored=richer.stored.with_overrides([override]))
+            richer = replace(richer, stored=richer.stored.with_values(value))
     curve = job.kept.curve if job.kept is not None else ResponseCurve(job.value)
     outcome = _Outcome(curve)
     if job.kept is not None and job.kept.done:

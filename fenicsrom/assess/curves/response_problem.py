@@ -8,6 +8,7 @@ import numpy as np
 
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.support_motion import displacement_sines
 from fenicsrom.online.periodic.families import (
@@ -173,12 +174,12 @@ def family_of(stored: StoredModel) -> Family:
     if (rotation := stored.scene.rotation) is not None and table == "rotation":
         return speed_family(problem, rotation.speed_rpm, displacement_sines(stored.scene.loads))
     if table == "loads":  # a load of size 1 times the parameter
-        return force_family(_settled(stored.with_overrides([f"{key}=1.0"])), index)
+        return force_family(_settled(stored.with_values({key: 1.0})), index)
     mine = (stored.model.points.contact == index).astype(float)
     if name == "gap":  # the parameter is added to a gap of zero
-        problem = _settled(stored.with_overrides([f"{key}=0.0"]))
+        problem = _settled(stored.with_values({key: 0.0}))
     elif name != "friction":  # numbers of a node are those of a unit of its area
-        mine = mine * stored.model.points.tributary_area
+        mine = mine * shares(stored.scene, stored.model.points)
     return contact_family(problem, name, mine)
 
 

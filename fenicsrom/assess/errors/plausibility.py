@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 from fenicsrom.arrays import Array
 from fenicsrom.notes import Note, NoteKind, has_kind, implausible
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, shares
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
@@ -150,7 +150,7 @@ def implausible_motion(
     travel = np.ptp(motion.displacement, axis=0)
     for k in np.unique(points.contact):
         mine = np.flatnonzero(points.contact == k)
-        stiffness = points.tributary_area[mine] * scene.contacts[k].normal_stiffness
+        stiffness = shares(scene, points)[mine] * scene.contacts[k].normal_stiffness
         depth = float(np.max(motion.force[:, mine, 0] / stiffness))
         if depth > DEEP * extent:
             return implausible(

@@ -15,6 +15,7 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.scene import Scene, scene_table
@@ -46,7 +47,8 @@ class Scales:
 
 def scales_of(model: ReducedModel, scene: Scene) -> Scales:
     """Compute the scales of a scene from its reduced model."""
-    stiffness = [_body_stiffness(model, k) for k in range(len(scene.contacts))]
+    share = shares(scene, model.points)
+    stiffness = [_body_stiffness(model, share, k) for k in range(len(scene.contacts))]
     squares = scipy.linalg.eigh(_symmetric_stiffness(model), model.mass, eigvals_only=True)
     first, rest = (tuple(pair[i] for pair in stiffness) for i in range(2))
     omega = float(np.sqrt(max(squares[0], 0.0)))
@@ -59,14 +61,14 @@ def _symmetric_stiffness(model: ReducedModel) -> Array:
     return np.asarray(0.5 * (stiffness + stiffness.T)) if model.pressure.numbers.size else stiffness
 
 
-def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
+def _body_stiffness(model: ReducedModel, share: Array, contact: int) -> tuple[float, float]:
     """Stiffness of the body at a contact along the normal and the softest tangent.
 
     With the flexibility C = B^T K^-1 B at the contact points and a unit force spread by their
-    tributary areas a_p, f_p = a_p / sum a, the body has the stiffness 1 / (f^T C f). Springs of
-    stiffness k per tributary area together have the stiffness k sum a.
+    shares a_p (P,), f_p = a_p / sum a, the body has the stiffness 1 / (f^T C f). Springs of
+    stiffness k per share together have the stiffness k sum a.
     """
-    areas = np.where(model.points.contact == contact, model.points.tributary_area, 0.0)
+    areas = np.where(model.points.contact == contact, share, 0.0)
     dimension = model.points.position.shape[1]
     flexibility = []
     for direction in range(dimension):
@@ -97,7 +99,7 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
     if model.linear or not pattern.any():
         return None
     force = np.zeros((model.points.contact.size, scene.geometry.dimension))
-    force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
+    force[:, 0] = pattern[model.points.contact] * shares(scene, model.points)
     stiffness = _symmetric_stiffness(model)
     q: Array = np.asarray(
         -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64

@@ -41,7 +41,7 @@ from fenicsrom.online.motion.measures import amplitude, difference, has_settled,
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log, time_left
-from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
+from fenicsrom.scene import Scene, override_table, parse_scene, read_scene, scene_table
 from fenicsrom.scene.reading.step_size import refined
 from fenicsrom.words import brief, counted
 
@@ -134,12 +134,14 @@ class Matrix:
 
 
 def load(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Scene]:
-    """The table of a scene file under overrides, and the scene.
+    """The table of a scene file under overrides, in SI units, and the scene.
 
     Raises:
         SceneError: the scene is wrong.
     """
     scene = read_scene(path, changes)
+    if not scene.units.is_si:
+        return scene_table(scene), scene
     table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     return override_table(table, changes, str(path)), scene
 

@@ -215,8 +215,8 @@ class Places:
         weights = fem.Function(scalar)
         local = scalar.dofmap.index_map.size_local
         x = scalar.tabulate_dof_coordinates()
-        edges = body.mesh.entities(region).get(1, np.empty(0, dtype=np.int32))
-        if body.comm.allreduce(edges.size):
+        if body.mesh.unit_lengths(region) == 1:
+            edges = body.mesh.entities(region)[1]
             shares, dofmap = _edge_shares(degree), scalar.dofmap
             for cell, side in body.mesh.sides(1, edges):
                 inner = dofmap.dof_layout.entity_closure_dofs(1, side)

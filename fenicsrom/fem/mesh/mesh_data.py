@@ -165,6 +165,20 @@ class Mesh:
         found: dict[int, Ints] = {0: vertices} | ({1: edges} if below == 2 else {})
         return found | ({below: self.facets(where)} if self.has_facets(where) else {})
 
+    def unit_lengths(self, where: str | Region) -> int:
+        """How many unit lengths complete the measure of a region to an area. Collective.
+
+        Returns:
+            0 of facets, 1 of the edges of a node group in 3D, 2 of nodes alone.
+
+        Raises:
+            SceneError: the mesh has no such group, or nothing is picked.
+        """
+        if self.has_facets(where):
+            return 0
+        edges = self.entities(where).get(1, np.empty(0, dtype=np.int32))
+        return 1 if self.domain.comm.allreduce(edges.size) else 2
+
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.
 

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
@@ -43,6 +43,7 @@ from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.places import AXES
+from fenicsrom.scene.keys.unit_system import LENGTHS
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""
@@ -118,6 +119,7 @@ class Solid(ElasticBody):
         self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
+        self._unit_length = float(LENGTHS[scene.units.length])
         self._set_attachments(scene.attachments)
         self._set_contacts(scene.contacts)
         self._set_loads()
@@ -209,14 +211,16 @@ class Solid(ElasticBody):
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, the dashpots and the concentrated masses."""
         for k, found in enumerate(attachments):
-            shares, area = self._places.shares(found.place, f"attachments[{k}]")
-            each = np.repeat(shares, self.dimension)
+            weights, area = self._places.shares(found.place, f"attachments[{k}]")
+            if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
+                area *= self._unit_length ** self.mesh.unit_lengths(found.place)
+            each = np.repeat(weights, self.dimension)
             each[self.clamped] = 0.0
             if not self.comm.allreduce(bool(each.any())):
                 raise self._places.clamped(f"attachments[{k}]")
             self.point_masses += found.mass * each
             axes = AXES[: self.dimension]
-            each *= np.tile(np.isin(axes, found.components or axes), len(shares))
+            each *= np.tile(np.isin(axes, found.components or axes), len(weights))
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
             self.dashpots += (found.damping + found.damping_per_area * area) * each
         self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
@@ -232,7 +236,9 @@ class Solid(ElasticBody):
             axes = np.array([frame(surface_normal(contact, x[:d], where)) for x in position])
             points = np.arange(area.size + 1)
             rows.append(scipy.sparse.bsr_array((axes, points[:-1], points)) @ at)
-            found.append(ContactPoints(np.full(area.size, k), area, position[:, :d], axes))
+            lengths = self.mesh.unit_lengths(contact.place) if contact.place.at == "nodes" else 0
+            contact_of, completed = np.full((2, area.size), [[k], [lengths]])
+            found.append(ContactPoints(contact_of, area, position[:, :d], axes, completed))
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
 
@@ -509,14 +515,12 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     The likely cause of implausible numbers is a warning, and part of a failure.
 
     Raises:
-        SceneError: the mesh has another dimension than the scene, or [units] leave the unit of a
-            number open.
+        SceneError: the mesh has another dimension than the scene.
     """
     dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
     if dimension != found:
         where = Where(scene.source, "geometry.dimension")
         raise where.refuse(dimension, f"{mesh.source} has dimension {found}", ErrorKind.MISMATCH)
-    _check_per_area(scene, mesh)
     suspicious = implausible_inputs(scene, mesh)
     try:
         found = Solid(mesh, scene, known)
@@ -527,24 +531,6 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
     found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
-
-
-def _check_per_area(scene: Scene, mesh: Mesh) -> None:
-    """Check that numbers per area, which were converted as such, belong to regions of facets.
-
-    Raises:
-        SceneError: they are per length or per node, and the scene is not in SI units.
-    """
-    keys = {f"contacts[{k}].normal_stiffness": c.place for k, c in enumerate(scene.contacts)}
-    keys = {key: place for key, place in keys.items() if place.at == "nodes"}
-    for k, found in enumerate(scene.attachments):
-        if found.stiffness_per_area or found.damping_per_area:
-            keys[f"attachments[{k}].stiffness_per_area"] = found.place
-    for key, place in keys.items():
-        if not scene.units.is_si and not mesh.has_facets(place):
-            reason = f"{place.group!r} is a group of edges or nodes, for which only SI units are "
-            reason += "allowed; leave [units] out, or use a group of facets"
-            raise refuse(scene.source, reason, ErrorKind.CONFLICT, key)
 
 
 def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:

@@ -14,9 +14,14 @@ from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_o
 from fenicsrom.online.contact.turning import history_of
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
+from fenicsrom.scene.keys.unit_system import LENGTHS
 
 NO_DIRECTION = 1e-3
 """The middle of points that is nearer to an axis, relative to their distance, has no direction."""
+
+
+FACETS = np.zeros((), dtype=np.int64)
+"""The `unit_lengths` of points on facets, and of single points."""
 
 
 class ContactPoints(NamedTuple):
@@ -28,12 +33,15 @@ class ContactPoints(NamedTuple):
             number of nodes.
         position: (P, d) m.
         frame: (P, d, d) rows normal into the surface, tangents.
+        unit_lengths: (P,) how many unit lengths of the scene complete the tributary area to an
+            area: 0 of facets and of a single point, 1 of edges, 2 of nodes; () of all points.
     """
 
     contact: NDArray[np.int64]
     tributary_area: Array
     position: Array
     frame: Array
+    unit_lengths: NDArray[np.int64] = FACETS
 
 
 def no_points(dimension: int) -> ContactPoints:
@@ -43,7 +51,19 @@ def no_points(dimension: int) -> ContactPoints:
         np.zeros(0),
         np.zeros((0, dimension)),
         np.zeros((0, dimension, dimension)),
+        np.zeros(0, dtype=np.int64),
     )
+
+
+def shares(scene: Any, points: ContactPoints) -> Array:
+    """The factors (P,) between the numbers of the scene's contacts and those of their points.
+
+    The scene gives the numbers of a region per area, in SI units (N/m² and N/m³). For them, an edge
+    is one unit of length of the scene wide, and a node is a square of this size. With mm, 20 N/mm
+    for each node are 2e10 N/m³ of an area of 1e-6 m², which is 2e4 N/m.
+    """
+    length = float(LENGTHS[scene.units.length])
+    return np.asarray(points.tributary_area * length**points.unit_lengths)
 
 
 def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
@@ -59,11 +79,12 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     def of(name: str) -> Array:
         return np.array([getattr(contact, name) for contact in chosen], dtype=np.float64)
 
+    share = shares(scene, points)
     found = planes(
-        points.tributary_area * of("preload"),
+        share * of("preload"),
         of("gap"),
-        points.tributary_area * of("normal_stiffness"),
-        points.tributary_area * of("tangential_stiffness"),
+        share * of("normal_stiffness"),
+        share * of("tangential_stiffness"),
         of("friction"),
         d,
     )

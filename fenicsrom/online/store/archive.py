@@ -23,6 +23,7 @@ arrays of float64, in SI units:
     point_tributary_area (P,)         m^(d-1)    area, length or number that a point stands for
     point_position       (P, d)       m          place on the undeformed body
     point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
+    point_unit_lengths   (P,) int64   -          0 of facets, 1 of edges, 2 of nodes of a region
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
     pressure_linear      (k, n, n)    m          G of k follower pressures
     pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
@@ -61,7 +62,7 @@ the SHA-256 of all other entries: a file that was changed is refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ from fenicsrom.scene.reading.overrides import override_texts
 from fenicsrom.scene.reading.units import override_in_si
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 8"
+FORMAT = "fenicsrom reduced model 9"
 FINER = "finer_"  # start of the names of the arrays of the model of finer elements
 RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
 PLAIN = ("loads", "contact_rows", "contact_offset", "probe", "probe_offset", "velocity_matrix")
@@ -175,8 +176,7 @@ class StoredModel:
     @property
     def least_size(self) -> int:
         """The fewest coordinates that the model may have: those of the contact and one more."""
-        labels = enumerate((*self.labels, *self.further))
-        return 1 + next((k for k, label in labels if label[-1] != "S"), 0)
+        return least_size((*self.labels, *self.further))
 
     def require_size(self) -> None:
         """Check the number of coordinates that the scene asks for.
@@ -184,17 +184,7 @@ class StoredModel:
         Raises:
             SceneError: the model has no such `basis.size`.
         """
-        size, source = self.scene.basis.size, self.scene.source
-        least, known = self.least_size, self.size + len(self.further)
-        if size is None or (self.candidates is not None and least <= size < known):
-            return
-        allowed = (
-            f"must be from {least} to {known - 1}; the model holds {known} coordinates, and those "
-            "that it leaves out judge it"
-            if self.candidates is not None
-            else "not allowed: the model holds no coordinates besides its own"
-        )
-        raise Where(source, "basis.size").refuse(size, allowed)
+        require_size(self.scene, (*self.labels, *self.further), self.size)
 
     def resized(self, chosen: int | Sequence[str]) -> StoredModel:
         """The model of other coordinates of those that the file holds, without a mesh.
@@ -330,6 +320,11 @@ class StoredModel:
         source = self.file or self.scene.source
         return self._with_scene(changed_scene(self.scene, overrides, source), source)
 
+    def with_values(self, values: Mapping[str, Any]) -> StoredModel:
+        """As `with_overrides`, with numbers in SI units, also if the scene has other [units]."""
+        source = self.file or self.scene.source
+        return self._with_scene(changed_scene(self.scene, values, source, si=True), source)
+
     @property
     def nodes(self) -> Array:
         """(N, d) vertices of the cells of the undeformed body, m.
@@ -406,19 +401,51 @@ class StoredModel:
         return simulate(run.model, run.scene, **options)
 
 
-def changed_scene(scene: Scene, overrides: Overrides, source: str = "") -> Scene:
+def least_size(labels: Sequence[str]) -> int:
+    """The fewest of these coordinates that a model may have: those of the contact and one more."""
+    return 1 + next((k for k, label in enumerate(labels) if label[-1] != "S"), 0)
+
+
+def require_size(scene: Scene, labels: Sequence[str], own: int) -> None:
+    """Check the number of coordinates that a scene asks for.
+
+    Args:
+        scene: the scene.
+        labels: of all coordinates that its model can hold.
+        own: number of the first of these, which a model without `basis.size` begins with.
+
+    Raises:
+        SceneError: there is no model of `basis.size` that the other coordinates can judge.
+    """
+    size, least, known = scene.basis.size, least_size(labels), len(labels)
+    if size is None or (own < known and least <= size < known):
+        return
+    allowed = (
+        f"must be from {least} to {known - 1}; the model holds {known} coordinates, and those "
+        "that it leaves out judge it"
+        if own < known
+        else "not allowed: the model holds no coordinates besides its own"
+    )
+    raise Where(scene.source, "basis.size").refuse(size, allowed)
+
+
+def changed_scene(
+    scene: Scene, overrides: Overrides, source: str = "", *, si: bool = False
+) -> Scene:
     """A scene with other values, which its title names; its paths stay as they are.
 
     Args:
         scene: the scene.
         overrides: as `StoredModel.with_overrides` takes them.
         source: the file that messages name; by default that of the scene.
+        si: whether the values are in SI units, and not in those of the scene's [units].
 
     Raises:
         SceneError: an override is wrong.
     """
-    source = source or scene.source
-    overrides = [override_in_si(scene, override) for override in override_texts(overrides)]
+    source, overrides = source or scene.source, override_texts(overrides)
+    if not si:
+        overrides = [override_in_si(scene, override) for override in overrides]
     changed = override_table(scene_table(scene), overrides, source)
     found = parse_scene(titled(changed, overrides, scene.source), source, None)
     return replace(found, source=scene.source)

@@ -187,7 +187,7 @@ def _motion(
     """
     families = found.table.families
     if families is not None:
-        stored = stored.with_overrides([f"{families.key}={curve.value!r}"])
+        stored = stored.with_values({families.key: curve.value})
     problem = family_of(stored)(point.parameter)
     motion = recorded_motion(problem, point.z, point.periods)
     return MarkedMotion(point.parameter, motion, problem.contacts)

@@ -23,6 +23,7 @@ from fenicsrom.post.paraview.vtk import Grid, in_space
 from fenicsrom.scene import Contact, Load, Place, Scene, Support
 from fenicsrom.scene.base.tables import keys
 from fenicsrom.scene.keys.loads import ACTIONS, Harmonics, Pulse, Sweep
+from fenicsrom.scene.keys.unit_system import Units
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
@@ -32,9 +33,6 @@ CLAMPED = "support, clamped"
 
 WEIGHTY = 0.1
 """Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
-
-SPREAD = " per area or length"
-"""What the stiffnesses, damping coefficients and preloads of a region refer to."""
 
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
@@ -99,6 +97,10 @@ def gathered_marks(
         if name != "loads" or not (one.everywhere or one.kind == "pressure")
     ]
     at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
+    lengths = {
+        found.place: solid.mesh.unit_lengths(found.place) if _is_region(found.place) else 0
+        for found in (*scene.attachments, *scene.contacts)
+    }
     gathered = gathered_grid(
         solid.space, {name: solid.field(field) for name, field in regions.items()} | {**fields}
     )
@@ -110,12 +112,13 @@ def gathered_marks(
     marks += [
         Mark("attachment", label, ATTACHED_FORMS[kind], at[found.place][None])
         for found in scene.attachments
-        for kind, label in _attached(found)
+        for kind, label in _attached(found, scene.units, lengths[found.place])
     ]
     forms = zip(itertools.cycle(CONTACT_FORMS), scene.contacts, strict=False)
     for k, (form, contact) in enumerate(forms):
         mine = solid.points.contact == k
-        label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}{_pressed(contact)}"
+        label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}"
+        label += _pressed(contact, scene.units, lengths[contact.place])
         places, normals = contact_places(solid.points)[mine], in_space(solid.points.frame[mine, 0])
         marks.append(Mark("contact", label, form, places, normals, wall=_round(solid, scene, k)))
     if not (scene.contacts and scene.probe is None) and not np.isnan(solid.probe_position).any():
@@ -233,22 +236,25 @@ def _load_label(load: Load) -> str:
     return f"{kind}{where}, {size}, {history}"
 
 
-def _pressed(contact: Contact) -> str:
+def _pressed(contact: Contact, units: Units, lengths: int) -> str:
     """The preload or the gap of a contact, as a part of its label."""
+    if contact.preload and contact.place.at == "nodes":
+        return f", preload {units.per_region(contact.preload, 'N', lengths)}"
     if contact.preload:
-        return f", preload {contact.preload:g} N{SPREAD * (contact.place.at == 'nodes')}"
+        return f", preload {contact.preload:g} N"
     return f", gap {1e3 * contact.gap:g} mm" if contact.gap else ""
 
 
-def _attached(attachment: Any) -> list[tuple[str, str]]:
+def _attached(attachment: Any, units: Units, lengths: int) -> list[tuple[str, str]]:
     """The kinds and the labels of the parts of an attachment."""
     along = " in each direction"
     if attachment.components is not None:
         along = f" along {', '.join(attachment.components)}"
     found = []
     for key, kind, unit in ATTACHED:
-        for name, area in ((key, ""), (f"{key}_per_area", SPREAD)):
-            if size := getattr(attachment, name, 0.0):
-                label = f"{kind}, {size:g} {unit}{area}{along * (kind != 'mass')}"
-                found.append((kind, label))
+        if size := getattr(attachment, key):
+            found.append((kind, f"{kind}, {size:g} {unit}{along * (kind != 'mass')}"))
+        if size := getattr(attachment, f"{key}_per_area", 0.0):
+            label = f"{kind}, {units.per_region(size, unit, lengths)}{along}"
+            found.append((kind, label))
     return found

@@ -381,9 +381,18 @@ def _contact_lines(
         limit,
         _given(units, "normal_stiffness", "N/m", stiffness),
         _given(units, "tangential_stiffness", "N/m", stiffness),
+        *([] if group is None else [_per_region(units, group)]),
         f"friction = {FRICTION}",
         "",
     ]
+
+
+def _per_region(units: Units, group: Group) -> str:
+    """A comment on the units of the contact of a group."""
+    per = f"per {units.region(0)}"
+    if group.kind != "facets":
+        per = f"per {units.region(2)}, on a curve in 3D per {units.region(1)}"
+    return f'# of the whole group; with at = "nodes" preload and stiffnesses are {per}'
 
 
 def outer_normal(found: Inspection, group: Group) -> Array | None:

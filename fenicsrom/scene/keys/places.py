@@ -93,11 +93,12 @@ class Attachment:
         components: directions in which spring and dashpot act, such as ["z"]; by default all.
         mass: mass.
         stiffness: stiffness k of the spring, in each of these directions.
-        stiffness_per_area: stiffness of the spring per area of a region of facets, per length of
-            edges (N/m²), or per node of a group of nodes (N/m).
+        stiffness_per_area: stiffness of the spring: in N/m³ on facets (in 2D edges times the
+            thickness), in N/m² on edges in 3D, in N/m for each node of a node set.
         damping: damping coefficient c of the dashpot, in each of these directions; modes and
             Campbell diagrams leave it out.
-        damping_per_area: damping coefficient per area, length or node, as `stiffness_per_area`.
+        damping_per_area: damping coefficient: in N s/m³ on facets, in N s/m² on edges, in N s/m for
+            each node.
     """
 
     place: Annotated[Place, Place]

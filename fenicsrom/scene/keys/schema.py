@@ -142,21 +142,23 @@ class Abradable:
 class Contact:
     """A point, or every node of a region, against a rigid plane or `surface`.
 
-    With at = "nodes" the preload and both stiffnesses are per unit of area, per unit of length, or
-    per node.
+    With at = "nodes" the preload and both stiffnesses are those of a unit of the region: of an area
+    of facets, of a length of edges (a curve in 3D), or of one node of a node set.
 
     Attributes:
         place: where the contact is.
         normal: unit vector into the plane; not with a surface.
         surface: a round surface instead of the plane.
         abradable: a layer on the surface that the body wears; not with a preload.
-        preload: normal force at the undeformed position; with at = "nodes" it is given per area,
-            length or node, and so are both stiffnesses.
+        preload: normal force at the undeformed position; with at = "nodes" in N/m² on facets (in 2D
+            edges times the thickness), in N/m on edges in 3D, in N for each node of a node set.
         gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
         approach: distances by which the surface has moved towards the body at some times, linear
             between them; by default the surface is at rest.
-        normal_stiffness: contact stiffness along the normal.
-        tangential_stiffness: contact stiffness along the surface.
+        normal_stiffness: contact stiffness along the normal; with at = "nodes" in N/m³ on facets,
+            in N/m² on edges, in N/m for each node. `fenicsrom plan` says which one holds.
+        tangential_stiffness: contact stiffness along the surface, in the unit of
+            `normal_stiffness`.
         friction: coefficient of friction.
     """
 

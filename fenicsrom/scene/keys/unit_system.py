@@ -57,8 +57,8 @@ FIXED = ("", "Hz", "rev/min")
 REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
 """Keys of a contact that are per area if the contact is at all nodes of a region."""
 
-PER_AREA = {"N": "N/m²", "N/m": "N/m³"}
-"""Units of these keys for a region."""
+PER_AREA = {"N": "N/m²", "N/m": "N/m³", "N s/m": "N s/m³"}
+"""Units of numbers of a point, and of the numbers of a region."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +117,21 @@ class Units:
         if factor == 1 or not is_number(value):
             return value
         return float(Decimal(repr(value)) / factor)
+
+    def per_region(self, value: float, unit: str, unit_lengths: int) -> str:
+        """A number of a region as the scene gives it, such as `20 N/mm per node`.
+
+        Args:
+            value: the number per area in SI units (`fenicsrom.online.contact.points.shares`).
+            unit: the unit of this number at a point.
+            unit_lengths: 0 of facets, 1 of edges, 2 of nodes.
+        """
+        given = self.from_si(value, PER_AREA[unit])
+        return f"{given:g} {self.name_of(unit)} per {self.region(unit_lengths)}"
+
+    def region(self, unit_lengths: int) -> str:
+        """The unit of a region: of facets (0), edges (1) or nodes (2)."""
+        return (f"{self.length}² of facets", f"{self.length} of edges", "node")[unit_lengths]
 
     def rows_in_si(self, rows: Any, unit: str) -> Any:
         """The rows of a table in SI units, whose columns have the units in a list with commas."""

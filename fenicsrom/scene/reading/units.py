@@ -20,15 +20,17 @@ def unit_of(scene: Scene, path: str) -> str:
     """The unit of the number that a key such as `loads.0.force` holds.
 
     A number without a unit gives "". So does the stiffness or preload of a contact with the nodes
-    of a region, because its unit depends on the region. The key "frequency" is the lowest frequency
-    of the loads, as in the table [response].
+    of a region in SI units, because its unit depends on the region; in other units it is held per
+    area (`fenicsrom.online.contact.points.shares`). The key "frequency" is the lowest frequency of
+    the loads, as in the table [response].
     """
     if path == "frequency":
         return "Hz"
     names = names_of(path)
     unit, _ = _found(names)
-    several = "," in unit  # of the columns of a table
-    return "" if several or _is_regional(scene, names) else unit
+    if _is_regional(scene, names):
+        return "" if scene.units.is_si else PER_AREA.get(unit, unit)
+    return "" if "," in unit else unit  # of the columns of a table
 
 
 def _found(names: list[str]) -> tuple[str, type | None]:

@@ -1,0 +1,164 @@
+"""Numbers of facets, edges and nodes in other units than SI give the same contacts and motion."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenicsrom import build_model, build_solid, make_scene
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.scene import Scene
+
+BAR = {
+    2: """
+Point(1) = {0, 0, 0};  Point(2) = {0.4, 0, 0};  Point(3) = {0.4, 0.02, 0};  Point(4) = {0, 0.02, 0};
+Line(1) = {1, 2};  Line(2) = {2, 3};  Line(3) = {3, 4};  Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4};  Plane Surface(1) = {1};
+Transfinite Curve {1, 3} = 5;  Transfinite Curve {2, 4} = 2;  Transfinite Surface {1};
+Recombine Surface {1};
+Physical Surface("body") = {1};  Physical Curve("root") = {4};  Physical Curve("facets") = {2};
+Physical Point("nodes") = {2, 3};
+""",
+    3: """
+Point(1) = {0, 0, 0};  Point(2) = {0, 0.02, 0};  Point(3) = {0, 0.02, 0.03};
+Point(4) = {0, 0, 0.03};
+Line(1) = {1, 2};  Line(2) = {2, 3};  Line(3) = {3, 4};  Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4};  Plane Surface(1) = {1};
+Transfinite Curve {1:4} = 2;  Transfinite Surface {1};  Recombine Surface {1};
+out[] = Extrude {0.4, 0, 0} { Surface{1}; Layers{4}; Recombine; };
+ends[] = Boundary { Surface{out[0]}; };
+points[] = PointsOf { Surface{out[0]}; };
+Physical Volume("body") = {out[1]};  Physical Surface("root") = {1};
+Physical Surface("facets") = {out[0]};  Physical Curve("edges") = {ends[1]};
+Physical Point("nodes") = {points[0], points[2]};
+""",
+}
+REGIONS = [(2, "facets"), (2, "nodes"), (3, "facets"), (3, "edges"), (3, "nodes")]
+LENGTHS = {"facets": 2, "edges": 1, "nodes": 0}  # dimension of the region
+INCH, POUND = 0.0254, 4.4482216152605
+SYSTEMS: dict[str, tuple[dict[str, str], float, float, float]] = {
+    "mm, t, s": ({"length": "mm", "mass": "t"}, 1e-3, 1e3, 1.0),
+    "mm, kg, ms": ({"length": "mm", "mass": "kg", "time": "ms"}, 1e-3, 1.0, 1e-3),
+    "in, slinch, s": ({"length": "in", "mass": "slinch"}, INCH, POUND / INCH, 1.0),
+}
+
+
+def bar(
+    folder: Path, dimension: int, region: str, system: str | None = None, **tables: Any
+) -> Scene:
+    """A bar that is pressed against a wall at a region, and held by springs and dashpots there.
+
+    Args:
+        folder: of the mesh.
+        dimension: of the body.
+        region: its group "facets", "edges" or "nodes".
+        system: the units; None for SI units.
+        tables: more tables of the scene.
+    """
+    names, length, mass, time = SYSTEMS[system] if system else ({}, 1.0, 1.0, 1.0)
+    force = mass * length / time**2
+    per = length ** LENGTHS[region]
+    (folder / "bar.geo").write_text(BAR[dimension])
+    across = [0.0, 1.0, 0.0][:dimension]
+    geometry = {"mesh": "bar.geo", "dimension": dimension, "degree": 1}
+    return make_scene(
+        folder=folder,
+        units=names,
+        geometry=geometry | ({"thickness": 0.03 / length} if dimension == 2 else {}),
+        material={
+            "young": 7e10 * length**2 / force,
+            "poisson": 0.3,
+            "density": 2700.0 * length**3 / mass,
+            "mass_damping": 40.0 * time,
+        },
+        geometrically_nonlinear=False,
+        basis={"modes": 2},
+        supports=[{"group": "root"}],
+        attachments=[
+            {
+                "group": region,
+                "mass": 0.01 / mass,
+                "stiffness_per_area": 3e3 * length * per / force,
+                "damping_per_area": 2.0 * length * per / force / time,
+            }
+        ],
+        loads=[{"group": "facets", "direction": across, "force": 40.0 / force, "frequency": 90.0}],
+        contacts=[
+            {
+                "group": region,
+                "at": "nodes",
+                "normal": across,
+                "preload": 10.0 * per / force,
+                "normal_stiffness": 2e4 * length * per / force,
+                "tangential_stiffness": 1e4 * length * per / force,
+                "friction": 0.3,
+            }
+        ],
+        **tables,
+    )
+
+
+@pytest.mark.parametrize(("dimension", "region"), REGIONS)
+def test_region_in_other_units_has_the_numbers_of_si_units(
+    tmp_path: Path, dimension: int, region: str
+) -> None:
+    plain = bar(tmp_path, dimension, region)
+    solid = build_solid(plain, MPI.COMM_SELF)
+    measure = {"facets": 0.02 * 0.03, "nodes": 2.0}.get(region)
+    if measure is None:
+        measure = float(np.ptp(solid.points.position, axis=0).max())
+        assert measure in (0.02, 0.03)
+    expected = contacts_of(plain, solid.points)
+    assert expected.normal_stiffness.sum() == pytest.approx(2e4 * measure, rel=1e-12)
+    assert solid.springs.max() * len(solid.points.contact) == pytest.approx(3e3 * measure)
+    for system in SYSTEMS:
+        scene = bar(tmp_path, dimension, region, system)
+        other = build_solid(scene, MPI.COMM_SELF)
+        found = contacts_of(scene, other.points)
+        for name in ("preload", "normal_stiffness", "tangential_stiffness"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
+        for name in ("springs", "dashpots", "point_masses"):
+            np.testing.assert_allclose(getattr(other, name), getattr(solid, name), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("dimension", "region"), [(2, "nodes"), (3, "edges")])
+def test_region_in_millimetres_moves_as_in_si_units(
+    tmp_path: Path, dimension: int, region: str
+) -> None:
+    plain, other = (
+        build_model(bar(tmp_path, dimension, region, system)).simulate()
+        for system in (None, "mm, t, s")
+    )
+    assert np.ptp(plain.gap) > 1e-5
+    np.testing.assert_allclose(other.gap, plain.gap, rtol=1e-9, atol=1e-15)
+    # under the scene in SI units, the model of the scene in mm has the numbers of that scene
+    free = (
+        replace(bar(tmp_path, dimension, region, system), attachments=())
+        for system in (None, "mm, t, s")
+    )
+    alone, stored = map(build_model, free)
+    found = stored.with_scene(alone.scene).simulate()
+    np.testing.assert_allclose(found.gap, alone.simulate().gap, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"), [("contacts.0.preload", 12.0), ("loads.0.force", 30.0)]
+)
+def test_family_over_a_number_is_that_of_si_units(
+    tmp_path: Path, parameter: str, value: float
+) -> None:
+    found = []
+    for system, unit in ((None, 1.0), ("in, slinch, s", POUND)):
+        response = {"parameter": parameter, "first": 0.5 * value / unit, "last": value / unit}
+        scene = bar(tmp_path, 3, "nodes", system, response=response)
+        assert scene.response is not None
+        stored = build_model(scene)
+        problem = family_of(stored)(scene.response.last)
+        found.append((problem.contacts.preload, problem.model.load_histories.sines))
+        assert stored.with_values({"loads.0.force": 7.0}).scene.loads[0].size == 7.0
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-12)
