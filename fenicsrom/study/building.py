@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from fenicsrom.notes import Note, NoteKind, has_kind
 from fenicsrom.progress import log
+from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.checks.checks import too_small
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -54,6 +56,40 @@ def modes(run: Run) -> None:
     from fenicsrom.reduction.modes import component_modes
 
     set_modes(run, component_modes(run.study.solid, run.study.scene.basis))
+    check_size(run.study)
+
+
+def check_size(study: Study) -> None:
+    """Check the number of coordinates that the scene asks for as soon as it can be known.
+
+    Raises:
+        SceneError: the model cannot have this `basis.size`.
+    """
+    from fenicsrom.online.store.archive import require_size
+
+    size = study.scene.basis.size
+    if size is None or study.modes is None:
+        return
+    masters = study.modes.rows.shape[0]
+    if size <= masters:
+        raise Where(study.scene.source, "basis.size").refuse(size, too_small(masters))
+    if study.extended is not None and study.basis is not None:
+        require_size(study.scene, study.extended.labels, study.basis.size)
+
+
+def contact_frequencies(run: Run) -> None:
+    """Compute the natural frequencies of the body without contact and with all points stuck."""
+    import numpy as np
+
+    from fenicsrom.online.contact.points import contacts_of
+    from fenicsrom.reduction.modes import contact_frequencies as found
+
+    study = run.study
+    assert study.modes is not None
+    contacts, d = contacts_of(study.scene, study.solid.points), study.solid.dimension
+    springs = np.repeat(contacts.tangential_stiffness, d)
+    springs[::d] = contacts.normal_stiffness
+    study.contact_hz = found(study.solid, springs, study.modes.omega.size)
 
 
 def set_modes(run: Run, found: ComponentModes) -> None:
@@ -141,6 +177,7 @@ def candidates(run: Run) -> None:
     study, plain = run.study, run.reduction.basis
     study.extended = extended_basis(study.solid, study.scene.basis, run.reduction)
     study.further = study.extended.labels[plain.size :]
+    check_size(study)
     study.basis = replace(plain, vectors=study.extended.vectors[:, : plain.size])
 
 

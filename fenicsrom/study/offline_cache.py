@@ -93,6 +93,7 @@ class OfflineCache:
         self._warned = len(self._run.study.warnings)
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
+        building.check_size(self._run.study)
         listed = offline_stages(self._run.study.scene, modes_only=False)
         names = [one.name for one in listed if one.needed and self.has(one.name)]
         log.info(f"taken from an earlier run: {', '.join(names)} (--fresh computes them again)")
@@ -237,9 +238,9 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
 
     study, chosen = run.study, header["selection"]
     derivatives, vectors = arrays.pop("offline_derivatives"), arrays.pop("offline_basis")
-    stored = model_of_contents(Path(study.scene.source), header["model"], arrays).with_scene(
-        study.scene
-    )
+    open_size = replace(study.scene, basis=replace(study.scene.basis, size=None))
+    stored = model_of_contents(Path(study.scene.source), header["model"], arrays)
+    stored = stored.with_scene(open_size)  # `restore` checks the size
     labels = {name: tuple(chosen[name]) for name in ("modes", "derivatives")}
     selection = Selection(**chosen | labels)
     extended = ReducedBasis(

@@ -26,6 +26,26 @@ def test_model_with_projected_force_is_not_built() -> None:
         study.build_model(beam_scene(2, PROJECTED))
 
 
+@pytest.mark.parametrize(("masters", "size"), [("'all'", 4), ("'normal'", 2), ("3", 3)])
+def test_size_without_room_for_the_contact_is_refused_before_the_mesh_is_made(
+    masters: str, size: int
+) -> None:
+    at_points = [
+        {
+            "group": group,
+            "at": "centre",
+            "normal": [1.0, 0.0],
+            "friction": 0.5,
+            "normal_stiffness": 1e4,
+            "tangential_stiffness": 1e4,
+        }
+        for group in ("tip", "load")
+    ]
+    overrides = (f"basis.masters={masters}", f"basis.size={size}")
+    with refusal(ErrorKind.RANGE, key="basis.size"):
+        study.build_model(beam_scene(2, overrides, contacts=at_points))
+
+
 def test_missing_checkpoint_is_refused_before_the_mesh_is_made(tmp_path: Path) -> None:
     missing = tmp_path / "checkpoint.npz"
     with refusal(ErrorKind.FILE, file=missing.name):

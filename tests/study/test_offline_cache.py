@@ -513,3 +513,26 @@ def test_runs_at_the_same_time_read_whole_archives(folder: Path) -> None:
         thread.join()
     assert not failures
     assert set(read) <= {1}
+
+
+@pytest.mark.parametrize("size", [3, 400])
+def test_size_that_no_model_has_is_refused_before_the_projection_and_keeps_the_cache(
+    size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fenicsrom.study import building
+
+    monkeypatch.setenv(result_cache.VARIABLE, str(tmp_path))
+    contact = {"group": "tip", "at": "nodes", "normal": [1.0, 0.0], "friction": 0.5}
+    contact |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
+    scene = beam_scene(2, SHORT, contacts=[contact], loads=[SHAKE])
+    wrong = replace(scene, basis=replace(scene.basis, size=size))
+    with monkeypatch.context() as patched:
+        patched.setattr(building, "reduced_model", lambda run: pytest.fail("it is projected"))
+        with refusal(ErrorKind.RANGE, "basis.size"):
+            study.build_model(wrong)
+    study.build_model(scene)
+    kept = sorted(path.name for path in tmp_path.iterdir())
+    assert len(kept) == 2
+    with refusal(ErrorKind.RANGE, "basis.size"):
+        study.build_model(wrong)
+    assert sorted(path.name for path in tmp_path.iterdir()) == kept

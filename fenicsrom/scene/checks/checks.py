@@ -344,6 +344,11 @@ def default_masters(scene: Scene) -> str | int:
     return count * scene.geometry.dimension
 
 
+def too_small(masters: int) -> str:
+    """Say which sizes a basis with a number of contact coordinates may have."""
+    return f"must be above {masters}, the number of contact coordinates, which all models hold"
+
+
 def _basis_problems(scene: Scene) -> Problems:
     basis = scene.basis
     if not scene.contacts:
@@ -354,14 +359,16 @@ def _basis_problems(scene: Scene) -> Problems:
     if basis.size is not None and not basis.adapts:
         allowed = 'only allowed with derivatives = "principal" and elastic_force = "polynomial"'
         yield Problem("basis.size", allowed)
-    if not isinstance(basis.derivatives, tuple):
-        return
     if any(contact.place.at == "nodes" for contact in scene.contacts):
         return  # the number of static modes is known only with the mesh
     points, dimension = len(scene.contacts), scene.geometry.dimension
     masters = default_masters(scene)
     each = dimension if masters == "all" else 1
     static = points * each if isinstance(masters, str) else min(masters, points * dimension)
+    if basis.size is not None and basis.size <= static:
+        yield Problem("basis.size", too_small(static), ErrorKind.RANGE)
+    if not isinstance(basis.derivatives, tuple):
+        return
     available = {"V": LEAST_MODES if isinstance(basis.modes, str) else basis.modes, "S": static}
     for index, label in enumerate(basis.derivatives):
         modes = re.findall(r"([0-9]+)([VS])", label)
