@@ -51,12 +51,19 @@ ZERO = 1e-12
 """Smaller coefficients of an equation, whose first one is 1, are rounding errors."""
 
 
-def scene_deck(scene: Scene) -> Deck:
+def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
     """Make the deck of a scene.
+
+    Args:
+        scene: the scene.
+        frequencies: leave out the loads that vary in time and their transient, so that the deck
+            gives the frequencies of `fenicsrom modes`.
 
     Raises:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
+    if frequencies:
+        scene = replace(scene, loads=tuple(load for load in scene.loads if load.static))
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
     bare = replace(scene, loads=(), contacts=(), rotation=None, probe=None)
     solid = Solid(mesh, bare, UNDEFORMED)

@@ -193,9 +193,16 @@ def test_slanted_supports_are_equations_of_their_nodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(one, [[0.0, 0.75, 1.0]], atol=1e-12)
     np.testing.assert_allclose(np.array(two) @ [2.0, 1.0, -2.0], 0.0, atol=1e-12)
     assert np.linalg.matrix_rank(two) == 2
-    words = [word for word in written(deck, tmp_path) if word.name == "EQUATION"]
+    keywords = written(deck, tmp_path)
+    words = [word for word in keywords if word.name == "EQUATION"]
     assert [word.lines[0] for word in words].count("2") >= 1 and len(words) == 3
-    assert all(len(word.lines[1].split(",")) == 3 * int(word.lines[0]) for word in words)
+    places = {int(number): place for number, *place in data(keywords, "NODE")}
+    for word, (node, terms) in zip(words, deck.equations, strict=True):
+        assert len(word.lines[1].split(",")) == 3 * int(word.lines[0])
+        numbers, axes, factors = np.array(word.lines[1].split(","), float).reshape(-1, 3).T
+        assert len({*numbers}) == 1 and tuple(zip(axes - 1, factors, strict=True)) == terms
+        np.testing.assert_allclose(places[int(numbers[0])], deck.mesh.points[node], atol=1e-12)
+        assert np.abs(places[int(numbers[0])]) == pytest.approx([0.5, 0.0127, 0.0127])
 
 
 @pytest.mark.parametrize(
@@ -226,6 +233,18 @@ def test_linear_scene_has_no_geometric_effects(tmp_path: Path) -> None:
     assert [word.parameters for word in words if word.name == "STEP"] == [{}, {}]
     free = written(scene_deck(scene_of(2)), tmp_path)
     assert [word.name for word in free if word.name in ("STATIC", "FREQUENCY")] == ["FREQUENCY"]
+
+
+def test_deck_of_frequencies_has_no_load_that_varies(tmp_path: Path) -> None:
+    varying = {"group": "tip", "direction": [0.0, 1.0], "force": 3.0, "frequency": 2.0}
+    static = {"group": "tip", "direction": [1.0, 0.0], "force": 5.0}
+    steps = ("time.steps_per_period=20",)
+    for loads, kept in (([varying], []), ([varying, static], ["STATIC", "CLOAD"])):
+        scene = scene_of(2, *steps, loads=loads)
+        found = [word.name for word in written(scene_deck(scene, frequencies=True), tmp_path)]
+        steps_of = [name for name in found if name in ("STATIC", "CLOAD", "FREQUENCY", "DYNAMIC")]
+        assert steps_of == [*kept, "FREQUENCY"] and "AMPLITUDE" not in found
+        assert "DYNAMIC" in [word.name for word in written(scene_deck(scene), tmp_path)]
 
 
 def test_materials_of_groups_have_their_cells_and_thickness(tmp_path: Path) -> None:

@@ -17,12 +17,18 @@ FORMAT = Argument(
     "the nonlinear model; dmig and op4 (Nastran) hold the linear part of the model; inp "
     "is the CalculiX deck of a scene",
 )
+FREQUENCIES = Argument(
+    "--frequencies",
+    action="store_true",
+    help="with inp: only the natural frequencies about the equilibrium, without loads that vary",
+)
 
 
 @command(
     "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
     MODEL,
     FORMAT,
+    FREQUENCIES,
     SET,
     FILE,
 )
@@ -43,6 +49,9 @@ def export(options: argparse.Namespace) -> int:
         needed = "a stored model (.npz)" if options.format != "inp" else "a scene file"
         reason = f"needs {needed}, but is given {model}"
         raise refused("--format", options.format, reason, ErrorKind.CONFLICT)
+    if is_model and options.frequencies:
+        reason = "only allowed with --format inp"
+        raise refused("--frequencies", options.format, reason, ErrorKind.CONFLICT)
     if not is_model:
         return _export_scene(options)
     stored = archive.load_model(model).with_overrides(options.overrides)
@@ -62,7 +71,7 @@ def _export_scene(options: argparse.Namespace) -> int:
     scene = read_scene(options.model, options.overrides, unloaded=True)
     name = options.output or f"{Path(options.model).stem}.inp"
     path = target(name, options.model, scene.geometry.mesh)
-    deck = scene_deck(scene)
+    deck = scene_deck(scene, frequencies=options.frequencies)
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])
     return 0
