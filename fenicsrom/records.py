@@ -127,6 +127,7 @@ class Study:
         finer: the model of finer elements, which judges the mesh.
         finer_labels: labels of its coordinates.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
+        contact_hz: (v, 2) natural frequencies without contact and with all contact points stuck.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
@@ -159,6 +160,7 @@ class Study:
     finer: ReducedModel | None = None
     finer_labels: tuple[str, ...] = ()
     mesh_check: MeshCheck | None = None
+    contact_hz: Array | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

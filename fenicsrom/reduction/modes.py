@@ -188,6 +188,47 @@ class ConstrainedInverse:
         return np.asarray(free - self._masters @ inner(self._rows.T, free))
 
 
+class SupportedInverse:
+    """The inverse stiffness of a body whose contact points stick to their springs.
+
+    With the springs D along the rows Bᵀ, by the formula of Sherman, Morrison and Woodbury,
+
+        (K + B D Bᵀ)⁻¹ = K⁻¹ − K⁻¹ B (D⁻¹ + Bᵀ K⁻¹ B)⁻¹ Bᵀ K⁻¹.
+    """
+
+    def __init__(self, rows: Array, stiffness: Array, structure: Structure):
+        """Solve for each row of Bᵀ (m, local) with a spring (m,) in N/m above zero."""
+        self._structure = structure
+        self._near = structure.factor.solve(np.asfortranarray(rows.T))
+        self._core = np.linalg.inv(np.diag(1.0 / stiffness) + structure.inner(rows.T, self._near))
+
+    def solve(self, block: Array) -> Array:
+        """(K + B D Bᵀ)⁻¹ times the columns of a block (local, k)."""
+        moved = self._core @ self._structure.inner(self._near, block)
+        return np.asarray(self._structure.factor.solve(block) - self._near @ moved)
+
+
+def contact_frequencies(structure: Structure, stiffness: Array, count: int) -> Array:
+    """The lowest natural frequencies without contact, and with all contact points stuck.
+
+    Args:
+        structure: the structure.
+        stiffness: (m,) springs of the contact rows, N/m.
+        count: number of frequencies.
+
+    Returns:
+        (count, 2) Hz.
+
+    Raises:
+        ConvergenceError, AccuracyError: the modes were not found.
+    """
+    held = np.flatnonzero(stiffness > 0.0)
+    rows = structure.contact_rows[held].toarray()
+    stuck = SupportedInverse(rows, stiffness[held], structure)
+    squares = [structure.eigenmodes(inverse, count)[0] for inverse in (structure.factor, stuck)]
+    return np.sqrt(np.maximum(np.transpose(squares), 0.0)) / (2.0 * np.pi)
+
+
 def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     """Compute the normal and static modes of a method.
 

@@ -81,12 +81,15 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
     left_out = "vectors that the basis leaves out: they judge it, and it may take them"
     reduction, terms = elastic_reason(scene), reduction_parts(scene)
+    without = "without contact, and with all contact points stuck"
+    stuck = Stage("contact frequencies", True, without, building.contact_frequencies)
     file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
     elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
     return [
         Stage("mesh", True, file, building.mesh),
         Stage("solid", True, elements, building.solid, solid_parts(scene)),
         Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
+        *([stuck] if modes_only and scene.contacts else []),
         Stage("linear transient", selecting, derivatives, building.linear_transient),
         Stage("nonlinear statics", statics, derivatives, building.nonlinear_statics),
         Stage("selection", with_modes, derivatives, building.selection),

@@ -13,7 +13,7 @@ from support import STOCKY, beam_scene, dense, free_unknowns, make_solid, refusa
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.reduction.modes import PAIR_TOLERANCE, component_modes
+from fenicsrom.reduction.modes import PAIR_TOLERANCE, component_modes, contact_frequencies
 from fenicsrom.scene import Basis
 
 Array = NDArray[np.float64]
@@ -52,6 +52,16 @@ def matrices(solid: Any) -> tuple[NDArray[np.int64], Array, Array, Array]:
         dense(solid.mass, keep),
         solid.contact_rows.T.toarray()[keep],
     )
+
+
+def test_frequencies_of_stuck_contacts_are_those_of_a_body_on_springs(body: Any) -> None:
+    _, k, m, b = matrices(body)
+    springs = np.geomspace(1e5, 1e9, b.shape[1])
+    springs[-1] = 0.0
+    found = contact_frequencies(body, springs, 4)
+    for hertz, stiffness in zip(found.T, (k, k + b @ np.diag(springs) @ b.T), strict=True):
+        squares = scipy.linalg.eigh(stiffness, m, eigvals_only=True, subset_by_index=[0, 3])
+        np.testing.assert_allclose((2.0 * np.pi * hertz) ** 2, squares, rtol=1e-7)
 
 
 @pytest.mark.parametrize("method", METHODS)

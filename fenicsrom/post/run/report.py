@@ -117,6 +117,12 @@ def _of_study(study: Study) -> Iterator[Section]:
         hertz = enumerate(study.modes.frequencies_hz, 1)
         modes = table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in hertz)
         yield Section("Modes", [modes], terminal=alone)
+    if study.contact_hz is not None:
+        contact = table_of(
+            {"number": k, "without contact, Hz": f"{row[0]:.5g}", "stuck, Hz": f"{row[1]:.5g}"}
+            for k, row in enumerate(study.contact_hz, 1)
+        )
+        yield Section("Frequencies with contact", [contact], terminal=alone)
     if study.agreement is not None:
         tables = [agreement_rows(study.agreement), AGREEMENT_NOTE]
         yield Section("Modes of the reduced and of the full model", tables, terminal=False)

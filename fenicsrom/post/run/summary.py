@@ -106,6 +106,9 @@ def _of_stages(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": left_out(study),
     }
+    if study.contact_hz is not None:
+        free, stuck = study.contact_hz.T
+        found["contact_frequencies_hz"] = {"free": free, "stuck": stuck}
     if study.agreement is not None:
         found["modes"] = agreement_summary(study.agreement)
     if study.deflection is not None:
