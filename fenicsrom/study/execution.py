@@ -21,7 +21,6 @@ from fenicsrom.study.writing import keep_motion
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.post.base.picture import Picture
     from fenicsrom.records import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
@@ -114,34 +113,6 @@ def offline(
     run = Run(Study(scene), comm or all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
-
-
-def setup_picture(scene: Scene, name: str) -> tuple[Picture, list[str]]:
-    """Make the mesh of a scene and find its places, for the picture of its set-up. On one rank.
-
-    No equilibrium is computed: the picture shows the undeformed body.
-
-    Args:
-        scene: the scene.
-        name: name of the file of the picture.
-
-    Returns:
-        The picture, not drawn yet, and the warnings of the mesh and the places.
-    """
-    from mpi4py import MPI
-
-    from fenicsrom.fem.mesh.mesh import build_mesh
-    from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-    from fenicsrom.post.run import body_pictures
-
-    watch = Stopwatch()
-    with watch("mesh"):
-        mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
-    with watch("supports, loads and contacts"):
-        solid = solid_of(scene, mesh, UNDEFORMED)
-        picture = body_pictures.setup_picture(solid, scene, name)
-    assert picture is not None
-    return picture, solid.warnings
 
 
 @starts_from()

@@ -310,10 +310,27 @@ def test_plan_draws_the_setup_without_an_equilibrium(tmp_path, capsys, monkeypat
 def test_plan_names_its_command_and_those_of_the_other_tables(capsys):
     command = ["plan", str(SCENE), "--set", "statics.last=2.0"]
     assert main(command) == 0
-    first, *stages, compare, statics = capsys.readouterr().out.splitlines()
+    first, *others = capsys.readouterr().out.splitlines()
     assert first == f"fenicsrom run {SCENE}:"
-    assert all(line.startswith(("runs ", "left out ")) for line in stages)
+    compare, statics, refused, *cost = [
+        line for line in others if not line.startswith(("runs ", "left out "))
+    ]
     assert f"fenicsrom compare {SCENE}" in compare and f"fenicsrom statics {SCENE}" in statics
+    assert "loads: a static load of a size other than 0 is needed" in refused
+    assert cost[0] == "unknowns: 240, 1 contact point" and len(cost) == 3
+    least, most = (int(word) for word in cost[1].split()[2:5:2])
+    assert least <= 10 <= most  # that of the README
+
+
+def test_plan_says_the_unit_of_a_region_and_refuses_what_a_run_refuses(capsys):
+    region = ["--set", "contacts.0.at='nodes'"]
+    assert main(["plan", str(SCENE), *region]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "contacts[0].normal_stiffness = 10000 N/m per m² of facets" in lines
+    assert "unknowns: 240, 3 contact points" in lines
+    assert main(["plan", str(SCENE), "--set", "supports.0.group='nowhere'"]) == 2
+    said = capsys.readouterr()
+    assert "nowhere" in said.err and "reduced motion" in said.out and "unknowns" not in said.out
 
 
 def test_run_of_stored_model_warns_of_given_keys_only(results, tmp_path, capsys):
@@ -566,7 +583,7 @@ def test_run_of_stored_model_imports_no_slow_module(results, tmp_path):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("command", [["--version"], ["--help"], ["plan", str(SCENE)]])
+@pytest.mark.parametrize("command", [["--version"], ["--help"], ["schema"]])
 def test_light_command_imports_no_heavy_module(command):
     program = (
         "import sys, contextlib\n"

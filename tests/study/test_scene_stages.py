@@ -91,6 +91,7 @@ WORK = {
     "fenicsrom.fem.mesh.mesh.build_mesh": "mesh",
     "fenicsrom.fem.solid.solid.Solid": "solid",
     "fenicsrom.reduction.modes.component_modes": "modes",
+    "fenicsrom.reduction.modes.contact_frequencies": "contact frequencies",
     "fenicsrom.reduction.snapshots.linear_snapshots": "linear transient",
     "fenicsrom.reduction.snapshots.static_snapshots": "nonlinear statics",
     "fenicsrom.reduction.stages.choose": "selection",

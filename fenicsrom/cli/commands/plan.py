@@ -23,19 +23,24 @@ OWN_TABLES = ("compare", "campbell", "map", "response", "backbone", "statics")
 
 
 @command(
-    "list the stages of a scene: which ones run, which ones are left out, and why",
+    "list the stages of a scene, and say what a run will cost and what refuses the scene",
     SCENE,
     SET,
     PICTURE,
 )
 def plan(options: argparse.Namespace) -> int:
-    """List the stages of `run`, and the other commands for which the scene has tables.
+    """List the stages of `run`, its cost, and the other commands for which the scene has tables.
 
     The parts of a stage are indented. With --picture, the set-up is drawn.
 
     Raises:
-        SceneError: the scene or the file of the picture cannot be used.
+        SceneError: the scene or the file of the picture cannot be used, or a run would be refused.
     """
+    path = None if options.picture is None else Path(options.picture)
+    if path is not None:
+        require_lasting(path, "--picture")
+        if path.suffix.lower() != ".png":
+            raise refused("--picture", path, "must end in .png", ErrorKind.FORMAT)
     scene = read_scene(options.scene, options.overrides, unloaded=options.picture is not None)
     print(f"fenicsrom run {options.scene}:")
     for item in study.plan(scene):
@@ -44,15 +49,18 @@ def plan(options: argparse.Namespace) -> int:
     given = {key.split(".")[0] for key in given_keys(options)}
     for table in (name for name in OWN_TABLES if name in given):
         print(f"the table [{table}] is for another command: fenicsrom {table} {options.scene}")
-    if options.picture is not None:
+        if reason := study.refusal_of(table, scene):
+            print(f"  which refuses the scene: {reason}")
+    with logged_progress(quiet=path is None):
+        solid = study.set_up(scene)
+    print("\n".join(study.forecast(scene, solid)))
+    if path is not None:
         from fenicsrom.post.base.picture import draw_pictures
+        from fenicsrom.post.run.body_pictures import setup_picture
 
-        path = Path(options.picture)
-        require_lasting(path, "--picture")
-        if path.suffix.lower() != ".png":
-            raise refused("--picture", path, "must end in .png", ErrorKind.FORMAT)
-        with logged_progress(quiet=False):
-            picture, warnings = study.setup_picture(scene, path.name)
+        warnings = list(solid.warnings)
+        picture = setup_picture(solid, scene, path.name)
+        assert picture is not None
         files = [one.path for one in draw_pictures([picture], path.parent, warnings)]
         print_results(None, "", warnings, files=files)
     return 0

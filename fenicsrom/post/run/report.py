@@ -120,7 +120,7 @@ def _of_study(study: Study) -> Iterator[Section]:
     if study.contact_hz is not None:
         contact = table_of(
             {"number": k, "without contact, Hz": f"{row[0]:.5g}", "stuck, Hz": f"{row[1]:.5g}"}
-            for k, row in enumerate(study.contact_hz, 1)
+            for k, row in enumerate(study.contact_hz.tolist(), 1)
         )
         yield Section("Frequencies with contact", [contact], terminal=alone)
     if study.agreement is not None:

@@ -97,9 +97,10 @@ def gathered_marks(
         if name != "loads" or not (one.everywhere or one.kind == "pressure")
     ]
     at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
+    every: list[Any] = [*scene.attachments, *scene.contacts]
     lengths = {
         found.place: solid.mesh.unit_lengths(found.place) if _is_region(found.place) else 0
-        for found in (*scene.attachments, *scene.contacts)
+        for found in every
     }
     gathered = gathered_grid(
         solid.space, {name: solid.field(field) for name, field in regions.items()} | {**fields}
