@@ -12,6 +12,7 @@ from fenicsrom import build_model, build_solid, make_scene
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.scene import Scene
+from fenicsrom.study.forecast import region_units, set_up
 
 BAR = {
     2: """
@@ -123,6 +124,56 @@ def test_region_in_other_units_has_the_numbers_of_si_units(
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
         for name in ("springs", "dashpots", "point_masses"):
             np.testing.assert_allclose(getattr(other, name), getattr(solid, name), rtol=1e-12)
+
+
+DECK = """*NODE
+1, 0, 0, 0
+2, 0, 10, 0
+3, 0, 10, 10
+4, 0, 0, 10
+5, 40, 0, 0
+6, 40, 10, 0
+7, 40, 10, 10
+8, 40, 0, 10
+*ELEMENT, TYPE=C3D8
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*NSET, NSET=root
+1, 2, 3, 4
+*NSET, NSET=edge
+5, 6
+*NSET, NSET=face
+5, 6, 7, 8
+"""
+
+
+@pytest.mark.parametrize(
+    ("group", "unit", "total"),
+    [("edge", "node", 3 * 2e4), ("face", "mm² of facets", 100 * 2e4)],
+)
+def test_node_set_of_a_deck_has_the_stiffness_of_its_nodes_unless_it_is_a_face(
+    tmp_path: Path, group: str, unit: str, total: float
+) -> None:
+    (tmp_path / "bar.inp").write_text(DECK)
+    contact = {"group": group, "at": "nodes", "normal": [0.0, 0.0, 1.0], "friction": 0.1}
+    contact |= {"normal_stiffness": 20.0, "tangential_stiffness": 5.0}
+    scene = make_scene(
+        folder=tmp_path,
+        units={"length": "mm", "mass": "t"},
+        geometry={"mesh": "bar.inp", "dimension": 3},
+        material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
+        supports=[{"group": "root"}],
+        attachments=[{"group": group, "stiffness_per_area": 20.0}],
+        loads=[{"group": "face", "direction": [0, 0, 1], "force": 1.0, "frequency": 1.0}],
+        contacts=[contact],
+    )
+    solid = set_up(scene)
+    assert contacts_of(scene, solid.points).normal_stiffness.sum() == pytest.approx(total)
+    assert solid.springs.sum() == pytest.approx(3 * total)  # along three directions
+    assert region_units(scene, solid) == [
+        f"contacts[0].normal_stiffness = 20 N/mm per {unit}",
+        f"contacts[0].tangential_stiffness = 5 N/mm per {unit}",
+        f"attachments[0].stiffness_per_area = 20 N/mm per {unit}",
+    ]
 
 
 @pytest.mark.parametrize(("dimension", "region"), [(2, "nodes"), (3, "edges")])

@@ -51,14 +51,15 @@ class Places:
             self._found[place] = find(place, key)
         return self._found[place]
 
-    def shares(self, place: Place, key: str) -> tuple[Array, float]:
-        """Give the share (local / d,) of each node in a place, with the sum 1, and its area in m².
+    def shares(self, place: Place, key: str, measured: bool) -> tuple[Array, float]:
+        """Give the share (local / d,) of each node in a place, with the sum 1, and its measure.
 
-        The area of a node is 1. Arguments and errors as `find`.
+        The measure is the area in m², the length of a curve in m or the number of nodes. With
+        `measured`, the shares are those of the measure. Other arguments and errors as `find`.
         """
         d = self._body.dimension
         if place.is_mean:
-            weights, _, measure = self._weights(place, key)
+            weights, _, measure = self._weights(place, key, measured)
             return weights, measure
         rows = self._node(place, key)[0]
         return rows.any(axis=0).reshape(-1, d).any(axis=1).astype(float), 1.0
@@ -75,7 +76,7 @@ class Places:
 
         Returns:
             Sparse rows (P d, local) of the displacements of P points, their positions (P, 3) in m,
-            and their tributary areas (P,) in m² (1 of a single point).
+            and their tributary areas (P,): in m² of facets, in m of a curve, else 1.
 
         Raises:
             SceneError: as `find`; every node of the region is clamped, or a component of the
@@ -89,7 +90,7 @@ class Places:
                 raise self._error(key, reason)
             return csr_array(rows), position[None, :], np.ones(1)
         body, d = self._body, self._body.dimension
-        weights, _, measure = self._weights(place, key)
+        weights, _, measure = self._weights(place, key, measured=True)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
         weights[body.clamped // d] = 0.0  # also of a node that moves in a plane only
         if body.slanted is not None:
@@ -172,8 +173,16 @@ class Places:
             raise self._error(key, f"the node at {at} is clamped; choose a free node")
         return rows, np.array(chosen[1:4])
 
-    def _weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
+    def _weights(
+        self, region: Region, key: str, measured: bool = False
+    ) -> tuple[Array, Array, float]:
         """Weights of the mean over a region.
+
+        Args:
+            region: the region.
+            key: key of the scene, for messages.
+            measured: whether the weights are those of the measure, by which a node set on an edge
+                consists of its nodes.
 
         Returns:
             Weights (local / d,) of the nodes, with the sum 1 over all ranks; the centroid (3,) in
@@ -181,7 +190,9 @@ class Places:
         """
         if self._body.mesh.has_facets(region):
             return self._facet_weights(region, key)
-        return self._edge_or_node_weights(region)
+        lengths = self._body.mesh.unit_lengths(region)
+        by_length = lengths == 1 or (not measured and self._body.mesh.has_edges(region))
+        return self._edge_or_node_weights(region, by_length)
 
     def _facet_weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
         """Weights of the nodes of facets, by area; arguments as `_weights`."""
@@ -207,15 +218,15 @@ class Places:
         local = scalar.dofmap.index_map.size_local
         return weights.x.array[:local] / area, position, float(area * whole)
 
-    def _edge_or_node_weights(self, region: Region) -> tuple[Array, Array, float]:
-        """Weights by edge length for a node group with edges, else equal ones; as `_weights`."""
+    def _edge_or_node_weights(self, region: Region, by_length: bool) -> tuple[Array, Array, float]:
+        """Weights by the length of edges, or equal ones of nodes; as `_weights`."""
         body = self._body
         domain, degree = body.mesh.domain, body.geometry.degree
         scalar = fem.functionspace(domain, ("Lagrange", degree))
         weights = fem.Function(scalar)
         local = scalar.dofmap.index_map.size_local
         x = scalar.tabulate_dof_coordinates()
-        if body.mesh.unit_lengths(region) == 1:
+        if by_length:
             edges = body.mesh.entities(region)[1]
             shares, dofmap = _edge_shares(degree), scalar.dofmap
             for cell, side in body.mesh.sides(1, edges):

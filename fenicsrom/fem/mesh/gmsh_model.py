@@ -53,6 +53,7 @@ class CleanModel:
         nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of
             each node group.
         warnings: sentences for the user.
+        node_sets: names of the node groups that are node sets alone.
     """
 
     facet_groups: dict[str, tuple[int, ...]]
@@ -60,6 +61,7 @@ class CleanModel:
     facets: dict[str, int]
     nodes: dict[str, tuple[Ints, Ints]]
     warnings: tuple[str, ...]
+    node_sets: frozenset[str] = frozenset()
 
 
 def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:
@@ -120,7 +122,9 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         name: (np.searchsorted(used, a), np.searchsorted(used, b))
         for name, (a, b) in node_groups.items()
     }
-    return CleanModel(facet_groups, cell_groups, sizes, found, warnings)
+    curves = group_entities(gmsh, source, 1) if d == 3 else {}
+    alone = frozenset(sets.keys() - curves.keys())
+    return CleanModel(facet_groups, cell_groups, sizes, found, warnings, alone)
 
 
 def _solid_cells(

@@ -270,9 +270,8 @@ def _distributed(
     domain.topology.create_entities(geometry.dimension - 1)
     facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
     nodes = _local_node_groups(clean.nodes, domain)
-    return Mesh(
-        domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings, nodes
-    )
+    found = domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings
+    return Mesh(*found, nodes, clean.node_sets)
 
 
 def _local_node_groups(

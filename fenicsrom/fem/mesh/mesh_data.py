@@ -43,6 +43,8 @@ class Mesh:
         node_groups: local vertices and, in 3D, local edges of each node group by name: of a point
             or a curve of a gmsh file, or a node set. A node set on the boundary has its facets in a
             facet group of the same name.
+        node_sets: names of the node groups that are node sets of the file. Where the numbers of a
+            contact are those of its nodes, each of their nodes counts as one, on an edge too.
     """
 
     domain: dolfinx.mesh.Mesh
@@ -53,6 +55,7 @@ class Mesh:
     source: str
     warnings: tuple[str, ...] = ()
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
+    node_sets: frozenset[str] = frozenset()
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
@@ -169,15 +172,20 @@ class Mesh:
         """How many unit lengths complete the measure of a region to an area. Collective.
 
         Returns:
-            0 of facets, 1 of the edges of a node group in 3D, 2 of nodes alone.
+            0 of facets, 1 of the edges of a curve in 3D, 2 of nodes.
 
         Raises:
             SceneError: the mesh has no such group, or nothing is picked.
         """
         if self.has_facets(where):
             return 0
+        name = where.group if isinstance(where, Region) else where
+        return 1 if self.has_edges(where) and name not in self.node_sets else 2
+
+    def has_edges(self, where: str | Region) -> bool:
+        """Whether a node group has edges of cells; errors as `entities`. Collective."""
         edges = self.entities(where).get(1, np.empty(0, dtype=np.int32))
-        return 1 if self.domain.comm.allreduce(edges.size) else 2
+        return bool(self.domain.comm.allreduce(edges.size))
 
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.

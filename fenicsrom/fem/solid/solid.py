@@ -211,7 +211,8 @@ class Solid(ElasticBody):
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, the dashpots and the concentrated masses."""
         for k, found in enumerate(attachments):
-            weights, area = self._places.shares(found.place, f"attachments[{k}]")
+            spread = bool(found.stiffness_per_area or found.damping_per_area)
+            weights, area = self._places.shares(found.place, f"attachments[{k}]", spread)
             if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
                 area *= self._unit_length ** self.mesh.unit_lengths(found.place)
             each = np.repeat(weights, self.dimension)

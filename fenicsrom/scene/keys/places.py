@@ -94,11 +94,11 @@ class Attachment:
         mass: mass.
         stiffness: stiffness k of the spring, in each of these directions.
         stiffness_per_area: stiffness of the spring: in N/m³ on facets (in 2D edges times the
-            thickness), in N/m² on edges in 3D, in N/m for each node of a node set.
+            thickness), in N/m² on curves in 3D, in N/m for each node of a node set.
         damping: damping coefficient c of the dashpot, in each of these directions; modes and
             Campbell diagrams leave it out.
-        damping_per_area: damping coefficient: in N s/m³ on facets, in N s/m² on edges, in N s/m for
-            each node.
+        damping_per_area: damping coefficient: in N s/m³ on facets, in N s/m² on curves in 3D, in
+            N s/m for each node of a node set.
     """
 
     place: Annotated[Place, Place]

@@ -151,12 +151,12 @@ class Contact:
         surface: a round surface instead of the plane.
         abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position; with at = "nodes" in N/m² on facets (in 2D
-            edges times the thickness), in N/m on edges in 3D, in N for each node of a node set.
+            edges times the thickness), in N/m on curves in 3D, in N for each node of a node set.
         gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
         approach: distances by which the surface has moved towards the body at some times, linear
             between them; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal; with at = "nodes" in N/m³ on facets,
-            in N/m² on edges, in N/m for each node. `fenicsrom plan` says which one holds.
+            in N/m² on curves, in N/m for each node. `fenicsrom plan` says which one holds.
         tangential_stiffness: contact stiffness along the surface, in the unit of
             `normal_stiffness`.
         friction: coefficient of friction.
