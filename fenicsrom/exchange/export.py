@@ -27,6 +27,7 @@ from fenicsrom.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS
 from fenicsrom.exchange.nastran import write_dmig
 from fenicsrom.exchange.op4 import write_op4
 from fenicsrom.files import atomic_write
+from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.matrices import ModelArrays, model_arrays
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import scene_table, toml_text
@@ -50,6 +51,7 @@ NOT_COPIED = (
     "probe",
     "output",
     "title",
+    "units",
 )
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
@@ -143,7 +145,7 @@ def _symmetric(matrix: Array) -> Array:
 def interface_nodes(stored: StoredModel) -> tuple[Array, list[dict[str, Any]]]:
     """The interface rows (r, n) of a model, and its interface nodes as tables of a scene."""
     model, d = stored.model, stored.scene.geometry.dimension
-    points = model.points
+    points, area = model.points, shares(stored.scene, model.points)
     rows: list[Array] = []
     nodes: list[dict[str, Any]] = []
 
@@ -163,7 +165,7 @@ def interface_nodes(stored: StoredModel) -> tuple[Array, list[dict[str, Any]]]:
             axes @ model.contact_rows[mine],
             points.position[p],
             axes @ model.contact_offset[mine],
-            float(points.tributary_area[p]),
+            float(area[p]),
         )
     if len(model.probe):
         add("probe", model.probe, np.zeros(d), model.probe_offset)

@@ -21,6 +21,7 @@ from fenicsrom.exchange.matrix_set import MatrixSet
 from fenicsrom.exchange.nastran import read_dmig, write_dmig
 from fenicsrom.exchange.op4 import op4_matrices, read_op4, write_op4
 from fenicsrom.exchange.superelement import read_matrices, superelement_model
+from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.run.simulate import load_histories, simulate
@@ -133,6 +134,30 @@ def test_contact_at_nodes_keeps_its_areas_and_rows(form: str, tmp_path: Path) ->
         np.testing.assert_array_equal(ours, theirs)
     np.testing.assert_allclose(again.model.contact_rows, pad.model.contact_rows, atol=1e-10)
     assert np.abs(pad.model.contact_rows).sum(axis=1).min() > 0.9
+
+
+def test_pad_in_millimetres_has_the_springs_of_the_pad_in_si_units(tmp_path: Path) -> None:
+    """The area of a node is in the units of the scene; the exported scene is in SI units."""
+    scene, found = rubbing_scene(), []
+    for length, units in ((1.0, {}), (1e3, {"units": {"length": "mm", "mass": "t"}})):
+        table = interface_table(scene) | units
+        for node in table["nodes"]:
+            node["position"] = [length * x for x in node["position"]]
+        table["nodes"].append({"name": "pad", "position": [1270.0 * length / 1e3, 0.0]})
+        table["nodes"][-1] |= {"coordinates": [7, 8], "area": 0.25 * length**2}
+        contact = table["contacts"][0]
+        contact |= {"group": "pad", "at": "nodes", "preload": contact["preload"] / length**2}
+        for key in ("normal_stiffness", "tangential_stiffness"):
+            contact[key] /= length**3
+        pad = imported(beam_matrices(scene), table)
+        matrices, beside = export(pad, tmp_path / f"pad{length:g}.op4", "op4").files
+        given = read_superelement_scene(beside, matrices)
+        again = superelement_model(read_matrices(matrices), given)
+        found += [contacts_of(each.scene, each.model.points) for each in (pad, again)]
+    assert found[0].normal_stiffness == pytest.approx([0.25e4])
+    for other in found[1:]:
+        for name in ("preload", "normal_stiffness", "tangential_stiffness"):
+            np.testing.assert_allclose(getattr(other, name), getattr(found[0], name), rtol=1e-12)
 
 
 def test_static_load_on_superelement_shifts_its_equilibrium() -> None:

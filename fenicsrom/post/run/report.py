@@ -118,9 +118,10 @@ def _of_study(study: Study) -> Iterator[Section]:
         modes = table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in hertz)
         yield Section("Modes", [modes], terminal=alone)
     if study.contact_hz is not None:
+        free, stuck = study.contact_hz.T
         contact = table_of(
-            {"number": k, "without contact, Hz": f"{row[0]:.5g}", "stuck, Hz": f"{row[1]:.5g}"}
-            for k, row in enumerate(study.contact_hz.tolist(), 1)
+            {"number": k, "without contact, Hz": f"{a:.5g}", "stuck, Hz": f"{b:.5g}"}
+            for k, (a, b) in enumerate(zip(free, stuck, strict=True), 1)
         )
         yield Section("Frequencies with contact", [contact], terminal=alone)
     if study.agreement is not None:
