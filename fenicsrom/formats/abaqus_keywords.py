@@ -75,8 +75,8 @@ def unquoted(text: str) -> str:
 
 
 def fields(line: str) -> list[str]:
-    """The fields of a data line; a comma at the end counts for nothing."""
-    found = [field.strip() for field in line.split(",")]
+    """The fields of a data line without quotes; a comma at the end counts for nothing."""
+    found = [unquoted(field) for field in line.split(",")]
     while found and not found[-1]:
         found.pop()
     return found

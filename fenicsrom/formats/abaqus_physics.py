@@ -7,26 +7,47 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fenicsrom.formats.abaqus_couplings import KEYWORDS, Reader
 from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.abaqus_sets import Resolver, by_block
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import DeckLoad, Ints, MeshFile, axes_of
+from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
+from fenicsrom.formats.parts import faces
+from fenicsrom.words import counted
 
 TAKEN_ELEMENTS = ("MASS", "SPRING1")
 """Elements that are no cells, but masses and springs."""
 
 TYPED = {
-    "ENCASTRE": {0, 1, 2},
+    "ENCASTRE": set(range(6)),
     "PINNED": {0, 1, 2},
-    "XSYMM": {0},
-    "YSYMM": {1},
-    "ZSYMM": {2},
+    "XSYMM": {0, 4, 5},
+    "YSYMM": {1, 3, 5},
+    "ZSYMM": {2, 3, 4},
+    "XASYMM": {1, 2, 3},
+    "YASYMM": {0, 2, 4},
+    "ZASYMM": {0, 1, 5},
 }
-"""Components that the names of boundary conditions hold at a solid."""
+"""Components (0 to 5) that the names of boundary conditions hold."""
 
 LOADS = ("CLOAD", "DLOAD", "DSLOAD")
 
 MATERIAL_DATA = ("ELASTIC", "DENSITY")
+
+FIRST = ("ELEMENT", "TRANSFORM")
+"""Keywords to which others refer, also from above."""
+
+REASONS = {
+    "TIE": "join the meshes, so that they share nodes",
+    "CONTACT PAIR": "contact between bodies",
+    "CONTACT": "contact between bodies",
+    "PRE-TENSION SECTION": "no pretension of bolts",
+    "TEMPERATURE": "no temperatures",
+    "PLASTIC": "elastic materials only",
+    "HYPERELASTIC": "elastic materials only",
+    "AMPLITUDE": "loads are static",
+}
+"""Why keywords are not read."""
 
 
 @dataclass(eq=False)
@@ -40,7 +61,10 @@ class _State:
         mesh: the mesh.
         starts: index of the first element of each block, and the number of all elements.
         points: nodes of the mass and spring elements of each set.
+        materials: the spelling of each material by its name in capitals.
         material: name of the material whose data follow.
+        couplings: reads what couples nodes.
+        renewed: whether the first step has forgotten the supports before it.
         step: number of the step, 0 before the first one.
         static: whether it is a linear or nonlinear static step.
         unread: keywords that are not read, in their order.
@@ -51,8 +75,11 @@ class _State:
     cells: Resolver
     mesh: MeshFile
     starts: Ints
+    couplings: Reader
     points: dict[str, list[Ints]] = field(default_factory=lambda: defaultdict(list))
+    materials: dict[str, str] = field(default_factory=dict)
     material: str = ""
+    renewed: bool = False
     step: int = 0
     static: bool = False
     unread: dict[str, None] = field(default_factory=dict)
@@ -82,33 +109,51 @@ def with_physics(
     starts = np.cumsum(
         [0] + [len(block.nodes) for block in mesh.blocks if block.labels is not None]
     )
-    state = _State(Collector(), nodes, cells, mesh, starts)
-    for keyword, scope in sorted(keywords, key=lambda given: given[0].name != "ELEMENT"):
-        try:
-            taken = _take(state, keyword, scope)
-        except (ValueError, IndexError):
-            state.found.leave(f"*{keyword.name}: {', '.join(keyword.lines[:1])!r} cannot be read")
-            taken = True
-        if not taken:
-            state.unread[f"*{keyword.name}"] = None
+    found = Collector()
+    couplings = Reader(found.couplings, mesh.points)
+    state = _State(found, nodes, cells, mesh, starts, couplings)
+    for block in mesh.blocks:
+        state.found.strain |= block.name.startswith("CPE")
+    for keyword, _ in keywords:
+        if keyword.name == "MATERIAL":
+            material = keyword.parameters.get("NAME", "")
+            found.constants[state.materials.setdefault(material.upper(), material)] = {}
+    for keyword, scope in sorted(keywords, key=lambda given: given[0].name not in FIRST):
+        rows = [fields(line) for line in keyword.lines]
+        one_by_one = keyword.name in ("BOUNDARY", "MPC", *LOADS)
+        for part in [[row] for row in rows] if one_by_one else [rows]:
+            try:
+                taken = _take(state, keyword, part, scope)
+            except (ValueError, IndexError):
+                shown = ", ".join(part[0] if part else ())
+                state.found.leave(f"*{keyword.name}: {shown!r} cannot be read")
+                continue
+            if not taken:
+                reason = REASONS.get(keyword.name)
+                state.unread[f"*{keyword.name}" + (f" ({reason})" if reason else "")] = None
     return state.found.finished(mesh), tuple(state.unread)
 
 
-def _take(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> bool:
-    """Take what a keyword says; whether it was understood."""
-    name, rows = keyword.name, [fields(line) for line in keyword.lines]
+def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[str, ...]) -> bool:
+    """Take what a keyword, or one row of it, says; whether it was understood."""
+    name = keyword.name
     if name == "STEP":
         state.step, state.static = state.step + 1, False
     elif name == "STATIC":
         state.static = True
     elif name == "MATERIAL":
-        state.material = keyword.parameters.get("NAME", "")
+        state.material = state.materials[keyword.parameters.get("NAME", "").upper()]
     elif name in MATERIAL_DATA and rows:
         return _material(state, keyword, rows)
     elif name == "SOLID SECTION":
-        _section(state, keyword, scope)
+        _section(state, keyword, rows, scope)
     elif name == "BOUNDARY":
-        _boundary(state, keyword, rows, scope)
+        _boundary(state, keyword, rows[0], scope)
+    elif name == "TRANSFORM":
+        of = state.nodes.found(scope, keyword.parameters.get("NSET", ""))
+        state.found.turned |= set(of.tolist())
+    elif name in KEYWORDS:
+        return state.couplings.take(keyword, rows, lambda text: _nodes_of(state, text, scope))
     elif name == "ELEMENT":
         if keyword.parameters.get("TYPE", "").upper() in TAKEN_ELEMENTS:
             at = [state.nodes.found(scope, row[1]) for row in rows]
@@ -123,7 +168,7 @@ def _take(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> bool:
         if not (state.static and state.step == 1):
             state.found.leave(f"*{name} of a step that is not static, or not the first one")
         else:
-            _load(state, name, rows, scope)
+            _load(state, keyword, rows[0], scope)
     else:
         return name in ("END STEP", "ELEMENT")
     return True
@@ -153,49 +198,99 @@ def _springs(state: _State, keyword: Keyword, rows: list[list[str]]) -> None:
             state.found.springs[int(node), int(rows[0][0]) - 1] += float(rows[1][0])
 
 
-def _section(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> None:
-    chosen = state.cells.found(scope, keyword.parameters.get("ELSET", ""))
-    name = keyword.parameters.get("MATERIAL", "")
-    known = next((k for k in state.found.constants if k.upper() == name.upper()), name)
-    marks = state.found.cells_of(known, state.mesh)
-    for mark, of in zip(marks, by_block(chosen, state.starts), strict=False):
-        mark[of] = True
+def _nodes_of(state: _State, text: str, scope: tuple[str, ...]) -> Ints:
+    """The nodes of a number, a set or a surface.
+
+    Raises:
+        SceneError: there is no such set.
+    """
+    if (name := _surface(state, text)) is None:
+        return state.nodes.found(scope, text)
+    rows = [block.nodes[block.groups[name]].ravel() for block in _facets(state, name)]
+    return np.unique(np.concatenate(rows))
 
 
-def _boundary(
+def _facets(state: _State, name: str) -> list[Block]:
+    """The blocks of facets of an element-based surface."""
+    blocks = [block for block in state.mesh.blocks if block.labels is None]
+    return [block for block in blocks if name in block.groups]
+
+
+def _surface(state: _State, text: str) -> str | None:
+    """The group of an element-based surface, which data lines may call "instance.surface"."""
+    every = {name for b in state.mesh.blocks if b.labels is None for name in b.groups}
+    for wanted in (text, text.rpartition(".")[2]):
+        for name in every:
+            if name.upper() == wanted.upper():
+                return name
+    return None
+
+
+def _section(
     state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[str, ...]
 ) -> None:
+    chosen = state.cells.found(scope, keyword.parameters.get("ELSET", ""))
+    name = keyword.parameters.get("MATERIAL", "")
+    marks = state.found.cells_of(state.materials.get(name.upper(), name), state.mesh)
+    for mark, of in zip(marks, by_block(chosen, state.starts), strict=False):
+        mark[of] = True
+    if rows and rows[0]:
+        thickness = float(rows[0][0])
+        if state.found.thickness not in (None, thickness):
+            state.found.leave(f"the thickness {thickness:g} of a second section")
+        state.found.thickness = state.found.thickness or thickness
+
+
+def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...]) -> None:
     if state.step > 1:
         state.found.leave("*BOUNDARY of the second and later steps")
         return
-    for row in rows:
-        nodes = state.nodes.found(scope, row[0])
-        if row[1].upper() in TYPED:
-            components = TYPED[row[1].upper()]
-        else:
-            first = int(row[1])
-            last = int(row[2]) if len(row) > 2 and row[2] else first
-            components = set(range(first - 1, last))
-            if len(row) > 3 and float(row[3] or 0.0):
-                state.found.leave(f"*BOUNDARY: the displacement {row[3]} of {row[0]}")
-                continue
-        name = row[0].rpartition(".")[2]
-        if row[0].isdigit():
-            name = f"boundary {axes_of(components)}"
-        state.found.hold(name, nodes, components)
+    if state.step == 1 and keyword.parameters.get("OP", "").upper() == "NEW" and not state.renewed:
+        state.found.release()
+        state.renewed = True
+    nodes = state.nodes.found(scope, row[0])
+    if row[1].upper() in TYPED:
+        components = TYPED[row[1].upper()]
+    else:
+        first = int(row[1])
+        last = int(row[2]) if len(row) > 2 and row[2] else first
+        components = set(range(first - 1, last))
+        if len(row) > 3 and float(row[3] or 0.0):
+            state.found.leave(f"*BOUNDARY: the displacement {row[3]} of {row[0]}")
+            return
+    name = row[0].rpartition(".")[2]
+    if name.isdigit():
+        name = f"boundary {axes_of(components)}".strip()
+    known = (group for group in state.mesh.node_groups if group.upper() == name.upper())
+    state.found.hold(next(known, name), nodes.tolist(), components)
 
 
-def _load(state: _State, name: str, rows: list[list[str]], scope: tuple[str, ...]) -> None:
-    for row in rows:
-        if name == "CLOAD":
-            for node in state.nodes.found(scope, row[0]):
-                if 1 <= int(row[1]) <= 3:
-                    state.found.forces[int(node)][int(row[1]) - 1] += float(row[2])
-        elif name == "DLOAD" and row[1].upper() == "GRAV":
-            direction = np.array([float(word) for word in row[3:6]])
-            vector = float(row[2]) * direction / np.linalg.norm(direction)
-            state.found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
-        elif name == "DSLOAD" and row[1].upper() == "P":
-            state.found.others.append(DeckLoad("pressure", (float(row[2]),), group=row[0]))
+def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...]) -> None:
+    name, found, kind = keyword.name, state.found, row[1].upper()
+    if "AMPLITUDE" in keyword.parameters:
+        found.leave(f"the amplitude of *{name}: the load is static, with the factor 1")
+    if name == "CLOAD":
+        nodes = state.nodes.found(scope, row[0]).tolist()
+        if int(kind) > 3:
+            found.leave(f"*CLOAD: the moment {row[2]} at {row[0]}")
+        elif turned := found.turned & set(nodes):
+            found.leave(f"*CLOAD at {counted(len(turned), 'node')} with axes of *TRANSFORM")
         else:
-            state.found.leave(f"*{name} {', '.join(row[:2])}")
+            for node in nodes:
+                found.forces[node][int(kind) - 1] += float(row[2])
+    elif name == "DLOAD" and kind == "GRAV":
+        direction = np.array([float(word) for word in row[3:6]])
+        vector = float(row[2]) * direction / np.linalg.norm(direction)
+        found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
+    elif name == "DLOAD" and kind[:1] == "P" and kind[1:].isdigit():
+        chosen = by_block(state.cells.found(scope, row[0]), state.starts)
+        blocks = [block for block in state.mesh.blocks if block.labels is not None]
+        members = [
+            np.isin(np.arange(len(block.nodes)), of)
+            for block, of in zip(blocks, chosen, strict=True)
+        ]
+        found.pressures[float(row[2])] += faces(blocks, members, int(kind[1:]) - 1)
+    elif name == "DSLOAD" and kind == "P" and (surface := _surface(state, row[0])):
+        found.others.append(DeckLoad("pressure", (float(row[2]),), group=surface))
+    else:
+        found.leave(f"*{name} {', '.join(row[:2])}")

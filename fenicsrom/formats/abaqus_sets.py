@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.abaqus_keywords import Keyword, fields, unquoted
+from fenicsrom.formats.abaqus_keywords import Keyword, fields
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.formats.text import numbers_between
 
@@ -95,7 +95,7 @@ def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
 
 
 def _number_or_name(word: str) -> int | str:
-    return int(word) if word.lstrip("+-").isdigit() else unquoted(word)
+    return int(word) if word.lstrip("+-").isdigit() else word
 
 
 def by_block(chosen: Ints, starts: Ints) -> list[Ints]:

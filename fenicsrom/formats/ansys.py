@@ -30,6 +30,12 @@ TETRAHEDRA = {72, 92, 187, 285}
 PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
 """Numbers of element types with the nodes of a plane cell or of a facet."""
 
+CONTACT = range(169, 179)
+"""Numbers of element types of contact pairs, by which remote points act as well."""
+
+COMPONENTS = {name: k for k, name in enumerate(("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ"))}
+"""Components (0 to 5) by their labels."""
+
 SILENT = re.compile(
     r"/|!|\*|NUMOFF|ET(BLOCK)?,|N,R5|SHPP|EXTOPT|FINISH|KEYOPT?,|ERESX|TYPE|MAT,|REAL|ESYS|SECNUM|"
     r"TSHAP|MPTEMP|DOF,|TOFFST|EBLOCK|NBLOCK|CMBLOCK|CM,|-1|ANTYPE|OUTRES|TIME|KUSE|LSWRITE|ALLSEL|\(|"
@@ -56,6 +62,8 @@ class Archive:
         real_constants: real constants of each set.
         options: the options KEYOPT of each type in the file, by their numbers.
         physics: supports and loads, by the numbers of the nodes.
+        turned: nodes with axes of their own.
+        equations: terms of each constraint equation: number of the node, component, factor.
     """
 
     path: Path
@@ -71,6 +79,8 @@ class Archive:
     options: dict[int, dict[int, int]] = field(default_factory=dict)
     physics: list[tuple[str, int, str, float]] = field(default_factory=list)
     acceleration: tuple[float, ...] = (0.0, 0.0, 0.0)
+    turned: list[int] = field(default_factory=list)
+    equations: list[list[tuple[int, str, float]]] = field(default_factory=list)
 
 
 def read_ansys(path: Path) -> MeshFile:
@@ -127,11 +137,37 @@ def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
     elif command in ("D", "F") and words[1:2] and words[1].isdigit() and len(words) > 2:
         value = float(words[3]) if len(words) > 3 and words[3] else 0.0
         archive.physics.append((command, int(words[1]), words[2].upper(), value))
+    elif command in ("DBLOCK", "FBLOCK"):
+        next(lines)
+        while match := re.match(r"\s*(\d+)\s*([A-Z]+)\s+(\S+)", next(lines), flags=re.I):
+            value = float(match[3].upper().replace("D", "E"))
+            archive.physics.append((command[0], int(match[1]), match[2].upper(), value))
+    elif command == "CE":
+        _equation(archive, words)
+    elif command == "TB" and words[2:3] and words[2].isdigit():
+        archive.constants.setdefault(int(words[2]), {})
+        archive.other[f"TB,{words[1].upper()}"] += 1
     elif command == "ACEL":
         given = [float(word or 0.0) for word in words[1:4]]
         archive.acceleration = (*given, 0.0, 0.0, 0.0)[:3]
     elif command[:1].isalpha() and not SILENT.match(line) and not _is_zero(words):
         archive.other[command] += 1
+
+
+def _equation(archive: Archive, words: list[str]) -> None:
+    """Read CE, number, constant, terms; or CE, R5.0, DEFI and then CE, R5.0, NODE, terms."""
+    is_archive = words[1].upper().startswith("R5")
+    if not is_archive or words[2].upper().startswith("DEF"):
+        archive.equations.append([])
+        constant = words[5] if is_archive and len(words) > 5 else words[2]
+        if float(constant or 0.0):
+            archive.other["CE with a constant"] += 1
+    rest = words[3:]
+    if is_archive and words[2].upper().startswith("DEF"):
+        rest = []
+    for node, label, factor in zip(rest[::3], rest[1::3], rest[2::3], strict=False):
+        if node and int(node):
+            archive.equations[-1].append((int(node), label.upper(), float(factor)))
 
 
 def _is_zero(words: list[str]) -> bool:
@@ -148,6 +184,8 @@ def _nodes(archive: Archive, lines: Iterator[str]) -> None:
         words = _cut(line, widths)
         place = [float(word.upper().replace("D", "E")) for word in words[integers : integers + 3]]
         number, coordinates = int(words[0]), (*place, 0.0, 0.0, 0.0)[:3]
+        if any(float(word.upper().replace("D", "E")) for word in words[integers + 3 :]):
+            archive.turned.append(number)
         if archive.nodes.setdefault(number, coordinates) != coordinates:
             raise refuse(archive.path, f"node {number} is given twice, at different places")
 
@@ -208,7 +246,8 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         if kind:
             found.setdefault((kind, f"type {number}"), []).append((label, own))
         else:
-            left[f"type {number} element"] += 1
+            contact = " (contact or remote point)" if number in CONTACT else ""
+            left[f"type {number}{contact} element"] += 1
     points = np.array(list(archive.nodes.values()), dtype=np.float64)
     blocks = []
     for (kind, name), entries in found.items():
@@ -256,21 +295,28 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         own = np.array([archive.materials[int(label)] for label in np.atleast_1d(block.labels)])
         for number in np.unique(own):
             found.cells_of(f"material {number}", mesh)[k] = own == number
+    found.turned.update(numbers[node] for node in archive.turned if node in numbers)
+    for terms in archive.equations:
+        own = [(numbers[n], COMPONENTS[label]) for n, label, factor in terms if factor]
+        found.couplings.add("CE", "CE", own)
     held: dict[int, set[int]] = {}
     for command, node, name, value in archive.physics:
-        components = {"UX": {0}, "UY": {1}, "UZ": {2}, "ALL": {0, 1, 2}}.get(name, set())
+        components = {COMPONENTS[name]} if name in COMPONENTS else set()
+        if name == "ALL":
+            components = set(COMPONENTS.values())
         if command == "D" and value:
             found.leave(f"D,{node},{name},{value:g}: a displacement")
         elif command == "D":
             held.setdefault(node, set()).update(components)
+        elif name in ("FX", "FY", "FZ") and numbers.get(node) in found.turned:
+            found.leave(f"F,{node},{name}: the node has axes of its own")
         elif name in ("FX", "FY", "FZ") and node in numbers:
             found.forces[numbers[node]]["XYZ".index(name[1])] += value
         elif value:
             found.leave(f"F,{node},{name}")
     for components in {frozenset(entry) for entry in held.values()}:
         nodes = [numbers[n] for n, entry in held.items() if entry == components and n in numbers]
-        name = f"held {axes_of(set(components))}"
-        found.hold(name, np.array(nodes, dtype=int), set(components))
+        found.hold(f"held {axes_of(set(components))}".strip(), nodes, set(components))
     for label, type_, nodes in archive.elements:
         if archive.types.get(type_) == 21 and nodes[0] in numbers:
             constants = archive.real_constants.get(archive.reals[label], [0.0])

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fenicsrom.formats.couplings import Component, Couplings
 from fenicsrom.formats.mesh_file import (
+    Block,
     DeckLoad,
     DeckMaterial,
+    DeckSupport,
     Floats,
     Ints,
     Marks,
@@ -17,10 +21,8 @@ from fenicsrom.formats.mesh_file import (
     Physics,
     axes_of,
 )
+from fenicsrom.formats.nodal_forces import MOST_TABLES, forces_on
 from fenicsrom.words import counted
-
-MOST_FORCES = 20
-"""Forces at more nodes are not taken: they stand for a distributed load."""
 
 
 @dataclass(eq=False)
@@ -28,25 +30,35 @@ class Collector:
     """Collects what a file holds besides its mesh.
 
     Attributes:
-        constants: numbers of each material by its name: "E", "nu", "rho".
+        constants: numbers of each material of the file by its name: "E", "nu", "rho".
         cells: marks of the cells of each block (`MeshFile.blocks`) that have a material.
-        held: components that are held at the nodes of each group by its name.
-        held_nodes: the nodes of these groups.
+        held: nodes and components of each group that is held, by its name.
+        fixed: the components that are held.
+        turned: nodes whose components are along axes of their own.
+        couplings: the equations between components.
         masses: mass at each node.
-        springs: stiffness of the springs to the ground by node and component.
+        springs: stiffness of the springs to the ground by component.
         forces: force (3,) at each node.
-        others: pressures and accelerations.
+        pressures: facets under each pressure.
+        others: other loads.
+        thickness: thickness of a plane body.
+        strain: whether its strains, not its stresses, are plane.
         not_taken: what a scene cannot state, each in a few words, in their order.
     """
 
     constants: dict[str, dict[str, float]] = field(default_factory=lambda: defaultdict(dict))
     cells: dict[str, list[Marks]] = field(default_factory=dict)
-    held: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
-    held_nodes: dict[str, Ints] = field(default_factory=dict)
+    held: dict[str, tuple[Ints, set[int]]] = field(default_factory=dict)
+    fixed: set[Component] = field(default_factory=set)
+    turned: set[int] = field(default_factory=set)
+    couplings: Couplings = field(default_factory=Couplings)
     masses: dict[int, float] = field(default_factory=lambda: defaultdict(float))
-    springs: dict[tuple[int, int], float] = field(default_factory=lambda: defaultdict(float))
+    springs: dict[Component, float] = field(default_factory=lambda: defaultdict(float))
     forces: dict[int, Floats] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
+    pressures: dict[float, list[Block]] = field(default_factory=lambda: defaultdict(list))
     others: list[DeckLoad] = field(default_factory=list)
+    thickness: float | None = None
+    strain: bool = False
     not_taken: dict[str, None] = field(default_factory=dict)
 
     def cells_of(self, material: str, mesh: MeshFile) -> list[Marks]:
@@ -54,22 +66,32 @@ class Collector:
         none = [np.zeros(len(block.nodes), dtype=bool) for block in mesh.blocks]
         return self.cells.setdefault(material, none)
 
-    def hold(self, name: str, nodes: Ints, components: set[int]) -> None:
-        """Hold components of the nodes of a group; rotations (3 to 5) mean nothing for a solid."""
-        components = components & {0, 1, 2}
-        if components and len(nodes):
-            known = self.held_nodes.get(name)
-            if known is not None and len(known) != len(np.union1d(known, nodes)):
-                nodes = np.union1d(known, nodes)
-            self.held[name] |= components
-            self.held_nodes[name] = nodes
+    def hold(self, name: str, nodes: Iterable[int], components: set[int]) -> None:
+        """Hold components (0 to 5) of the nodes of a group; rotations matter for couplings only.
 
-    def is_held(self, node: int, component: int) -> bool:
-        """Whether a component of a node is held, by the supports up to now."""
-        return any(
-            component in components and node in self.held_nodes[name]
-            for name, components in self.held.items()
-        )
+        Some displacements along other axes than x, y and z are left, but not all three of them.
+        """
+        moved, own = components & {0, 1, 2}, set(nodes)
+        if len(moved) in (1, 2) and (turned := own & self.turned):
+            along = f"{counted(len(turned), 'node')} held along axes of their own"
+            self.leave(f"the support {name}: {along}; [[supports]] can have a normal")
+            own -= turned
+        self.fixed |= {(node, k) for node in own for k in components}
+        if not moved or not own:
+            return
+        held = np.array(sorted(own), dtype=np.int64)
+        while name in self.held:
+            known, before = self.held[name]
+            if np.array_equal(known, held) or before == moved:
+                held, moved = np.union1d(known, held), moved | before
+                break
+            name = f"{name} {axes_of(moved)}"  # the same name at another place
+        self.held[name] = held, moved
+
+    def release(self) -> None:
+        """Forget all supports."""
+        self.held.clear()
+        self.fixed.clear()
 
     def spring(self, nodes: list[int], components: list[int], stiffness: float | None) -> bool:
         """Take a spring between these components of nodes, if one of them or the ground is held.
@@ -77,7 +99,8 @@ class Collector:
         Returns:
             Whether it was taken; others act between two points, or about an axis.
         """
-        free = [end for end in zip(nodes, components, strict=True) if not self.is_held(*end)]
+        ends = zip(nodes, components, strict=True)
+        free = [end for end in ends if end not in self.fixed]
         if len(free) != 1 or free[0][1] not in (0, 1, 2) or stiffness is None:
             return False
         self.springs[free[0]] += stiffness
@@ -90,16 +113,10 @@ class Collector:
     def finished(self, mesh: MeshFile) -> MeshFile:
         """Give the mesh with its physics, and with the groups that it needs."""
         solid = max((block.shape.dimension for block in mesh.blocks), default=0)
-        cells = [b.nodes.ravel() for b in mesh.blocks if b.shape.dimension == solid]
-        used = set(np.unique(np.concatenate(cells)).tolist()) if cells else set()
+        cells = [block for block in mesh.blocks if block.shape.dimension == solid]
+        used = {int(node) for block in cells for node in np.unique(block.nodes)}
         groups = dict(mesh.node_groups)
-        supports = []
-        for name, components in self.held.items():
-            nodes = np.unique(self.held_nodes[name])
-            if name not in groups or not np.array_equal(np.sort(groups[name]), nodes):
-                name = name if name not in groups else f"{name} {axes_of(components)}"
-                groups[name] = nodes
-            supports.append((name, tuple(sorted(components))))
+        supports = self._supports(mesh.points, cells, used, groups)
         materials = self._materials(mesh, solid)
 
         def place(node: int) -> tuple[float, ...]:
@@ -109,28 +126,80 @@ class Collector:
         self._leave_away("point mass", "attachments", [n for n in self.masses if n not in used])
         springs = [(place(n), k, value) for (n, k), value in self.springs.items() if n in used]
         self._leave_away("spring", "attachments", [n for n, _ in self.springs if n not in used])
-        loads = list(self.others)
         near = {node: force for node, force in self.forces.items() if force.any()}
-        if len(near) > MOST_FORCES:
-            total = sum(near.values(), np.zeros(3))
-            listed = ", ".join(f"{value:.6g}" for value in total)
-            self.leave(f"forces at {len(near)} nodes, in total ({listed})")
-        else:
-            self._leave_away("force", "loads", [n for n in near if n not in used])
-            loads += [
-                DeckLoad("force", tuple(force.tolist()), place(node))
-                for node, force in near.items()
-                if node in used
-            ]
+        self._leave_away("force", "loads", [n for n in near if n not in used])
+        near = {node: force for node, force in near.items() if node in used}
+        forces, left = forces_on(mesh.points, cells, near, groups)
+        self.not_taken |= dict.fromkeys(left)
+        blocks, pressures = self._pressures(groups)
         physics = Physics(
             materials,
             tuple(supports),
             tuple(masses),
             tuple(springs),
-            tuple(loads),
+            (*self.others, *pressures, *forces),
             tuple(self.not_taken),
+            self.thickness,
+            self.strain,
         )
-        return replace(mesh, node_groups=groups, physics=physics)
+        return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
+
+    def _supports(
+        self, points: Floats, cells: list[Block], used: set[int], groups: dict[str, Ints]
+    ) -> list[DeckSupport]:
+        """The supports of the solid, whose groups are added to the groups of nodes.
+
+        A group of a scene consists of corners, and of the edges between them. Nodes on other edges
+        are held by their coordinates.
+        """
+        for name, passed in self.couplings.solve(self.fixed).items():
+            for components in {frozenset(entry) for entry in passed.values()}:
+                own = [node for node, entry in passed.items() if entry == components]
+                self.hold(name, own, set(components))
+        self._leave_couplings()
+        found: list[DeckSupport] = []
+        axes = set(range(cells[0].shape.dimension)) if cells else set()
+        for name, (nodes, components) in self.held.items():
+            held = tuple(sorted(components & axes))
+            own = [node for node in nodes.tolist() if node in used]
+            if away := set(nodes.tolist()) - used - self.couplings.through:
+                beside = f"the support {name} of {counted(len(away), 'node')} beside the solid"
+                self.leave(f"{beside}; [[supports]] can hold a group of it")
+            alone = _alone(cells, np.array(own, dtype=np.int64)) if held else set()
+            if len(alone) > MOST_TABLES:
+                self.leave(
+                    f"the support {name} of {len(alone)} nodes in the middle of edges whose ends "
+                    "are not held; [[supports]] can hold a group of facets"
+                )
+            else:
+                found += [(tuple(points[node].tolist()), held) for node in sorted(alone)]
+            if held and (kept := [node for node in own if node not in alone]):
+                if not np.array_equal(np.sort(groups.get(name, nodes[:0])), kept):
+                    name = name if name not in groups else f"{name} {axes_of(components)}"
+                    groups[name] = np.array(kept)
+                found.append((name, held))
+        return found
+
+    def _leave_couplings(self) -> None:
+        """Name the couplings of nodes that can move."""
+        names: dict[str, set[tuple[str, int]]] = defaultdict(set)
+        for k, (kind, name, _) in enumerate(self.couplings.equations):
+            names[kind].add((name, k if name == kind else 0))
+        for kind, of in names.items():
+            reason = "whose nodes can move or turn: a scene has no rigid parts and no equations"
+            self.leave(f"{len(of)} {kind} {reason}")
+
+    def _pressures(self, groups: dict[str, Ints]) -> tuple[list[Block], list[DeckLoad]]:
+        """The facets under pressure, as blocks with a group for each pressure, and the loads."""
+        blocks: list[Block] = []
+        loads: list[DeckLoad] = []
+        for value, facets in self.pressures.items():
+            name = f"pressure {value:g}"
+            marked = [np.ones(len(block.nodes), dtype=bool) for block in facets]
+            pairs = zip(facets, marked, strict=True)
+            blocks += [replace(block, groups={name: marks}) for block, marks in pairs]
+            loads.append(DeckLoad("pressure", (value,), group=name))
+        return blocks, loads
 
     def _leave_away(self, what: str, table: str, nodes: list[int]) -> None:
         if nodes:
@@ -147,15 +216,17 @@ class Collector:
         }
         if not used and len(self.constants) == 1:
             used = {next(iter(self.constants)): []}
+        if not used.keys() & self.constants.keys():
+            return ()
         found = []
         for name, marks in used.items():
-            constants = self.constants.get(name, {})
-            if "E" not in constants or "nu" not in constants:
-                self.leave(f"the material {name}, which is not isotropic and linear elastic")
+            constants = self.constants.get(name)
+            group = self._cell_group(mesh, name, marks) if len(used) > 1 else None
+            if constants is None or "E" not in constants or "nu" not in constants:
+                why = "is not in the file" if constants is None else "is not isotropic and elastic"
+                self.leave(f"the material {name}, which {why}")
+                found.append(DeckMaterial(name, None, None, None, group))
                 continue
-            group = None
-            if len(used) > 1:
-                group = self._cell_group(mesh, name, marks)
             density = constants.get("rho")
             found.append(DeckMaterial(name, constants["E"], constants["nu"], density, group))
         return tuple(found)
@@ -175,3 +246,15 @@ class Collector:
             if mark.any():
                 block.groups[new] = mark
         return new
+
+
+def _alone(cells: list[Block], nodes: Ints) -> set[int]:
+    """The nodes on edges whose ends are not among the nodes as well."""
+    found: set[int] = set()
+    for block in cells:
+        for k, edge in enumerate(block.shape.edges[: block.shape.nodes - block.shape.corners]):
+            middle = block.nodes[:, block.shape.corners + k]
+            rows = np.flatnonzero(np.isin(middle, nodes))
+            ends = np.isin(block.nodes[rows][:, list(edge)], nodes).all(axis=1)
+            found |= set(middle[rows[~ends]].tolist())
+    return found

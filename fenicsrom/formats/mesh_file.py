@@ -54,32 +54,32 @@ def axes_of(components: set[int]) -> str:
 
 @dataclass(frozen=True)
 class DeckMaterial:
-    """An isotropic elastic material.
+    """A material.
 
     Attributes:
         name: its name in the file.
-        young: Young's modulus.
-        poisson: Poisson's ratio.
+        young: Young's modulus; None if the material is not isotropic and elastic.
+        poisson: Poisson's ratio, or None.
         density: density; None if the file has none.
         group: the group of its cells; None if all cells have it.
     """
 
     name: str
-    young: float
-    poisson: float
+    young: float | None
+    poisson: float | None
     density: float | None
     group: str | None = None
 
 
 @dataclass(frozen=True)
 class DeckLoad:
-    """A static load: a force at a node, a pressure on a group, or an acceleration of the body.
+    """A static load: a force, a pressure on a group, or an acceleration of the body.
 
     Attributes:
         kind: "force", "pressure" or "acceleration".
         vector: the force or acceleration (3,); the pressure in its first entry.
         point: coordinates of the node of a force.
-        group: the group of facets under a pressure.
+        group: the group of facets under a pressure, or over which a force is spread.
     """
 
     kind: str
@@ -88,25 +88,33 @@ class DeckLoad:
     group: str | None = None
 
 
+DeckSupport = tuple[str | tuple[float, ...], tuple[int, ...]]
+"""A group of nodes or facets, or the coordinates of a node, and the components that are held."""
+
+
 @dataclass(frozen=True)
 class Physics:
     """What a file holds besides the mesh.
 
     Attributes:
         materials: the materials of the cells.
-        supports: components (0, 1, 2) that are held at each group of nodes or facets.
+        supports: what is held.
         masses: coordinates of a node and its mass.
         springs: coordinates of a node, component, and stiffness of its spring to the ground.
         loads: static loads.
         not_taken: what a scene cannot state, each in a few words.
+        thickness: thickness of a plane body; None if the file has none.
+        strain: whether the strains of a plane body are plane, and not its stresses.
     """
 
     materials: tuple[DeckMaterial, ...] = ()
-    supports: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    supports: tuple[DeckSupport, ...] = ()
     masses: tuple[tuple[tuple[float, ...], float], ...] = ()
     springs: tuple[tuple[tuple[float, ...], int, float], ...] = ()
     loads: tuple[DeckLoad, ...] = ()
     not_taken: tuple[str, ...] = ()
+    thickness: float | None = None
+    strain: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,15 +65,15 @@ def read_nastran(path: Path) -> MeshFile:
         SceneError: the file is damaged, or has content that changes the mesh and is not supported.
     """
     cards = read_cards(path)
-    numbers, points = _points(path, cards)
+    numbers, points, systems = _points(path, cards)
     blocks, not_read = _blocks(path, cards, numbers)
     points, notes = with_middles(blocks, points)
     mesh = MeshFile(points, blocks, _constrained(cards, numbers), not_read, notes)
-    return with_physics(path, mesh, cards, numbers)
+    return with_physics(path, mesh, cards, numbers, systems)
 
 
-def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats]:
-    """The index of each grid point by its number, and the coordinates (n, 3).
+def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats, Systems]:
+    """The index of each grid point by its number, the coordinates (n, 3), and the systems.
 
     Raises:
         SceneError: a grid point is given twice, or its coordinate system is not in the file.
@@ -90,7 +90,8 @@ def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats]:
                 raise refuse(path, f"GRID {card.text(0)} is given twice, at different places")
     systems = Systems(path, grids, read_systems(cards))
     points = [systems.basic(*given) for given in grids.values()]
-    return {number: k for k, number in enumerate(grids)}, np.array(points).reshape(-1, 3)
+    numbers = {number: k for k, number in enumerate(grids)}
+    return numbers, np.array(points).reshape(-1, 3), systems
 
 
 def _blocks(

@@ -1,42 +1,105 @@
-"""Materials, supports, point masses, springs and static loads of a Nastran file."""
+"""Materials, supports, couplings, point masses, springs and static loads of a Nastran file."""
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import numpy as np
 
+from fenicsrom.errors import refuse
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import DeckLoad, Ints, MeshFile, axes_of
+from fenicsrom.formats.mesh_file import Block, DeckLoad, Floats, Ints, MeshFile, axes_of
 from fenicsrom.formats.nastran_cards import Card
+from fenicsrom.formats.nastran_systems import Systems
+from fenicsrom.formats.shapes import STRAIGHT
 from fenicsrom.formats.text import numbers_between, read_lines
 
-SELECTED = {"SPC": "SPC", "SPC1": "SPC", "FORCE": "LOAD", "GRAV": "LOAD"}
+_SETS = {
+    "SPC": ("SPC", "SPC1", "SPCADD"),
+    "MPC": ("MPC", "MPCADD"),
+    "LOAD": (
+        *("LOAD", "FORCE", "FORCE1", "FORCE2", "MOMENT", "MOMENT1", "MOMENT2", "GRAV", "ACCEL"),
+        *("ACCEL1", "RFORCE", "PLOAD", "PLOAD1", "PLOAD2", "PLOAD4", "SLOAD", "SPCD"),
+    ),
+}
+SELECTED = {name: command for command, names in _SETS.items() for name in names}
 """The command of the case control that selects the sets of an entry."""
 
-TAKEN = (
-    *("MAT1", "PSOLID", "PELAS", "SPC", "SPC1", "CONM2", "CELAS1", "CELAS2", "FORCE", "GRAV"),
-    "PARAM",
-)
-"""Entries from which something is taken."""
+COMBINED = ("SPCADD", "MPCADD", "LOAD")
+"""Entries that combine sets."""
 
+RIGID = ("RBE2", "RBE3", "RBAR")
+"""Entries that couple nodes."""
+
+PARALLEL = 1e-6
+"""Components of unit vectors that differ less are those of the same axes."""
+
+MATERIALS = ("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MAT10", "MAT11")
+
+TAKEN = (
+    *("PSOLID", "PSHELL", "PELAS", "CONM2", "CELAS1", "CELAS2", "PARAM"),
+    *MATERIALS,
+    *RIGID,
+    *SELECTED,
+)
+"""Entries from which something is taken, or which are named as left."""
 
 LEFT = {
     "CELAS1": " between two points that move, or about an axis",
     "CELAS2": " between two points that move, or about an axis",
     "CONM2": " with an offset or moments of inertia",
     "SPC": " with a displacement",
-    "FORCE": " in another coordinate system",
-    "GRAV": " in another coordinate system",
+    "PLOAD4": " on shells, with a direction of its own, or that varies along the face",
+    "RBAR": " with other independent components than those of one end",
 }
 """What is not taken of some entries."""
 
 
+@dataclass(eq=False)
+class Deck:
+    """What the entries refer to.
+
+    Attributes:
+        path: the file.
+        mesh: the mesh, whose groups of cells have the numbers of the properties.
+        cards: the entries.
+        numbers: index of each grid point by its number.
+        systems: the coordinate systems.
+        found: what was collected.
+        factor: factor on all masses.
+        elastic: stiffness of each property of springs.
+        rows: block and row of each cell by its number.
+    """
+
+    path: Path
+    mesh: MeshFile
+    cards: list[Card]
+    numbers: dict[int, int]
+    systems: Systems
+    found: Collector = field(default_factory=Collector)
+    factor: float = 1.0
+    elastic: dict[str, float] = field(default_factory=dict)
+    rows: dict[int, tuple[Block, int]] = field(default_factory=dict)
+
+    def index(self, card: Card, field_: int) -> int:
+        """The index of a grid point in a field of an entry.
+
+        Raises:
+            ValueError: the file does not have it.
+        """
+        number = card.integer(field_)
+        if number not in self.numbers:
+            raise ValueError(f"GRID {number} is not in the file")
+        return self.numbers[number]
+
+
 def with_physics(
-    path: Path, mesh: MeshFile, cards: list[Card], numbers: Mapping[int, int]
+    path: Path, mesh: MeshFile, cards: list[Card], numbers: dict[int, int], systems: Systems
 ) -> MeshFile:
     """Add what the entries say besides the mesh.
 
@@ -45,91 +108,192 @@ def with_physics(
         mesh: the mesh, whose groups of cells have the numbers of the properties.
         cards: the entries.
         numbers: index of each grid point by its number.
+        systems: the coordinate systems.
     """
-    found, selected = Collector(), _selected(path)
-    factor = next(
-        (card.real(1, 1.0) for card in cards if card.name == "PARAM" and card.text(0) == "WTMASS"),
-        1.0,
-    )
-    sets: dict[str, set[str]] = {"SPC": set(), "LOAD": set()}
+    deck = Deck(path, mesh, cards, numbers, systems)
     for card in cards:
-        if card.name in SELECTED:
-            sets[SELECTED[card.name]].add(card.text(0))
-    material_of = {card.text(0): card.text(1) for card in cards if card.name == "PSOLID"}
-    _sections(found, mesh, material_of)
-    elastic = {
-        card.text(k): card.real(k + 1)
-        for card in cards
-        for k in (0, 4)
-        if card.name == "PELAS" and card.text(k)
-    }
+        if card.name == "PARAM" and card.text(0).upper() == "WTMASS":
+            deck.factor = card.real(1, 1.0)
+        elif card.name == "PELAS":
+            deck.elastic |= {card.text(k): card.real(k + 1) for k in (0, 4) if card.text(k)}
+    for block in mesh.blocks if any(card.name == "PLOAD4" for card in cards) else ():
+        deck.rows |= {int(label): (block, k) for k, label in enumerate(np.atleast_1d(block.labels))}
+    _sections(deck)
+    _turned(deck)
+    factors = _factors(deck)
     left: Counter[str] = Counter()
-    for card in sorted(cards, key=lambda card: not card.name.startswith("SPC")):
-        command = SELECTED.get(card.name)
-        if command and len(sets[command]) > 1 and selected.get(command) != card.text(0):
-            left[f"{card.name} of the set {card.text(0)}"] += 1
+    for card in sorted(cards, key=lambda card: SELECTED.get(card.name) != "SPC"):
+        factor, command = 1.0, SELECTED.get(card.name)
+        if card.name in COMBINED:
             continue
+        if command is not None:
+            factor = factors[command].get(card.text(0), 0.0)
+            if not factor:
+                left[f"{card.name} of the set {card.text(0)}, which the case does not use"] += 1
+                continue
         try:
-            taken = _take(found, card, numbers, factor, elastic)
+            taken = _take(deck, card, factor)
         except ValueError:
             taken = False
         if not taken:
             left[card.name + LEFT.get(card.name, "")] += 1
     for name, count in left.items():
-        found.leave(f"{count} {name}")
-    return found.finished(mesh)
+        deck.found.leave(f"{count} {name}")
+    return deck.found.finished(mesh)
 
 
-def _selected(path: Path) -> dict[str, str]:
-    """The sets that the case control selects, by command."""
-    head = []
-    for line in read_lines(path):
+def _selected(deck: Deck) -> dict[str, str]:
+    """The sets that the case control selects for the first subcase, by command."""
+    head: list[str] = []
+    for line in read_lines(deck.path):
         if re.match(r"\s*BEGIN +BULK", line, flags=re.I):
             break
-        head.append(line)
-    pairs = re.findall(r"^\s*(SPC|LOAD)\s*=\s*(\d+)", "\n".join(head), flags=re.M | re.I)
+        head.append(line.partition("$")[0])
+    parts = re.split(r"^\s*SUBCASE\b", "\n".join(head), flags=re.M | re.I)
+    if len(parts) > 2:
+        deck.found.leave("the subcases after the first one")
+    pairs = re.findall(r"^\s*(SPC|MPC|LOAD)\s*=\s*(\d+)", "\n".join(parts[:2]), re.M | re.I)
     return {name.upper(): number for name, number in pairs}
 
 
-def _sections(found: Collector, mesh: MeshFile, material_of: dict[str, str]) -> None:
+def _factors(deck: Deck) -> dict[str, dict[str, float]]:
+    """The factor of each set that the case uses, by command; SPCADD, MPCADD and LOAD combine sets.
+
+    Without a selection, the only set that no other set contains is used.
+
+    Raises:
+        RecursionError: a set contains itself.
+    """
+    selected, found = _selected(deck), {}
+    for command in _SETS:
+        sets = dict.fromkeys(c.text(0) for c in deck.cards if SELECTED.get(c.name) == command)
+        parts: dict[str, dict[str, float]] = {}
+        for card in deck.cards:
+            if card.name in COMBINED and SELECTED[card.name] == command:
+                parts.setdefault(card.text(0), {}).update(_parts(card))
+        inner = {name for of in parts.values() for name in of}
+        outer = [name for name in sets if name not in inner]
+        chosen = selected.get(command, outer[0] if len(outer) == 1 else "")
+        if chosen and chosen not in sets:
+            deck.found.leave(f"{command} = {chosen} of the case, which is not in the file")
+        total: defaultdict[str, float] = defaultdict(float)
+        for name, factor in _resolved(parts, chosen, 1.0):
+            total[name] += factor
+        found[command] = dict(total)
+    return found
+
+
+def _resolved(
+    parts: dict[str, dict[str, float]], name: str, factor: float
+) -> Iterator[tuple[str, float]]:
+    """The sets in a set, and their factors; a set without parts is a set of entries."""
+    if name not in parts:
+        yield name, factor
+    for part, own in parts.get(name, {}).items():
+        yield from _resolved(parts, part, factor * own)
+
+
+def _parts(card: Card) -> dict[str, float]:
+    """The sets that an entry combines, and their factors."""
+    if card.name != "LOAD":
+        return {word: 1.0 for word in card.fields[1:] if word}
+    found: defaultdict[str, float] = defaultdict(float)
+    for k in range(2, len(card.fields) - 1, 2):
+        if card.text(k + 1):
+            found[card.text(k + 1)] += card.real(1) * card.real(k)
+    return found
+
+
+def _sections(deck: Deck) -> None:
     """Note which cells have which material, by the number of their property."""
-    for number, block in enumerate(mesh.blocks):
+    names = {card.text(0): _name(card) for card in deck.cards if card.name in MATERIALS}
+    material_of: dict[str, str] = {}
+    for card in deck.cards:
+        if card.name in ("PSOLID", "PSHELL"):
+            material_of[card.text(0)] = names.get(card.text(1), f"MAT {card.text(1)}")
+        if card.name == "PSHELL" and card.text(2):
+            if deck.found.thickness not in (None, card.real(2)):
+                deck.found.leave("the thicknesses of other PSHELL")
+            deck.found.thickness = deck.found.thickness or card.real(2)
+    for number, block in enumerate(deck.mesh.blocks):
+        deck.found.strain |= block.name.startswith("CPLSTN")
         for group, cells in block.groups.items():
             if group in material_of:
-                found.cells_of(f"MAT1 {material_of[group]}", mesh)[number] |= cells
+                deck.found.cells_of(material_of[group], deck.mesh)[number] |= cells
 
 
-def _take(
-    found: Collector,
-    card: Card,
-    numbers: Mapping[int, int],
-    factor: float,
-    elastic: Mapping[str, float],
-) -> bool:
-    """Take what an entry says; whether all of it was understood."""
-    if card.name == "MAT1":
-        young, shear, poisson = (card.real(k) for k in (1, 2, 3))
-        if not card.text(1):
-            young = 2.0 * shear * (1.0 + poisson)
-        elif not card.text(3) and shear:
-            poisson = 0.5 * young / shear - 1.0
-        found.constants[f"MAT1 {card.text(0)}"] = {"E": young, "nu": poisson}
-        if card.text(4):
-            found.constants[f"MAT1 {card.text(0)}"]["rho"] = factor * card.real(4)
+def _name(card: Card) -> str:
+    """The name of an entry and its number."""
+    return f"{card.name} {card.text(0)}"
+
+
+def _turned(deck: Deck) -> None:
+    """Note the grid points whose displacements are along the axes of another system."""
+    default = next((card for card in deck.cards if card.name == "GRDSET"), Card("GRDSET"))
+    for card in deck.cards:
+        if card.name == "GRID":
+            node = deck.index(card, 0)
+            system = card.integer(5, default.integer(5))
+            if system > 0:
+                axes = deck.systems.axes(system, deck.mesh.points[node])
+                if not np.allclose(axes, np.eye(3), atol=PARALLEL):
+                    deck.found.turned.add(node)
+    for card in deck.cards:
+        if card.name == "GRID" and (held := card.text(6) or default.text(6)):
+            components = _components(held)
+            name = f"GRID {axes_of(components)}"
+            deck.found.hold(name, [deck.index(card, 0)], components)
+
+
+def _components(digits: str) -> set[int]:
+    """The components (0 to 5) of digits such as 123."""
+    return {int(digit) - 1 for digit in digits if digit != "0"}
+
+
+def _take(deck: Deck, card: Card, factor: float) -> bool:
+    """Take what an entry says; whether all of it was understood.
+
+    Args:
+        deck: the deck.
+        card: the entry.
+        factor: factor on loads.
+    """
+    found = deck.found
+    if card.name in MATERIALS:
+        found.constants[_name(card)].update(_constants(card, deck.factor))
     elif card.name in ("SPC", "SPC1"):
-        return _support(found, card, numbers)
+        return _support(deck, card)
+    elif card.name in RIGID:
+        return _couple(deck, card)
+    elif card.name == "MPC":
+        terms = [
+            (deck.index(card, k), card.integer(k + 1) - 1)
+            for first in range(1, len(card.fields), 8)
+            for k in (first, first + 3)
+            if card.text(k)
+        ]
+        found.couplings.add("MPC", "MPC", terms)
     elif card.name == "CONM2":
-        found.masses[numbers.get(card.integer(1), -1)] += factor * card.real(3)
+        found.masses[deck.numbers.get(card.integer(1), -1)] += deck.factor * card.real(3)
         return not any(card.real(k) for k in range(4, 15))
     elif card.name in ("CELAS1", "CELAS2"):
-        ends = [k for k in (2, 4) if card.integer(k)]
-        nodes = [numbers.get(card.integer(k), -1) for k in ends]
-        components = [card.integer(k + 1) - 1 for k in ends]
-        stiffness = elastic.get(card.text(1)) if card.name == "CELAS1" else card.real(1)
-        return found.spring(nodes, components, stiffness)
-    elif card.name in ("FORCE", "GRAV"):
-        return _load(found, card, numbers)
+        return _spring(deck, card)
+    elif SELECTED.get(card.name) == "LOAD":
+        return _load(deck, card, factor)
     return True
+
+
+def _constants(card: Card, factor: float) -> dict[str, float]:
+    """The constants of an isotropic material; none of another one."""
+    if card.name != "MAT1":
+        return {}
+    young, shear, poisson = (card.real(k) for k in (1, 2, 3))
+    if not card.text(1):
+        young = 2.0 * shear * (1.0 + poisson)
+    elif not card.text(3) and shear:
+        poisson = 0.5 * young / shear - 1.0
+    density = {"rho": factor * card.real(4)} if card.text(4) else {}
+    return {"E": young, "nu": poisson} | density
 
 
 def held_grids(card: Card) -> list[tuple[set[int], list[int]]]:
@@ -141,35 +305,148 @@ def held_grids(card: Card) -> list[tuple[set[int], list[int]]]:
     if card.name == "SPC":
         held = [(card.text(k + 1), [card.integer(k)]) for k in (1, 4) if card.text(k)]
     else:
-        words = [word for word in card.fields[2:] if word]
-        if len(words) == 3 and words[1].upper() == "THRU":
-            held = [(card.text(1), list(numbers_between(int(words[0]), int(words[2]))))]
+        held = [(card.text(1), _listed(card.fields[2:]))]
+    return [(_components(digits), grids) for digits, grids in held]
+
+
+def _listed(words: list[str]) -> list[int]:
+    """Numbers, and ranges of numbers with THRU.
+
+    Raises:
+        ValueError: a word is no number.
+    """
+    found: list[int] = []
+    given = [word for word in words if word]
+    for k, word in enumerate(given):
+        if word.upper() == "THRU":
+            found += numbers_between(found[-1] + 1, int(given[k + 1]) - 1)
         else:
-            held = [(card.text(1), [int(word) for word in words])]
-    return [({int(digit) - 1 for digit in digits}, grids) for digits, grids in held]
+            found.append(int(word))
+    return found
 
 
-def _support(found: Collector, card: Card, numbers: Mapping[int, int]) -> bool:
+def _support(deck: Deck, card: Card) -> bool:
     """Take an SPC or SPC1 without a displacement."""
     if card.name == "SPC" and (card.real(3) or card.real(6)):
         return False
     for components, grids in held_grids(card):
-        name = f"SPC {card.text(0)} {axes_of(components)}"
-        nodes: Ints = np.array([numbers[grid] for grid in grids if grid in numbers], dtype=int)
-        found.hold(name, nodes, components)
+        name = f"SPC {card.text(0)} {axes_of(components)}".strip()
+        nodes = [deck.numbers[grid] for grid in grids if grid in deck.numbers]
+        deck.found.hold(name, nodes, components)
     return True
 
 
-def _load(found: Collector, card: Card, numbers: Mapping[int, int]) -> bool:
-    """Take a force or gravity in the basic coordinate system."""
-    is_force = card.name == "FORCE"
-    first = 3 if is_force else 2
-    system = card.integer(2 if is_force else 1)
-    if system:
+def _couple(deck: Deck, card: Card) -> bool:
+    """Take a rigid element, or the mean of RBE3 as an equation of its reference node."""
+    name, couplings, x = _name(card), deck.found.couplings, deck.mesh.points
+    every = set(range(6))
+    if card.name == "RBE2":
+        words = list(takewhile(str.isalnum, filter(None, card.fields[3:])))  # then an expansion
+        nodes = np.array([deck.numbers[grid] for grid in _listed(words)], dtype=np.int64)
+        held = _components(card.text(2))
+        couplings.rigid("RBE2", name, deck.index(card, 1), nodes, held, x)
+        return True
+    if card.name == "RBAR":
+        ends = deck.index(card, 1), deck.index(card, 2)
+        for k in (0, 1):
+            if _components(card.text(3 + k)) == every:
+                held = _components(card.text(6 - k)) or every
+                couplings.rigid("RBAR", name, ends[k], np.array([ends[1 - k]]), held, x)
+                return True
         return False
-    vector = card.real(first) * np.array([card.real(first + 1 + k) for k in range(3)])
-    if is_force:
-        found.forces[numbers.get(card.integer(1), -1)] += vector
-    else:
-        found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
+    words = [word for word in card.fields[4:] if word]  # weights are reals, components follow them
+    grids = [w for before, w in pairwise(words) if w.isdigit() and "." not in before]
+    for k in _components(card.text(3)) & {0, 1, 2}:
+        means = [(deck.numbers[int(grid)], k) for grid in grids if int(grid) in deck.numbers]
+        couplings.add("RBE3", name, [(deck.index(card, 2), k), *means])
     return True
+
+
+def _spring(deck: Deck, card: Card) -> bool:
+    """Take a CELAS1 or CELAS2 to the ground or to a held grid point."""
+    ends = [k for k in (2, 4) if card.integer(k)]
+    nodes = [deck.numbers.get(card.integer(k), -1) for k in ends]
+    components = [card.integer(k + 1) - 1 for k in ends]
+    stiffness = deck.elastic.get(card.text(1)) if card.name == "CELAS1" else card.real(1)
+    return deck.found.spring(nodes, components, stiffness)
+
+
+def _load(deck: Deck, card: Card, factor: float) -> bool:
+    """Take a force, gravity or a pressure times a factor."""
+    if card.name == "FORCE":
+        node = deck.index(card, 1)
+        vector = factor * card.real(3) * _vector(deck, card, 2, 4, node)
+        deck.found.forces[node] += vector
+    elif card.name == "FORCE1":
+        node, start, end = (deck.index(card, k) for k in (1, 3, 4))
+        along = deck.mesh.points[end] - deck.mesh.points[start]
+        deck.found.forces[node] += factor * card.real(2) * along / np.linalg.norm(along)
+    elif card.name == "GRAV":
+        vector = factor * card.real(2) * _vector(deck, card, 1, 3, None)
+        deck.found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
+    elif card.name == "PLOAD4":
+        return _pressure(deck, card, factor)
+    else:
+        return False
+    return True
+
+
+def _vector(deck: Deck, card: Card, system: int, first: int, node: int | None) -> Floats:
+    """A vector (3,) of an entry in the basic system.
+
+    Args:
+        deck: the deck.
+        card: the entry.
+        system: field of its coordinate system.
+        first: field of its first component.
+        node: the node at which it acts; None for the origin.
+
+    Raises:
+        ValueError: the axes of the system depend on a place.
+    """
+    vector = np.array([card.real(first + k) for k in range(3)])
+    if not card.integer(system):
+        return vector
+    place = None if node is None else deck.mesh.points[node]
+    return np.asarray(vector @ deck.systems.axes(card.integer(system), place))
+
+
+def _pressure(deck: Deck, card: Card, factor: float) -> bool:
+    """Take a PLOAD4 of one pressure along the inner normal of solids.
+
+    Raises:
+        ValueError: the entry does not say on which face it acts.
+    """
+    pressures = {card.real(k, card.real(2)) for k in (2, 3, 4, 5)}
+    if len(pressures) > 1 or any(card.real(k) for k in (9, 10, 11)) or not card.text(6).isdigit():
+        return False
+    block, row = deck.rows.get(card.integer(1), (None, 0))
+    if block is None:
+        raise refuse(deck.path, f"PLOAD4 refers to the element {card.text(1)}, not in the file")
+    given = [deck.index(card, k) for k in (6, 7) if card.text(k)]
+    face = _face(block, block.nodes[row], given)
+    straight = Block(STRAIGHT[2, len(face)], np.array([face]))
+    deck.found.pressures[factor * card.real(2)].append(straight)
+    return True
+
+
+def _face(block: Block, nodes: Ints, given: list[int]) -> list[int]:
+    """The corners of the face of a cell that a PLOAD4 means.
+
+    The entry gives opposite corners of a quadrilateral, a corner of a triangle, or a corner of the
+    face of a tetrahedron and the corner that is not on it.
+
+    Raises:
+        ValueError: there is no such face.
+    """
+    for facet in block.shape.facets if block.shape.dimension == 3 else ():
+        face = nodes[list(facet)].tolist()
+        if block.shape.corners == 4:
+            found = len(given) == 2 and given[0] in face and given[1] not in face
+        elif len(face) == 4:
+            found = set(given) in ({face[0], face[2]}, {face[1], face[3]})
+        else:
+            found = len(given) == 1 and given[0] in face
+        if found:
+            return [int(node) for node in face]
+    raise ValueError("the entry does not say on which face the pressure acts")

@@ -49,6 +49,29 @@ class Systems:
             )
         return origin + np.array([a, b, c]) @ axes
 
+    def axes(self, system: int, place: Floats | None) -> Floats:
+        """The axes (3, 3), as rows in the basic system, along which components at a place are.
+
+        Raises:
+            ValueError: they depend on the place, which is None.
+            SceneError: the file does not define the coordinate system.
+        """
+        kind, origin, frame = self._frame(system)
+        if kind == "R":
+            return frame
+        if place is None:
+            raise ValueError(f"the axes of the coordinate system {system} depend on the place")
+        x, y, z = (place - origin) @ frame.T
+        turn, polar = np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)
+        c, s = np.cos(turn), np.sin(turn)
+        around, out = np.array([-s, c, 0.0]), np.array([c, s, 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        if kind == "C":
+            return np.asarray(np.array([out, around, up]) @ frame)
+        radial = np.sin(polar) * out + np.cos(polar) * up
+        down = np.cos(polar) * out - np.sin(polar) * up
+        return np.asarray(np.array([radial, down, around]) @ frame)
+
     def _frame(self, system: int) -> tuple[str, Floats, Floats]:
         """Kind, origin (3,) and axes (3, 3), as rows, of a system."""
         if system in self._frames:

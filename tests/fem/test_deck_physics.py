@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import refusal
 
 from fenicsrom import formats
+from fenicsrom.errors import ErrorKind
 from fenicsrom.formats.mesh_file import DeckLoad, DeckMaterial, Physics
 
 PLACES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
@@ -128,7 +131,8 @@ def test_deck_brings_what_it_holds(tmp_path: Path, name: str, text: str) -> None
     assert DeckLoad("force", (0.0, -5.0, 0.0), (1.0, 1.0, 1.0)) in found.loads
     (gravity,) = [load for load in found.loads if load.kind == "acceleration"]
     assert np.allclose(gravity.vector, (0.0, 0.0, -9810.0))
-    assert found.not_taken == (("1 SPC1 of the set 2",) if name == "a.bdf" else ())
+    left = ("1 SPC1 of the set 2, which the case does not use",)
+    assert found.not_taken == (left if name == "a.bdf" else ())
 
 
 def test_each_of_several_materials_has_a_group(tmp_path: Path) -> None:
@@ -149,8 +153,9 @@ def test_each_of_several_materials_has_a_group(tmp_path: Path) -> None:
 def test_what_a_scene_cannot_state_is_named(tmp_path: Path) -> None:
     text = ABAQUS.replace("*SPRING, ", "*SPRING, NONLINEAR, ").replace("2, 3\n", "2, 3, 3, 0.1\n")
     text = text.replace("*STATIC\n", "*STATIC\n*DSLOAD\nTOP, TRVEC, 1.\n")
-    found, _ = physics(tmp_path / "a.inp", text)
-    assert len(found.not_taken) == 3 and not found.springs
+    found, _ = physics(tmp_path / "a.inp", text.replace("7, 2, -5.", "7, 5, -5."))
+    assert len(found.not_taken) == 4 and not found.springs
+    assert any("moment" in what for what in found.not_taken)
 
 
 def test_shear_modulus_gives_poissons_ratio(tmp_path: Path) -> None:
@@ -159,3 +164,292 @@ def test_shear_modulus_gives_poissons_ratio(tmp_path: Path) -> None:
     text = NASTRAN.replace("CONM2", "PARAM,WTMASS,2.\nCONM2")
     found, _ = physics(tmp_path / "a.bdf", text)
     assert found.masses[0][1] == 2e-4 and found.materials[0].density == 1.57e-8
+
+
+def nastran(tmp_path: Path, case: str, bulk: str) -> tuple[Physics, dict[str, list[int]]]:
+    """What the cube holds without supports, springs and loads, but with these entries."""
+    rest = NASTRAN[NASTRAN.index("GRID") : NASTRAN.index("CONM2")]
+    return physics(tmp_path / "a.bdf", f"SOL 101\nCEND\n{case}BEGIN BULK\n{rest}{bulk}ENDDATA\n")
+
+
+def held(found: Physics, groups: dict[str, list[int]]) -> dict[tuple, tuple]:
+    """Components that are held, by the nodes of the groups."""
+    return {tuple(groups[str(name)]): components for name, components in found.supports}
+
+
+@pytest.mark.parametrize("case", ["SPC = 7\nLOAD = 8\n", "  spc=7\nSUBCASE 1\n LOAD = 8\n", ""])
+def test_combined_sets_are_taken_with_their_factors(tmp_path: Path, case: str) -> None:
+    """SPCADD and LOAD contain sets, which may be combinations themselves."""
+    bulk = (
+        "SPCADD,7,1,6\nSPCADD,6,3\nSPC1,1,123,1,4,5,8\nSPC1,3,3,2\n"
+        "LOAD,8,2.,3.,1,.5,5\nLOAD*,5,-1.,4.,2\nFORCE,1,7,,5.,0.,-1.,0.\nFORCE,2,6,,1.,1.,0.,0.\n"
+    )
+    found, groups = nastran(tmp_path, case, bulk)
+    assert held(found, groups) == {(0, 3, 4, 7): (0, 1, 2), (1,): (2,)}
+    assert {load.vector for load in found.loads} == {(0.0, -30.0, 0.0), (-4.0, 0.0, 0.0)}
+    assert not found.not_taken
+
+
+def test_only_the_first_subcase_is_taken_and_the_others_are_named(tmp_path: Path) -> None:
+    case = "SPC = 1\nSUBCASE 1\n LOAD = 1\nSUBCASE 2\n SPC = 3\n LOAD = 2\n"
+    bulk = "SPC1,1,123,1\nSPC1,3,3,2\nFORCE,1,7,,5.,0.,1.,0.\nFORCE,2,6,,1.,1.,0.,0.\n"
+    found, groups = nastran(tmp_path, case, bulk)
+    assert held(found, groups) == {(0,): (0, 1, 2)} and len(found.loads) == 1
+    assert len(found.not_taken) == 3 and "subcases" in found.not_taken[0]
+
+
+def test_set_that_contains_itself_is_refused(tmp_path: Path) -> None:
+    with refusal(ErrorKind.FORMAT, file="a.bdf", names="without end"):
+        nastran(tmp_path, "SPC = 7\n", "SPCADD,7,6\nSPCADD,6,7\n")
+
+
+CENTRE = "GRID,20,,-1.,.5,.5\nGRID,21,,-2.,.5,.5\n"
+FACE = "1,4,5,8"
+
+
+@pytest.mark.parametrize(
+    "bulk",
+    [
+        f"RBE2,50,20,123456,{FACE}\nSPC1,1,123456,20\n",
+        f"RBE2,50,20,123,{FACE}\nRBAR,51,21,20,123456\nSPC,1,21,123456,0.\n",
+        f"RBE2,50,20,123,{FACE},1.-6\nGRID,22,,-3.,.5,.5,,123456\nRBAR,51,20,22,,123456\n",
+        "".join(f"MPC,9,{n},{k},1.,20,{k},-1.\n" for n in (1, 4, 5, 8) for k in (1, 2, 3))
+        + "SPC1,1,123,20\n",
+    ],
+)
+def test_support_through_rigid_elements_holds_the_solid(tmp_path: Path, bulk: str) -> None:
+    found, groups = nastran(tmp_path, "", CENTRE + bulk)
+    assert held(found, groups) == {(0, 3, 4, 7): (0, 1, 2)} and not found.not_taken
+
+
+@pytest.mark.parametrize(
+    ("bulk", "names"),
+    [
+        (f"RBE2,50,20,123456,{FACE}\nSPC1,1,123,20\n", "RBE2"),  # a hinge
+        (f"RBE2,50,20,123456,{FACE}\n", "RBE2"),
+        (f"RBE3,50,,20,123,1.,123,{FACE[:5]}\n,8\nSPC1,1,123456,20\n", "RBE3"),
+        ("SPC1,1,123456,20\n", "beside the solid"),
+    ],
+)
+def test_support_that_cannot_be_had_is_named(tmp_path: Path, bulk: str, names: str) -> None:
+    found, _ = nastran(tmp_path, "", CENTRE + bulk)
+    assert not any(components == (0, 1, 2) for _, components in found.supports)
+    assert any(names in what for what in found.not_taken)
+
+
+REFERENCE = "*NODE, NSET=Ref\n30, -1., .5, .5\n*NODE\n31, -1., .5, 1.\n"
+SURFACE = "*ELSET, ELSET=one\n1\n*SURFACE, NAME=Wall\none, S6\n"
+HOLD = "*BOUNDARY\nRef, 1, 6\n"
+
+
+@pytest.mark.parametrize(
+    ("coupling", "taken"),
+    [
+        ("*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*KINEMATIC\n" + HOLD, True),
+        ("*Coupling, Ref node=30, Surface=Wall\n*Kinematic\n1, 3\n" + HOLD, True),
+        ("*KINEMATIC COUPLING, REF NODE=Ref\nfix, 1, 3\n" + HOLD, True),
+        ("*MPC\nBEAM, fix, Ref\n" + HOLD, True),
+        ("*RIGID BODY, REF NODE=Ref, TIE NSET=FIX\n*BOUNDARY\nref, ENCASTRE\n", True),
+        (
+            "*RIGID BODY, NSET=FIX, REF NODE=30, ROT NODE=31\n*BOUNDARY\n30, 1, 3\n31, 1, 3\n",
+            True,
+        ),
+        ("*EQUATION\n2\nFIX, 1, 1., 30, 1, -1.\n2\nFIX, 2, 1., 30, 2, -1.\n" + HOLD, False),
+        ("*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n", False),
+        ("*MPC\nPIN, FIX, Ref\n*BOUNDARY\nRef, 1, 3\n", False),
+    ],
+)
+def test_support_through_couplings_holds_the_solid(
+    tmp_path: Path, coupling: str, taken: bool
+) -> None:
+    head, tail = ABAQUS.replace("FIX, 1, 3\n2, 3\n", "").split("*BOUNDARY\n")
+    found, groups = physics(tmp_path / "a.inp", head + REFERENCE + SURFACE + coupling + tail)
+    whole = held(found, groups).get((0, 3, 4, 7)) == (0, 1, 2)
+    assert whole == taken and bool(found.not_taken) == (not taken and "EQUATION" not in coupling)
+
+
+def test_constraint_equations_of_an_archive_pass_a_support_on(tmp_path: Path) -> None:
+    equations = "".join(
+        f"CE,R5.0,DEFI,       2,{k:8d},  0.00000000    \n"
+        f"CE,R5.0,NODE,{node:8d},{label}  ,  1.00000000    ,{9:8d},{label}  , -1.00000000    \n"
+        for k, (node, label) in enumerate(((n, f"U{x}") for n in (1, 4) for x in "XYZ"), 1)
+    )
+    text = re.sub(r"^D,.*\n", "", ANSYS, flags=re.M)
+    extra = f"{9:9d}{0:9d}{0:9d}{-1.0:21.13E}\nN,R5.3,LOC"
+    text = text.replace("N,R5.3,LOC", extra) + equations
+    found, groups = physics(
+        tmp_path / "a.cdb", text + "DBLOCK,1\n(i9,a6,2(pg16.9))\n        9ALL    0.0  0.0\n -1\n"
+    )
+    assert held(found, groups) == {(0, 3): (0, 1, 2)}
+    found, groups = physics(tmp_path / "a.cdb", text)
+    assert not found.supports and any(what.startswith("6 CE") for what in found.not_taken)
+
+
+def test_section_may_stand_before_its_material_in_other_letters(tmp_path: Path) -> None:
+    section = "*SOLID SECTION, ELSET=eall, MATERIAL=STEEL\n"
+    text = ABAQUS.replace("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "")
+    text = text.replace("*MATERIAL", f"{section}*MATERIAL").replace("\nFIX, 1", '\n"Fix", 1')
+    text = text.replace("NSET=FIX", 'nset="fix"')
+    found, groups = physics(tmp_path / "a.inp", text)
+    (material,) = found.materials
+    assert (material.name, material.density) == ("Steel", 7.85e-9)
+    assert held(found, groups) == {(0, 3, 4, 7): (0, 1, 2), (1,): (2,)}
+
+
+def test_supports_of_one_name_in_two_instances_stay_apart(tmp_path: Path) -> None:
+    nodes = ABAQUS[: ABAQUS.index("*ELEMENT")]
+    cells = "*ELEMENT, TYPE=C3D8\n1, 1,2,3,4,5,6,7,8\n*NSET, NSET=low\n1, 4\n*END PART\n"
+    place = "*INSTANCE, NAME=A, PART=p\n*END INSTANCE\n*INSTANCE, NAME=B, PART=p\n5.,0.,0.\n"
+    text = f"*PART, NAME=p\n{nodes}{cells}*ASSEMBLY, NAME=x\n{place}*END INSTANCE\n"
+    supports = "*END ASSEMBLY\n*BOUNDARY\nA.low, 1\nB.low, 2\n"
+    found, groups = physics(tmp_path / "a.inp", text + supports)
+    assert held(found, groups) == {(0, 3): (0,), (8, 11): (1,)}
+
+
+def test_first_step_may_replace_the_supports(tmp_path: Path) -> None:
+    new = "*STEP\n*STATIC\n*BOUNDARY, OP=NEW\nFIX, XSYMM\n2, 2\n"
+    found, groups = physics(tmp_path / "a.inp", ABAQUS.replace("*STEP\n*STATIC\n", new))
+    assert held(found, groups) == {(0, 3, 4, 7): (0,), (1,): (1,)}
+
+
+def test_components_along_other_axes_are_not_taken_for_x_y_z(tmp_path: Path) -> None:
+    turned = "CORD2R,5,,0.,0.,0.,0.,0.,1.,+\n+,1.,1.,0.\nGRID,9,,2.,0.,0.,5\n"
+    bulk = turned + "CTETRA,2,3,9,2,3,6\nSPC1,1,1,9,1\nFORCE,2,9,5,2.,1.,0.,0.\n"
+    found, groups = nastran(tmp_path, "", bulk)
+    assert held(found, groups) == {(0,): (0,)}
+    (left,) = found.not_taken
+    assert "axes" in left and "normal" in left
+    (force,) = found.loads
+    assert np.allclose(force.vector, np.sqrt([2.0, 2.0, 0.0]))
+    found, groups = nastran(tmp_path, "", turned + "CTETRA,2,3,9,2,3,6\nSPC1,1,123,9,1\n")
+    assert held(found, groups) == {(0, 8): (0, 1, 2)} and not found.not_taken
+    text = ABAQUS.replace("*BOUNDARY", "*TRANSFORM, NSET=FIX\n1.,1.,0.,-1.,1.,0.\n*BOUNDARY", 1)
+    found, groups = physics(tmp_path / "a.inp", text.replace("FIX, 1, 3", "FIX, 1"))
+    assert held(found, groups) == {(1,): (2,)} and any("axes" in w for w in found.not_taken)
+
+
+def test_pressures_on_faces_of_elements_are_loads_on_groups(tmp_path: Path) -> None:
+    """The same face by its number in Abaqus, and by its opposite corners in Nastran."""
+    text = ABAQUS.replace("*CLOAD\n", "*DLOAD\nEALL, P2, 3.5\n*CLOAD\n")
+    (tmp_path / "a.inp").write_text(text)
+    (tmp_path / "a.bdf").write_text(
+        NASTRAN.replace("GRAV", "PLOAD4,9,1,7.,,,,5,7\nLOAD,8,1.,.5,9\nGRAV").replace("= 9", "= 8")
+    )
+    for name in ("a.inp", "a.bdf"):
+        mesh = formats.read(tmp_path / name)
+        assert DeckLoad("pressure", (3.5,), group="pressure 3.5") in mesh.physics.loads
+        (facets,) = (block for block in mesh.blocks if "pressure 3.5" in block.groups)
+        assert np.sort(facets.nodes).tolist() == [[4, 5, 6, 7]], "the face z = 1"
+
+
+TETRA, WEDGE = "CTETRA,1,3,1,2,4,5", "CPENTA,1,3,1,2,4,5,6,8"
+
+
+@pytest.mark.parametrize(
+    ("card", "nodes", "face"),
+    [(TETRA, "2,1", [1, 3, 4]), (WEDGE, "1", [0, 1, 3]), (WEDGE, "2,8", [1, 3, 5, 7])],
+)
+def test_pressure_on_faces_of_tetrahedra_and_wedges(
+    tmp_path: Path, card: str, nodes: str, face: list[int]
+) -> None:
+    grids = NASTRAN[NASTRAN.index("GRID") : NASTRAN.index("CHEXA")]
+    text = f"BEGIN BULK\n{grids}{card}\nPLOAD4,9,1,7.,,,,{nodes}\nENDDATA\n"
+    (tmp_path / "a.bdf").write_text(text)
+    mesh = formats.read(tmp_path / "a.bdf")
+    loaded = [block.nodes for block in mesh.blocks if "pressure 7" in block.groups]
+    assert np.unique(np.concatenate(loaded)).tolist() == face
+
+
+def test_materials_that_the_file_lacks_or_that_are_not_isotropic(tmp_path: Path) -> None:
+    """Without any material, the scene has one of its own; else the missing one is named."""
+    text = re.sub(r"^MP.*\n", "", ANSYS, flags=re.M)
+    found, _ = physics(tmp_path / "a.cdb", text)
+    assert found.materials == () and not any("material" in what for what in found.not_taken)
+    found, _ = physics(tmp_path / "b.bdf", NASTRAN.replace("MAT1,1,2.1+5", "MAT9,1,2.1+5"))
+    assert found.materials == (DeckMaterial("MAT9 1", None, None, None),)
+    assert any("MAT9 1" in what for what in found.not_taken)
+    other = "CTETRA,2,4,2,3,6,9\nGRID,9,,5.,0.,0.\nPSOLID,4,2\n"
+    found, _ = physics(tmp_path / "b.bdf", NASTRAN.replace("CONM2", f"{other}CONM2"))
+    assert [material.young for material in found.materials] == [2.1e5, None]
+    assert found.materials[1].group == "4" and any("not in the file" in w for w in found.not_taken)
+
+
+def bar(path: Path, loads: str, more: str = "", number: int = 4, stretch: float = 1.0) -> Physics:
+    """A block of cubes, whose nodes on the face z = 0 are numbered 1 to (number + 1)²."""
+    x = [k * stretch if k == number else float(k) for k in range(number + 1)]
+    places = [(x[i], j, k) for k in (0, 1) for j in range(number + 1) for i in range(number + 1)]
+    row, layer = number + 1, (number + 1) ** 2
+    text = "*NODE\n" + "".join(f"{n}, {a}, {b}, {c}\n" for n, (a, b, c) in enumerate(places, 1))
+    text += "*ELEMENT, TYPE=C3D8, ELSET=E\n"
+    for j in range(number):
+        for i in range(number):
+            a = 1 + i + row * j
+            base = (a, a + 1, a + row + 1, a + row)
+            cell = ", ".join(map(str, (*base, *(n + layer for n in base))))
+            text += f"{1 + i + number * j}, {cell}\n"
+    text += f"*NSET, NSET=Low, GENERATE\n1, {layer}\n{more}*STEP\n*STATIC\n{loads}*END STEP\n"
+    return physics(path, text)[0]
+
+
+def test_many_forces_of_one_direction_become_their_sum_on_a_group(tmp_path: Path) -> None:
+    found = bar(tmp_path / "a.inp", "*CLOAD\nlow, 3, 2.\n")
+    assert found.loads == (DeckLoad("force", (0.0, 0.0, 50.0), group="Low"),)
+    assert ["distribution" in what for what in found.not_taken] == [True]
+
+
+def test_many_forces_at_two_places_become_two_loads(tmp_path: Path) -> None:
+    high = "*NSET, NSET=High, GENERATE\n26, 50\n"
+    found = bar(tmp_path / "a.inp", "*CLOAD\nlow, 3, 2.\nHigh, 3, 1.\nHigh, 1, 1.\n", high)
+    assert {load.vector for load in found.loads} == {(0.0, 0.0, 50.0), (25.0, 0.0, 25.0)}
+
+
+@pytest.mark.parametrize(
+    ("loads", "stretch"),
+    [
+        ("*CLOAD\nlow, 3, 2.\n", 3.0),  # their line does not run through the centroid
+        ("*CLOAD\n" + "".join(f"{n}, 3, {n}.\n" for n in range(1, 26)), 1.0),
+        ("*CLOAD\n" + "".join(f"{n}, {1 + n % 3}, 1.\n" for n in range(1, 26)), 1.0),
+    ],
+)
+def test_many_forces_that_no_group_can_replace_are_named(
+    tmp_path: Path, loads: str, stretch: float
+) -> None:
+    found = bar(tmp_path / "a.inp", loads, stretch=stretch)
+    assert not found.loads
+    assert ["forces at 25 nodes" in what for what in found.not_taken] == [True]
+
+
+def test_few_forces_stay_at_their_nodes(tmp_path: Path) -> None:
+    loads = "*CLOAD\n" + "".join(f"{n}, 3, 2.\n" for n in range(1, 21))
+    assert [load.group for load in bar(tmp_path / "a.inp", loads).loads] == [None] * 20
+
+
+QUADRATIC = [
+    *PLACES,
+    *((0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0), (0, 0.5, 0)),
+    *((0.5, 0, 1), (1, 0.5, 1), (0.5, 1, 1), (0, 0.5, 1)),
+    *((0, 0, 0.5), (1, 0, 0.5), (1, 1, 0.5), (0, 1, 0.5)),
+]
+
+
+@pytest.mark.parametrize("more", ["", "1, 4, "])
+def test_nodes_on_edges_alone_are_held_by_their_coordinates(tmp_path: Path, more: str) -> None:
+    """The edge between corners of the group holds its own node."""
+    text = "*NODE\n" + "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(QUADRATIC, 1))
+    text += f"*ELEMENT, TYPE=C3D20\n1, {', '.join(map(str, range(1, 16)))},\n16, 17, 18, 19, 20\n"
+    text += f"*NSET, NSET=mid\n{more}12, 16, 17, 20\n*BOUNDARY\nmid, 1, 2\n"
+    found, groups = physics(tmp_path / "a.inp", text)
+    alone = {place for place, _ in found.supports if not isinstance(place, str)}
+    middles = {(0.0, 0.5, 1.0), (0.0, 0.0, 0.5), (0.0, 1.0, 0.5)}
+    assert alone == (middles if more else middles | {(0.0, 0.5, 0.0)})
+    by_name = [groups[place] for place, _ in found.supports if isinstance(place, str)]
+    assert by_name == ([[0, 3, 11]] if more else [])
+
+
+def test_plane_deck_brings_its_thickness_and_its_state_of_strain(tmp_path: Path) -> None:
+    text = "*NODE\n1,0.,0.\n2,1.,0.\n3,1.,1.\n4,0.,1.\n*ELEMENT, TYPE=CPE4, ELSET=E\n1,1,2,3,4\n"
+    text += "*SOLID SECTION, ELSET=E, MATERIAL=m\n0.25,\n*MATERIAL, NAME=M\n*ELASTIC\n1., 0.3\n"
+    text += "*BOUNDARY\n1, 1, 3\n2, 3\n"
+    found, groups = physics(tmp_path / "a.inp", text)
+    assert found.thickness == 0.25 and found.strain
+    assert held(found, groups) == {(0,): (0, 1)}, "z means nothing in the plane"

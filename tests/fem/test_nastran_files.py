@@ -112,9 +112,9 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     assert mesh.not_read == (
         "1 CBAR element",
         "1 CQUAD4 element",
-        "1 RBE2",
         "1 CBUSH",
     )
+    assert any(what.startswith("1 RBE2") for what in mesh.physics.not_taken)
     facets = [block for block in mesh.blocks if "3" in block.groups]
     assert [block.nodes.tolist() for block in facets] == [[[0, 1, 2, 3]]]
     assert list(mesh.node_groups["SPC 5"]) == [0, 1, 2, 3] and list(mesh.node_groups["SPC 6"]) == [

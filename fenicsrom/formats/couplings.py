@@ -1,0 +1,95 @@
+"""Equations that couple displacements of nodes, and what they hold together with supports."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from fenicsrom.formats.mesh_file import Floats, Ints
+
+ROUNDING = 1e-9
+"""Smaller distances, relative to the extent of the nodes, count as zero."""
+
+Component = tuple[int, int]
+"""A node, and its displacement (0 to 2) or rotation (3 to 5)."""
+
+
+class Equation(NamedTuple):
+    """An equation without a constant.
+
+    Attributes:
+        kind: what gives it, such as "RBE2".
+        name: which one, such as "RBE2 7"; the kind for one of many equations.
+        terms: what it contains with a factor that is not zero.
+    """
+
+    kind: str
+    name: str
+    terms: list[Component]
+
+
+@dataclass(eq=False)
+class Couplings:
+    """The equations of a file.
+
+    Attributes:
+        equations: the equations.
+        through: nodes that pass their support on to others.
+    """
+
+    equations: list[Equation] = field(default_factory=list)
+    through: set[int] = field(default_factory=set)
+
+    def add(self, kind: str, name: str, terms: list[Component]) -> None:
+        """Add an equation."""
+        self.equations.append(Equation(kind, name, terms))
+
+    def rigid(
+        self, kind: str, name: str, reference: int, nodes: Ints, components: set[int], x: Floats
+    ) -> None:
+        """Let nodes move with a reference node as a rigid body: u = u0 + w × r, and w with it.
+
+        Args:
+            kind: kind of the coupling.
+            name: its name.
+            reference: the reference node, with displacement u0 and rotation w.
+            nodes: the other nodes, at r from it.
+            components: which of their components.
+            x: coordinates of all nodes, shape (n, 3).
+        """
+        arms = x[nodes] - x[reference]
+        arms[np.abs(arms) <= ROUNDING * np.ptp(x, axis=0).max()] = 0.0
+        for node, arm in zip(nodes.tolist(), arms, strict=True):
+            for k in components if node != reference else ():
+                turns = [] if k > 2 else [(k + 1) % 3, (k + 2) % 3]
+                turned = [(reference, 3 + one) for one in turns if arm[sum(turns) - one]]
+                self.add(kind, name, [(node, k), (reference, k), *turned])
+
+    def solve(self, fixed: set[Component]) -> dict[str, dict[int, set[int]]]:
+        """Hold what is the only component of an equation that is not held.
+
+        Args:
+            fixed: the components that are held, to which these are added.
+
+        Returns:
+            The components by name of the coupling and by node. The equations that hold nothing and
+            do not hold of themselves remain.
+        """
+        found: dict[str, dict[int, set[int]]] = defaultdict(lambda: defaultdict(set))
+        count = -1
+        while len(self.equations) != count:
+            count, left = len(self.equations), []
+            for equation in self.equations:
+                free = [term for term in equation.terms if term not in fixed]
+                if len(free) > 1:
+                    left.append(equation)
+                    continue
+                self.through |= {node for node, _ in equation.terms}
+                for node, component in free:
+                    found[equation.name][node].add(component)
+                fixed.update(free)
+            self.equations = left
+        return found
