@@ -104,6 +104,8 @@ def matrix_set(
     found: dict[str, Array] = {}
     for part, names in NAMES.items():
         present = [name for name in names if name in upper]
+        if part == "damping":  # a matrix of zeros of any size stands for none
+            present = [name for name in present if np.any(upper[name])]
         if not present and part in ("stiffness", "mass"):
             listed = ", ".join(list(upper)[:10]) or "none"
             reason = f"has no {part} matrix: looked for {', '.join(names)}; the file has {listed}"

@@ -98,7 +98,7 @@ def _read_matrix(path: Path, header: str, lines: Iterator[str]) -> tuple[str, Ar
     name, words = header[32:40].strip(), FORMAT.match(header[40:].strip().upper())
     if kind not in (1, DOUBLE):
         raise refuse(path, f"matrix {name} is complex; only real matrices can be read")
-    if not 0 < columns <= LARGEST_SIZE or not 0 < abs(rows) <= LARGEST_SIZE:
+    if not 0 <= columns <= LARGEST_SIZE or not 0 <= abs(rows) <= LARGEST_SIZE:
         reason = f"matrix {name} has {counted(abs(rows), 'row')} and {counted(columns, 'column')}"
         raise refuse(path, f"{reason}; at most {LARGEST_SIZE}: reduce it first (Craig-Bampton)")
     width = int(words[2]) if words else 16

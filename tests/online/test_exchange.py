@@ -388,6 +388,20 @@ def test_op4_file_keeps_every_bit(tmp_path: Path) -> None:
     assert_matrices(read_op4(tmp_path / "a.op4"), 0.0)
 
 
+@pytest.mark.parametrize("damping", [np.zeros((1, 1)), np.zeros((3, 0)), np.zeros((2, 2))])
+def test_damping_of_zeros_stands_for_none(damping: np.ndarray, tmp_path: Path) -> None:
+    """Programs write a placeholder of another size where a model has no damping."""
+    matrices = {"KAAX": np.eye(3), "MAAX": 2.0 * np.eye(3), "BAAX": damping}
+    write_op4(tmp_path / "a.op4", matrices)
+    found = read_op4(tmp_path / "a.op4")
+    assert found.damping is None and np.array_equal(found.mass, 2.0 * np.eye(3))
+    np.savez(tmp_path / "a.npz", stiffness=np.eye(3), mass=np.eye(3), damping=damping)
+    assert read_matrices(tmp_path / "a.npz").damping is None
+    write_op4(tmp_path / "b.op4", {**matrices, "BAAX": np.ones((1, 1))})
+    with refusal(ErrorKind.MISMATCH, file="b.op4"):
+        read_op4(tmp_path / "b.op4")
+
+
 def test_op4_file_of_numbers_that_rounding_left_is_read_back(tmp_path: Path) -> None:
     """An exponent of three digits would shift the numbers behind it."""
     given = np.array([[2.0, 0.0], [-3e-107, 4.0]])
