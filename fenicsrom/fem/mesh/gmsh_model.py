@@ -282,7 +282,10 @@ def check_cells(
     cells = [x for x in cells if len(x)]
     spread = np.ptp([[x.min(axis=(0, 1)), x.max(axis=(0, 1))] for x in cells], axis=(0, 1))
     if d == 2 and spread[2] > PLANAR * spread.max():
-        reason = f"z differs by {spread[2]:g} m, but it must be constant in 2D"
+        reason = (
+            f"the cells are a surface in space (z differs by {spread[2]:g} m): shells are not "
+            "supported; give a mesh of solids, or a plane body in the plane z = constant"
+        )
         raise refuse(source, reason, ErrorKind.MESH, "geometry.dimension")
     moved = _check_shapes(gmsh, geometry, given, kind, [x[:, :, :d] for x in cells])
     warnings = [

@@ -7,7 +7,6 @@ them for all solids: it is 100 to 20,000 m/s from rubber to diamond, whatever th
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import TYPE_CHECKING
 
 import dolfinx.mesh
@@ -18,7 +17,8 @@ from fenicsrom.fem.base.compat import cells_of
 from fenicsrom.notes import Note, implausible
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
-from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
+from fenicsrom.scene.keys.unit_guess import SYSTEMS
+from fenicsrom.scene.keys.unit_system import Units
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
@@ -65,7 +65,7 @@ def implausible_inputs(scene: Scene, mesh: Mesh) -> list[Note]:
     names = [("material", scene.material)]
     names += [(f"materials[{k}]", group) for k, group in enumerate(scene.materials)]
     for key, material in names:
-        if found := _material_note(key, material):
+        if found := _material_note(key, material, scene.units):
             return found
     extent = mesh.extent()
     if EXTENTS[0] <= extent <= EXTENTS[1]:
@@ -75,7 +75,7 @@ def implausible_inputs(scene: Scene, mesh: Mesh) -> list[Note]:
     return implausible(f"the body is {extent:.4g} m long{likely}")
 
 
-def _material_note(key: str, material: Elasticity) -> list[Note]:
+def _material_note(key: str, material: Elasticity, units: Units) -> list[Note]:
     """A note on a material that no solid has, with the likely units; none on any other one."""
     young, density = max(material.orthotropic_constants[0]), material.density
     if _is_solid(young, density):
@@ -83,12 +83,18 @@ def _material_note(key: str, material: Elasticity) -> list[Note]:
     return implausible(
         f"{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
         f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} to "
-        f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density)}"
+        f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density, units)}"
     )
 
 
-def _likely_units(young: float, density: float) -> str:
-    """The units in which these numbers are those of a solid: of one of them, else of both."""
+def _likely_units(young: float, density: float, given_in: Units) -> str:
+    """The units in which these numbers are those of a solid: of one of them, else of both.
+
+    Args:
+        young: Young's modulus, Pa.
+        density: density, kg/m³.
+        given_in: the units of the scene, which may be wrong.
+    """
     units = "or the units of all numbers in [units]"
     found: list[tuple[float, str]] = []
 
@@ -104,13 +110,12 @@ def _likely_units(young: float, density: float) -> str:
         given = f"Give {density * factor:.6g} kg/m³, {units}"
         consider(1.0, factor, f"is the density in {unit}? {given}")
     if not found:
-        for length, mass, time in product(LENGTHS, MASSES, TIMES):
-            if (length == "in") != (mass == "slinch"):
-                continue
-            system = Units(length=length, mass=mass, time=time)
+        for system in SYSTEMS:
+            length, mass, time = system.length, system.mass, system.time
             given = f'[units] length = "{length}", mass = "{mass}", time = "{time}"'
             words = f"are the units {length}, {mass} and {time}? Give {given}"
-            consider(float(system.factor("Pa")), float(system.factor("kg/m³")), words)
+            scales = [system.factor(unit) / given_in.factor(unit) for unit in ("Pa", "kg/m³")]
+            consider(float(scales[0]), float(scales[1]), words)
     return min(found)[1] if found else "all numbers are in SI units, or in those of [units]"
 
 

@@ -18,15 +18,21 @@ from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import choice, is_number, is_sequence
 from fenicsrom.scene.base.tables import keys, table_kind
 
-INCH, POUND = Decimal("0.0254"), Decimal("4.4482216152605")
-"""An inch in m, and a pound of force in N."""
+INCH, FOOT, POUND = Decimal("0.0254"), Decimal("0.3048"), Decimal("4.4482216152605")
+"""An inch and a foot in m, and a pound of force in N."""
 
 LENGTHS, MASSES, TIMES = (
-    {"m": Decimal(1), "cm": Decimal("1e-2"), "mm": Decimal("1e-3"), "in": INCH},
-    {"kg": Decimal(1), "g": Decimal("1e-3"), "t": Decimal("1e3"), "slinch": POUND / INCH},
+    {
+        **{"m": Decimal(1), "cm": Decimal("1e-2"), "mm": Decimal("1e-3"), "um": Decimal("1e-6")},
+        **{"in": INCH, "ft": FOOT},
+    },
+    {
+        **{"kg": Decimal(1), "g": Decimal("1e-3"), "t": Decimal("1e3")},
+        **{"slinch": POUND / INCH, "slug": POUND / FOOT},
+    },
     {"s": Decimal(1), "ms": Decimal("1e-3")},
 )
-"""Units of length, mass and time in SI units; a slinch is a lbf s²/in."""
+"""Units of length, mass and time in SI units; a slinch is a lbf s²/in, a slug a lbf s²/ft."""
 
 DERIVED = {
     **{
@@ -36,6 +42,7 @@ DERIVED = {
     },
     (f"{POUND:.6g}", "N"): "lbf",
     (f"{POUND / INCH**2:.6g}", "Pa"): "psi",
+    (f"{POUND / FOOT**2:.6g}", "Pa"): "psf",
 }
 """Names of units of force and stress by their size in SI units."""
 
