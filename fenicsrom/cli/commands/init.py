@@ -8,7 +8,7 @@ from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, command, 
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import inspected
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
 
 UNITS = Argument(
     "--units",
@@ -33,10 +33,12 @@ def init(options: argparse.Namespace) -> int:
     """Write a starter scene beside a mesh file.
 
     Raises:
-        SceneError: the mesh cannot be used, or the scene file exists.
+        SceneError: the mesh cannot be used, the scene file exists, or the scene that was written
+            cannot run.
     """
     from fenicsrom.post.base.writers import write_text
-    from fenicsrom.post.studies.starter import starter_scene, units_of
+    from fenicsrom.post.studies.starter import leaves_support, starter_scene, units_of
+    from fenicsrom.scene import read_scene
 
     path = target(options.output or Path(options.mesh).with_suffix(".toml"))
     if path.exists():
@@ -46,32 +48,47 @@ def init(options: argparse.Namespace) -> int:
     if found.refusal is not None:
         raise found.refusal
     warnings = list(found.warnings)
+    warnings += [f"not taken from the file: {what}" for what in found.physics.not_taken]
+    if leaves_support(found) and options.root is None:
+        warnings.append("the support is a guess, because that of the file is not taken: check it")
+    system, why = units_of(found, options.units)
+    if why and options.units is None:
+        warnings.append(f"the units {system.names} are {why}")
     settings = {
-        "units": units_of(found, options.units),
+        "units": (system, why),
         "root": options.root,
         "tip": options.tip,
         "template": options.template,
     }
     text = starter_scene(found, path.parent, **settings)
-    mode = _first_mode(text, path, options.tip, warnings)
-    if mode is not None:
-        text = starter_scene(found, path.parent, **settings, mode=mode)
-    write_text(path, text)
     task = {"rub": "run", "damper": "run"}.get(options.template, options.template)
-    task = "modes" if mode is None else task
+    try:
+        mode = _first_mode(text, path, options.tip)
+        text = starter_scene(found, path.parent, **settings, mode=mode)
+        write_text(path, text)
+        read_scene(path)
+    except SceneError as error:
+        write_text(path, text)
+        print_results(None, "", warnings, [], [path])
+        reason = f"{error}. Change this in {path}, then run: fenicsrom plan {path} --picture a.png"
+        raise SceneError(reason, kind=error.kind, key=error.key, source=error.source) from None
     print_results(None, "", warnings, [f"Now run: fenicsrom {task} {path}"], [path])
     return 0
 
 
-def _first_mode(text: str, path: Path, tip: str | None, warnings: list[str]) -> Any:
-    """The first mode of a starter scene without loads; None, and a warning, if it has none."""
+def _first_mode(text: str, path: Path, tip: str | None) -> Any:
+    """The first mode of a starter scene without loads.
+
+    Raises:
+        SceneError: the scene has none, or has no equilibrium under its static loads.
+    """
     from fenicsrom.assess.studies.first_mode import first_mode
     from fenicsrom.scene import Place, parse_scene
     from fenicsrom.scene.base.toml import parse_toml
 
+    scene = parse_scene(parse_toml(text), str(path), path.parent, unloaded=True)
     try:
-        scene = parse_scene(parse_toml(text), str(path), path.parent, unloaded=True)
         return first_mode(scene, None if tip is None else Place(group=tip))
-    except (SceneError, ConvergenceError) as error:
-        warnings.append(f"the scene has no load yet, because its modes were not found: {error}")
-        return None
+    except ConvergenceError as error:
+        reason = f"{error}; are the static loads, or the units, right?"
+        raise refuse(path, reason, ErrorKind.RANGE, "loads") from None

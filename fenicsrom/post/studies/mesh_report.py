@@ -79,9 +79,12 @@ def _physics_lines(physics: Physics) -> list[str]:
         f"{material.name} (E = {material.young:g}, ν = {material.poisson:g}, "
         f"ρ = {'none' if material.density is None else f'{material.density:g}'})"
         for material in physics.materials
+        if material.young is not None
     ]
     parts += [
-        f"support {name} ({', '.join(AXES[k] for k in held)})" for name, held in physics.supports
+        f"support {place if isinstance(place, str) else f'at {_point(np.array(place))}'} "
+        f"({', '.join(AXES[k] for k in held)})"
+        for place, held in physics.supports
     ]
     several = {
         "point mass": (physics.masses, "point masses"),
@@ -97,7 +100,7 @@ def scale_hint(found: Inspection) -> str:
     """Advise on the units of a file that is most likely not in SI units, or ""."""
     units, why = units_of(found, None)
     if units.is_si:
-        return ""
+        return why
     scale = f"geometry.scale = {units.factor('m')}"
     return f"the units are probably {units.names} ({why}), not m; give them in [units], or {scale}"
 

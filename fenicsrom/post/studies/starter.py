@@ -15,6 +15,7 @@ from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
 from fenicsrom.scene.base.toml import toml_value as toml
+from fenicsrom.scene.keys.unit_guess import Elastic, likely_systems
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
@@ -36,18 +37,6 @@ SLIDING = 0.1
 
 FLAT = 0.5
 """A face with a smaller ratio of its mean normal to a unit vector goes round, as a bore does."""
-
-SYSTEMS = (
-    Units(),
-    Units(length="mm", mass="t"),
-    Units(length="mm", mass="kg", time="ms"),
-    Units(length="mm", mass="g", time="ms"),
-    Units(length="in", mass="slinch"),
-)
-"""Systems of units in which decks are written."""
-
-DENSITIES, MODULI = (100.0, 25_000.0), (1e6, 2e12)
-"""Densities in kg/m³ and Young's moduli in Pa of solids."""
 
 
 def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
@@ -76,16 +65,36 @@ def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
         return Units(length=names[0], mass=names[1], time=names[2]), "as --units says"
     if found.path.suffix.lower() in (".step", ".stp", ".geo") or found.geometry.scale != 1.0:
         return Units(), ""
-    for material in found.physics.materials:
-        for units in SYSTEMS:
-            young = units.in_si(material.young, "Pa")
-            density = units.in_si(material.density or 0.0, "kg/m³")
-            if DENSITIES[0] <= density <= DENSITIES[1] and MODULI[0] <= young <= MODULI[1]:
-                why = f"guessed from E = {material.young:g} and density = {material.density:g}"
-                return units, why
+    given_elastic = [(m.young, m.density) for m in found.physics.materials if m.young is not None]
+    if given_elastic:
+        return _units_of_deck(found, given_elastic)
     if found.extent > LARGE:
-        return SYSTEMS[1], f"guessed, because the body is {found.extent:.4g} long"
+        return IN_MM, f"guessed, because the body is {found.extent:.4g} long"
     return Units(), ""
+
+
+IN_MM = Units(length="mm", mass="t")
+"""The usual system of bodies in mm."""
+
+
+def _units_of_deck(found: Inspection, materials: list[Elastic]) -> tuple[Units, str]:
+    """The units of a deck with materials, and why."""
+    gravity = [math.hypot(*x.vector) for x in found.physics.loads if x.kind == "acceleration"]
+    likely = likely_systems(materials, gravity)
+    young, density = materials[0]
+    numbers = f"E = {young:g}" + ("" if density is None else f" and density = {density:g}")
+    if not likely:
+        units = IN_MM if found.extent > LARGE else Units()
+        return units, f"guessed: {numbers} are those of a solid in no usual system; see --units"
+    why = f"guessed from {numbers}"
+    others = [f"{system.length},{system.mass},{system.time}" for system in likely[1:]]
+    if others:
+        why += f", which fit --units {' or '.join(others)} as well"
+    if likely[0].is_si and found.extent > LARGE:
+        why += f", but the body is {found.extent:.4g} m long: is it in mm? Then give --scale 0.001"
+    elif likely[0].is_si and not others:
+        why = ""
+    return likely[0], why
 
 
 def starter_scene(
@@ -141,7 +150,7 @@ def starter_scene(
         *_attachment_lines(found),
         *[f"# not taken from the file: {what}" for what in found.physics.not_taken],
         "",
-        *_static_lines(found.physics.loads),
+        *_static_lines(found.physics.loads, found.geometry.dimension),
     ]
     if mode is not None:
         lines += _task_lines(found, system, mode, tip, template)
@@ -161,7 +170,9 @@ def _geometry_lines(found: Inspection) -> list[str]:
     """Lines of [geometry] that depend on the file."""
     geometry, lines = found.geometry, []
     if geometry.dimension == 2:
-        lines.append("thickness = 1.0")
+        lines.append(f"thickness = {found.physics.thickness or 1.0!r}")
+        if found.physics.strain:
+            lines.append('plane = "strain"')
     if geometry.size is not None:
         lines.append(f"size = {geometry.size:g} # m, of the cells; smaller ones are more exact")
     simplex = all(name.startswith(("triangle", "tetrahedr")) for name in found.cells)
@@ -179,16 +190,16 @@ def _geometry_lines(found: Inspection) -> list[str]:
 
 def _material_lines(found: Inspection, units: Units) -> list[str]:
     """The tables of the materials: those of the file, else steel."""
-    materials = found.physics.materials
-    if not materials and any("material" in what for what in found.physics.not_taken):
-        return ["[material] # that of the file cannot be taken, see below: give it here"]
     steel = DeckMaterial("steel", _in(units, "Pa", 2.1e11), 0.3, _in(units, "kg/m³", 7850.0))
     lines: list[str] = []
-    for k, material in enumerate(materials or (steel,)):
+    for k, material in enumerate(found.physics.materials or (steel,)):
         if k == 0:
             lines.append(f"[material] # {material.name}")
         elif material.group is not None:
             lines += ["", f"[[materials]] # {material.name}", f"group = {toml(material.group)}"]
+        if material.young is None:
+            lines.append("# it cannot be taken from the file: give young, poisson and density here")
+            continue
         note = ", of steel, because the file has none" if material.density is None else ""
         density = steel.density if note else material.density
         lines += [
@@ -202,19 +213,24 @@ def _material_lines(found: Inspection, units: Units) -> list[str]:
 def _support_lines(found: Inspection, root: str | None) -> list[str]:
     """The tables of the supports, and the names of the other groups that could be one."""
     assert found.boundary is not None
+    d = found.geometry.dimension
     most = len(found.boundary) // 2  # larger groups are probably the whole boundary
     facets = [group for group in found.groups if group.kind == "facets" and group.number <= most]
     likely = [group for group in facets if CLAMPED.search(group.name)]
     others = [group.name for group in facets]
     lines = ["[[supports]] # clamps a part of the boundary"]
+    if leaves_support(found):
+        lines = ["[[supports]] # a guess: the support of the file is not taken, see below"]
     if root is not None:
         _require_group(found, root, "--root")
         lines.append(f"group = {toml(root)}")
     elif found.physics.supports:
         lines = []
-        for name, components in found.physics.supports:
-            lines += ["[[supports]] # of the file", f"group = {toml(name)}"]
-            if len(components) < found.geometry.dimension:
+        for place, components in found.physics.supports:
+            is_group = isinstance(place, str)
+            where = f"group = {toml(place)}" if is_group else f"node = {list(place[:d])}"
+            lines += ["[[supports]] # of the file", where]
+            if len(components) < d:
                 lines.append(f"components = {toml([AXES[k] for k in components])}")
     elif likely:
         lines.append(f"group = {toml(likely[0].name)}")
@@ -290,7 +306,13 @@ def _attachment_lines(found: Inspection) -> list[str]:
     return lines
 
 
-def _static_lines(loads: Sequence[DeckLoad]) -> list[str]:
+def leaves_support(found: Inspection) -> bool:
+    """Whether the file has a support, but none that can be taken."""
+    left = any("support" in what or "BOUNDARY" in what for what in found.physics.not_taken)
+    return left and not found.physics.supports
+
+
+def _static_lines(loads: Sequence[DeckLoad], d: int) -> list[str]:
     """The tables of the static loads of the file."""
     lines: list[str] = []
     for load in loads:
@@ -300,8 +322,10 @@ def _static_lines(loads: Sequence[DeckLoad]) -> list[str]:
             continue
         size = math.hypot(*load.vector)
         if load.point is not None:
-            lines.append(f"node = {list(load.point)}")
-        direction = [float(f"{value / size:.12g}") for value in load.vector]
+            lines.append(f"node = {list(load.point[:d])}")
+        if load.group is not None:
+            lines.append(f"group = {toml(load.group)}")
+        direction = [float(f"{value / size:.12g}") for value in load.vector[:d]]
         lines += [f"direction = {direction}", f"{load.kind} = {size!r}", ""]
     return lines
 
