@@ -81,10 +81,8 @@ class Reader:
         self.couplings.rigid(kind, name, reference, nodes, components, self.points)
 
     def _mean(self, name: str, reference: int, nodes: Ints) -> None:
-        """The displacement of the reference node is a mean over the nodes."""
-        for k in range(3):
-            terms = [(int(node), k) for node in nodes if node != reference]
-            self.couplings.add("*DISTRIBUTING", name, [(reference, k), *terms])
+        nodes = nodes[nodes != reference]
+        self.couplings.mean("*DISTRIBUTING", name, reference, nodes, np.ones(len(nodes)))
 
     def _rigid_body(self, keyword: Keyword, nodes_of: NodesOf) -> bool:
         """Take *RIGID BODY; in CalculiX, a node of its own has the rotations as displacements."""

@@ -126,7 +126,8 @@ class Collector:
         self._leave_away("point mass", "attachments", [n for n in self.masses if n not in used])
         springs = [(place(n), k, value) for (n, k), value in self.springs.items() if n in used]
         self._leave_away("spring", "attachments", [n for n, _ in self.springs if n not in used])
-        near = {node: force for node, force in self.forces.items() if force.any()}
+        forces_at = self.couplings.spread(self.forces, mesh.points)
+        near = {node: force for node, force in forces_at.items() if force.any()}
         self._leave_away("force", "loads", [n for n in near if n not in used])
         near = {node: force for node, force in near.items() if node in used}
         forces, left = forces_on(mesh.points, cells, near, groups)
@@ -182,12 +183,9 @@ class Collector:
 
     def _leave_couplings(self) -> None:
         """Name the couplings of nodes that can move."""
-        names: dict[str, set[tuple[str, int]]] = defaultdict(set)
-        for k, (kind, name, _) in enumerate(self.couplings.equations):
-            names[kind].add((name, k if name == kind else 0))
-        for kind, of in names.items():
+        for kind, number in self.couplings.left(self.fixed).items():
             reason = "whose nodes can move or turn: a scene has no rigid parts and no equations"
-            self.leave(f"{len(of)} {kind} {reason}")
+            self.leave(f"{number} {kind} {reason}")
 
     def _pressures(self, groups: dict[str, Ints]) -> tuple[list[Block], list[DeckLoad]]:
         """The facets under pressure, as blocks with a group for each pressure, and the loads."""

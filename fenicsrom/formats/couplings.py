@@ -37,10 +37,12 @@ class Couplings:
 
     Attributes:
         equations: the equations.
+        means: nodes and weights of the mean that each reference node follows.
         through: nodes that pass their support on to others.
     """
 
     equations: list[Equation] = field(default_factory=list)
+    means: dict[int, tuple[Ints, Floats]] = field(default_factory=dict)
     through: set[int] = field(default_factory=set)
 
     def add(self, kind: str, name: str, terms: list[Component]) -> None:
@@ -67,6 +69,57 @@ class Couplings:
                 turns = [] if k > 2 else [(k + 1) % 3, (k + 2) % 3]
                 turned = [(reference, 3 + one) for one in turns if arm[sum(turns) - one]]
                 self.add(kind, name, [(node, k), (reference, k), *turned])
+
+    def mean(self, kind: str, name: str, reference: int, nodes: Ints, weights: Floats) -> None:
+        """Let a reference node follow the mean of nodes, which are as free as before.
+
+        Args:
+            kind: kind of the coupling.
+            name: its name.
+            reference: the reference node.
+            nodes: the other nodes (k,).
+            weights: weight of each (k,).
+        """
+        self.means[reference] = nodes, weights
+        for k in range(3):
+            self.add(kind, name, [(reference, k), *((int(node), k) for node in nodes)])
+
+    def spread(self, forces: dict[int, Floats], x: Floats) -> dict[int, Floats]:
+        """Give forces at the nodes of means instead of those at their reference nodes.
+
+        A force F gives the nodes at r from their centroid, with weights w, the forces
+
+            w (F / Σw + (T⁻¹ M) × r),    T = Σ w (r · r − r rᵀ),
+
+        with its moment M about the centroid: those of RBE3 in Nastran without rotations of nodes.
+
+        Args:
+            forces: force (3,) at each node.
+            x: coordinates of all nodes, shape (n, 3).
+        """
+        found: dict[int, Floats] = defaultdict(lambda: np.zeros(3))
+        for node, force in forces.items():
+            nodes, weights = self.means.get(node, (np.array([node]), np.ones(1)))
+            total = weights.sum()
+            centroid = weights @ x[nodes] / total
+            arms = x[nodes] - centroid
+            inertia = np.einsum("i,ij,ik->jk", weights, arms, arms)
+            turn = np.linalg.pinv(np.trace(inertia) * np.eye(3) - inertia, hermitian=True)
+            spin = turn @ np.cross(x[node] - centroid, force)
+            for k, own in enumerate(nodes.tolist()):
+                found[own] = found[own] + weights[k] * (force / total + np.cross(spin, arms[k]))
+        return found
+
+    def left(self, fixed: set[Component]) -> dict[str, int]:
+        """The number of couplings of each kind that act on nodes that can move.
+
+        A mean that its reference node follows freely acts on nothing.
+        """
+        names: dict[str, set[tuple[str, int]]] = defaultdict(set)
+        for k, (kind, name, terms) in enumerate(self.equations):
+            if terms[0][0] not in self.means or terms[0] in fixed:
+                names[kind].add((name, k if name == kind else 0))
+        return {kind: len(of) for kind, of in names.items()}
 
     def solve(self, fixed: set[Component]) -> dict[str, dict[int, set[int]]]:
         """Hold what is the only component of an equation that is not held.

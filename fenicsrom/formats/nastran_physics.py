@@ -56,6 +56,8 @@ LEFT = {
     "SPC": " with a displacement",
     "PLOAD4": " on shells, with a direction of its own, or that varies along the face",
     "RBAR": " with other independent components than those of one end",
+    "MOMENT": ": nodes of solids do not turn",
+    "RFORCE": ": give [rotation]",
 }
 """What is not taken of some entries."""
 
@@ -354,11 +356,18 @@ def _couple(deck: Deck, card: Card) -> bool:
                 couplings.rigid("RBAR", name, ends[k], np.array([ends[1 - k]]), held, x)
                 return True
         return False
-    words = [word for word in card.fields[4:] if word]  # weights are reals, components follow them
-    grids = [w for before, w in pairwise(words) if w.isdigit() and "." not in before]
-    for k in _components(card.text(3)) & {0, 1, 2}:
-        means = [(deck.numbers[int(grid)], k) for grid in grids if int(grid) in deck.numbers]
-        couplings.add("RBE3", name, [(deck.index(card, 2), k), *means])
+    weights: dict[int, float] = {}
+    weight = 0.0
+    words = [word for word in card.fields[4:] if word]
+    for before, word in pairwise(["", *takewhile(lambda w: w not in ("UM", "ALPHA"), words)]):
+        if not word.isdigit():
+            weight = Card("", [word]).real(0)
+        elif before.isdigit():  # the components follow a weight
+            weights[deck.numbers[int(word)]] = weight
+        elif not _components(word) >= {0, 1, 2}:
+            return False
+    nodes, factors = np.array(list(weights)), np.array(list(weights.values()))
+    couplings.mean("RBE3", name, deck.index(card, 2), nodes, factors)
     return True
 
 

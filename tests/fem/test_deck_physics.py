@@ -255,7 +255,10 @@ HOLD = "*BOUNDARY\nRef, 1, 6\n"
             True,
         ),
         ("*EQUATION\n2\nFIX, 1, 1., 30, 1, -1.\n2\nFIX, 2, 1., 30, 2, -1.\n" + HOLD, False),
-        ("*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n", False),
+        (
+            "*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n" + HOLD,
+            False,
+        ),
         ("*MPC\nPIN, FIX, Ref\n*BOUNDARY\nRef, 1, 3\n", False),
     ],
 )
@@ -266,6 +269,25 @@ def test_support_through_couplings_holds_the_solid(
     found, groups = physics(tmp_path / "a.inp", head + REFERENCE + SURFACE + coupling + tail)
     whole = held(found, groups).get((0, 3, 4, 7)) == (0, 1, 2)
     assert whole == taken and bool(found.not_taken) == (not taken and "EQUATION" not in coupling)
+
+
+def test_force_at_the_reference_of_a_mean_is_spread(tmp_path: Path) -> None:
+    """The forces at the nodes have the sum and the moment of that at the reference node."""
+    head, tail = ABAQUS.split("*BOUNDARY\n")
+    coupling = "*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n"
+    tail = tail.replace("7, 2, -5.", "Ref, 3, 6.")
+    abaqus, _ = physics(
+        tmp_path / "a.inp", f"{head}{REFERENCE}{SURFACE}{coupling}*BOUNDARY\n{tail}"
+    )
+    rigid = "RBE3,50,,20,123456,2.,123,1,4,+\n+,5,8\nFORCE,1,20,,6.,0.,0.,1.\n"
+    bulk, _ = nastran(tmp_path, "", CENTRE + rigid)
+    for found in (abaqus, bulk):
+        forces = [load for load in found.loads if load.kind == "force"]
+        vectors = np.array([load.vector for load in forces])
+        arms = np.array([load.point for load in forces]) - [-1.0, 0.5, 0.5]
+        assert len(forces) == 4 and np.allclose(vectors.sum(axis=0), [0.0, 0.0, 6.0])
+        assert np.allclose(np.cross(arms, vectors).sum(axis=0), 0.0, atol=1e-12)
+        assert not found.not_taken
 
 
 def test_constraint_equations_of_an_archive_pass_a_support_on(tmp_path: Path) -> None:
