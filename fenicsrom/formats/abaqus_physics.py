@@ -32,7 +32,7 @@ TYPED = {
 
 LOADS = ("CLOAD", "DLOAD", "DSLOAD")
 
-MATERIAL_DATA = ("ELASTIC", "DENSITY")
+MATERIAL_DATA = ("ELASTIC", "DENSITY", "HYPERELASTIC", "HYPERFOAM", "USER MATERIAL")
 
 FIRST = ("ELEMENT", "TRANSFORM")
 """Keywords to which others refer, also from above."""
@@ -117,7 +117,7 @@ def with_physics(
     for keyword, _ in keywords:
         if keyword.name == "MATERIAL":
             material = keyword.parameters.get("NAME", "")
-            found.constants[state.materials.setdefault(material.upper(), material)] = {}
+            state.materials.setdefault(material.upper(), material)
     for keyword, scope in sorted(keywords, key=lambda given: given[0].name not in FIRST):
         rows = [fields(line) for line in keyword.lines]
         one_by_one = keyword.name in ("BOUNDARY", "MPC", *LOADS)
@@ -179,7 +179,8 @@ def _material(state: _State, keyword: Keyword, rows: list[list[str]]) -> bool:
     if keyword.name == "DENSITY":
         constants["rho"] = float(rows[0][0])
         return True
-    if keyword.parameters.get("TYPE", "ISO").upper()[:3] != "ISO":
+    kind = keyword.parameters.get("TYPE", "ISO").upper()
+    if keyword.name != "ELASTIC" or kind[:3] != "ISO":
         return False
     constants["E"], constants["nu"] = float(rows[0][0]), float(rows[0][1])
     if len(rows) > 1:

@@ -73,7 +73,6 @@ STEEL = "MAT1,1,2.1+11,,0.3,7850.\n"
     [
         ("MAT9,1,1.+9,0.,0.,0.,0.,0.,1.+9\nSPC1,1,123,1,2,3,4\n", "material.young"),
         (f"{STEEL}SPC1,1,123,1\n", "supports"),
-        (f"{STEEL}GRID,90,,0.,.5,.5\nRBE2,9,90,123,1,2\nSPC1,1,123,90\n", "supports"),
         (f"{STEEL}SPC1,1,123,1,2,3,4\nFORCE,1,1,,1.,0.,0.,1.\n", "loads[0]"),
     ],
 )
@@ -101,10 +100,12 @@ def test_starter_scene_of_a_support_through_a_rigid_element_runs(
     assert main(["plan", str(tmp_path / "a.toml")]) == 0
 
 
-def test_support_that_is_not_taken_is_said_beside_the_guess(tmp_path: Path) -> None:
-    path = nastran(tmp_path / "a.bdf", f"{STEEL}GRID,90,,0.,.5,.5\nSPC1,1,123456,90\n")
-    text = starter_scene(inspect(path), tmp_path)
-    assert "a guess" in text and "[[supports]] # clamps" not in text
+@pytest.mark.parametrize("coupling", ["", "RBE2,9,90,123456,1,2\n", "RBE3,9,,90,123,1.,123,1,2\n"])
+def test_support_that_is_not_taken_is_said_beside_the_guess(tmp_path: Path, coupling: str) -> None:
+    bulk = f"{STEEL}GRID,90,,0.,.5,.5\n{coupling}SPC1,1,123,90\n"
+    found = inspect(nastran(tmp_path / "a.bdf", bulk))
+    assert "a guess" in starter_scene(found, tmp_path)
+    assert "support" not in "\n".join(mesh_report.lines(found, None)).partition("not taken")[0]
 
 
 def test_shells_in_space_are_refused_as_shells(
