@@ -441,6 +441,14 @@ def test_many_forces_that_no_group_can_replace_are_named(
     assert ["forces at 25 nodes" in what for what in found.not_taken] == [True]
 
 
+def test_many_forces_inside_the_body_are_named(tmp_path: Path) -> None:
+    """A group of a scene has facets of the boundary only."""
+    inside = [1 + 5 + 11 * j + layer for layer in (0, 121) for j in range(11)]
+    loads = "*CLOAD\n" + "".join(f"{n}, 1, 2.\n" for n in inside)
+    found = bar(tmp_path / "a.inp", loads, number=10)
+    assert not found.loads and any("forces at 22 nodes" in what for what in found.not_taken)
+
+
 def test_few_forces_stay_at_their_nodes(tmp_path: Path) -> None:
     loads = "*CLOAD\n" + "".join(f"{n}, 3, 2.\n" for n in range(1, 21))
     assert [load.group for load in bar(tmp_path / "a.inp", loads).loads] == [None] * 20
