@@ -64,6 +64,7 @@ class _State:
         materials: the spelling of each material by its name in capitals.
         material: name of the material whose data follow.
         couplings: reads what couples nodes.
+        solids: number of the cells of the body.
         renewed: whether the first step has forgotten the supports before it.
         step: number of the step, 0 before the first one.
         static: whether it is a linear or nonlinear static step.
@@ -76,6 +77,7 @@ class _State:
     mesh: MeshFile
     starts: Ints
     couplings: Reader
+    solids: int
     points: dict[str, list[Ints]] = field(default_factory=lambda: defaultdict(list))
     materials: dict[str, str] = field(default_factory=dict)
     material: str = ""
@@ -111,7 +113,10 @@ def with_physics(
     )
     found = Collector()
     couplings = Reader(found.couplings, mesh.points)
-    state = _State(found, nodes, cells, mesh, starts, couplings)
+    solid = max((block.shape.dimension for block in mesh.blocks), default=0)
+    whole = [block for block in mesh.blocks if block.shape.dimension == solid]
+    count = sum(len(block.nodes) for block in whole if block.labels is not None)
+    state = _State(found, nodes, cells, mesh, starts, couplings, count)
     for block in mesh.blocks:
         state.found.strain |= block.name.startswith("CPE")
     for keyword, _ in keywords:
@@ -126,7 +131,8 @@ def with_physics(
                 taken = _take(state, keyword, part, scope)
             except (ValueError, IndexError):
                 shown = ", ".join(part[0] if part else ())
-                state.found.leave(f"*{keyword.name}: {shown!r} cannot be read")
+                is_support = keyword.name == "BOUNDARY"
+                state.found.leave(f"*{keyword.name}: {shown!r} cannot be read", is_support)
                 continue
             if not taken:
                 reason = REASONS.get(keyword.name)
@@ -244,7 +250,7 @@ def _section(
 
 def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...]) -> None:
     if state.step > 1:
-        state.found.leave("*BOUNDARY of the second and later steps")
+        state.found.leave("*BOUNDARY of the second and later steps", True)
         return
     if state.step == 1 and keyword.parameters.get("OP", "").upper() == "NEW" and not state.renewed:
         state.found.release()
@@ -257,7 +263,7 @@ def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str,
         last = int(row[2]) if len(row) > 2 and row[2] else first
         components = set(range(first - 1, last))
         if len(row) > 3 and float(row[3] or 0.0):
-            state.found.leave(f"*BOUNDARY: the displacement {row[3]} of {row[0]}")
+            state.found.leave(f"*BOUNDARY: the displacement {row[3]} of {row[0]}", True)
             return
     name = row[0].rpartition(".")[2]
     if name.isdigit():
@@ -282,6 +288,8 @@ def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...
     elif name == "DLOAD" and kind == "GRAV":
         direction = np.array([float(word) for word in row[3:6]])
         vector = float(row[2]) * direction / np.linalg.norm(direction)
+        if row[0] and len(state.cells.found(scope, row[0])) < state.solids:
+            found.leave(f"the limit of gravity to {row[0]}: it acts on the whole body")
         found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
     elif name == "DLOAD" and kind[:1] == "P" and kind[1:].isdigit():
         chosen = by_block(state.cells.found(scope, row[0]), state.starts)

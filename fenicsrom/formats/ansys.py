@@ -305,7 +305,7 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         if name == "ALL":
             components = set(COMPONENTS.values())
         if command == "D" and value:
-            found.leave(f"D,{node},{name},{value:g}: a displacement")
+            found.leave(f"D,{node},{name},{value:g}: a displacement", True)
         elif command == "D":
             held.setdefault(node, set()).update(components)
         elif name in ("FX", "FY", "FZ") and numbers.get(node) in found.turned:

@@ -44,6 +44,7 @@ class Collector:
         thickness: thickness of a plane body.
         strain: whether its strains, not its stresses, are plane.
         not_taken: what a scene cannot state, each in a few words, in their order.
+        lost_support: whether a support is among it.
     """
 
     constants: dict[str, dict[str, float]] = field(default_factory=lambda: defaultdict(dict))
@@ -60,6 +61,7 @@ class Collector:
     thickness: float | None = None
     strain: bool = False
     not_taken: dict[str, None] = field(default_factory=dict)
+    lost_support: bool = False
 
     def cells_of(self, material: str, mesh: MeshFile) -> list[Marks]:
         """The marks of the cells of a material in each block, to be changed."""
@@ -74,7 +76,7 @@ class Collector:
         moved, own = components & {0, 1, 2}, set(nodes)
         if len(moved) in (1, 2) and (turned := own & self.turned):
             along = f"{counted(len(turned), 'node')} held along axes of their own"
-            self.leave(f"the support {name}: {along}; [[supports]] can have a normal")
+            self.leave(f"the support {name}: {along}; [[supports]] can have a normal", True)
             own -= turned
         self.fixed |= {(node, k) for node in own for k in components}
         if not moved or not own:
@@ -106,9 +108,10 @@ class Collector:
         self.springs[free[0]] += stiffness
         return True
 
-    def leave(self, what: str) -> None:
-        """Name something that a scene cannot state."""
+    def leave(self, what: str, support: bool = False) -> None:
+        """Name something, such as a support, that a scene cannot state."""
         self.not_taken[what] = None
+        self.lost_support |= support
 
     def finished(self, mesh: MeshFile) -> MeshFile:
         """Give the mesh with its physics, and with the groups that it needs."""
@@ -142,6 +145,7 @@ class Collector:
             tuple(self.not_taken),
             self.thickness,
             self.strain,
+            self.lost_support,
         )
         return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
 
@@ -165,12 +169,13 @@ class Collector:
             own = [node for node in nodes.tolist() if node in used]
             if away := set(nodes.tolist()) - used - self.couplings.through:
                 beside = f"the support {name} of {counted(len(away), 'node')} beside the solid"
-                self.leave(f"{beside}; [[supports]] can hold a group of it")
+                self.leave(f"{beside}; [[supports]] can hold a group of it", True)
             alone = _alone(cells, np.array(own, dtype=np.int64)) if held else set()
             if len(alone) > MOST_TABLES:
                 self.leave(
                     f"the support {name} of {len(alone)} nodes in the middle of edges whose ends "
-                    "are not held; [[supports]] can hold a group of facets"
+                    "are not held; [[supports]] can hold a group of facets",
+                    True,
                 )
             else:
                 found += [(tuple(points[node].tolist()), held) for node in sorted(alone)]

@@ -105,6 +105,7 @@ class Physics:
         not_taken: what a scene cannot state, each in a few words.
         thickness: thickness of a plane body; None if the file has none.
         strain: whether the strains of a plane body are plane, and not its stresses.
+        lost_support: whether a support is not taken.
     """
 
     materials: tuple[DeckMaterial, ...] = ()
@@ -115,6 +116,7 @@ class Physics:
     not_taken: tuple[str, ...] = ()
     thickness: float | None = None
     strain: bool = False
+    lost_support: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,7 +140,7 @@ def with_physics(
         if not taken:
             left[card.name + LEFT.get(card.name, "")] += 1
     for name, count in left.items():
-        deck.found.leave(f"{count} {name}")
+        deck.found.leave(f"{count} {name}", name.startswith("SPC"))
     return deck.found.finished(mesh)
 
 

@@ -100,9 +100,17 @@ def test_starter_scene_of_a_support_through_a_rigid_element_runs(
     assert main(["plan", str(tmp_path / "a.toml")]) == 0
 
 
-@pytest.mark.parametrize("coupling", ["", "RBE2,9,90,123456,1,2\n", "RBE3,9,,90,123,1.,123,1,2\n"])
-def test_support_that_is_not_taken_is_said_beside_the_guess(tmp_path: Path, coupling: str) -> None:
-    bulk = f"{STEEL}GRID,90,,0.,.5,.5\n{coupling}SPC1,1,123,90\n"
+@pytest.mark.parametrize(
+    "support",
+    [
+        "SPC1,1,123,90\n",
+        "RBE2,9,90,123456,1,2\nSPC1,1,123,90\n",
+        "RBE3,9,,90,123,1.,123,1,2\nSPC1,1,123,90\n",
+        "SPC,1,1,123,.1\n",
+    ],
+)
+def test_support_that_is_not_taken_is_said_beside_the_guess(tmp_path: Path, support: str) -> None:
+    bulk = f"{STEEL}GRID,90,,0.,.5,.5\n{support}"
     found = inspect(nastran(tmp_path / "a.bdf", bulk))
     assert "a guess" in starter_scene(found, tmp_path)
     assert "support" not in "\n".join(mesh_report.lines(found, None)).partition("not taken")[0]

@@ -483,3 +483,15 @@ def test_plane_deck_brings_its_thickness_and_its_state_of_strain(tmp_path: Path)
     found, groups = physics(tmp_path / "a.inp", text)
     assert found.thickness == 0.25 and found.strain
     assert held(found, groups) == {(0,): (0, 1)}, "z means nothing in the plane"
+    text += "*STEP\n*STATIC\n*DLOAD\n1, P2, 4.\n1, GRAV, 9., 0., -1., 0.\n*END STEP\n"
+    (tmp_path / "a.inp").write_text(text)
+    mesh = formats.read(tmp_path / "a.inp")
+    (edge,) = (block.nodes.tolist() for block in mesh.blocks if "pressure 4" in block.groups)
+    assert edge == [[1, 2]] and not mesh.physics.not_taken
+
+
+def test_gravity_of_a_part_of_the_body_is_named(tmp_path: Path) -> None:
+    found = bar(tmp_path / "a.inp", "*DLOAD\n1, GRAV, 9., 0., 0., -1.\n", number=2)
+    assert any("gravity" in what for what in found.not_taken)
+    found = bar(tmp_path / "a.inp", "*DLOAD\nE, GRAV, 9., 0., 0., -1.\n", number=2)
+    assert not found.not_taken and len(found.loads) == 1

@@ -308,8 +308,7 @@ def _attachment_lines(found: Inspection) -> list[str]:
 
 def leaves_support(found: Inspection) -> bool:
     """Whether the file has a support, but none that can be taken."""
-    left = any("support" in what or "BOUNDARY" in what for what in found.physics.not_taken)
-    return left and not found.physics.supports
+    return found.physics.lost_support and not found.physics.supports
 
 
 def _static_lines(loads: Sequence[DeckLoad], d: int) -> list[str]:
