@@ -59,7 +59,8 @@ def forces_on(
             loads.append(DeckLoad("force", tuple(total.tolist()), group=name))
             spread = f"which the scene spreads over the area of the group {name}"
             left.append(f"the distribution of the forces at {len(own)} nodes, {spread}")
-            alone = {node: force for node, force in alone.items() if node not in own}
+            for node in own:
+                del alone[node]
     if len(alone) > MOST_TABLES:
         total = np.sum(list(alone.values()), axis=0)
         listed = ", ".join(f"{value:.6g}" for value in total)

@@ -74,6 +74,7 @@ STEEL = "MAT1,1,2.1+11,,0.3,7850.\n"
         ("MAT9,1,1.+9,0.,0.,0.,0.,0.,1.+9\nSPC1,1,123,1,2,3,4\n", "material.young"),
         (f"{STEEL}SPC1,1,123,1\n", "supports"),
         (f"{STEEL}SPC1,1,123,1,2,3,4\nFORCE,1,1,,1.,0.,0.,1.\n", "loads[0]"),
+        (f"{STEEL}SPC1,1,123,1,2,3,4\nSPC1,1,3,17\n", "contacts[0]"),
     ],
 )
 def test_starter_scene_that_cannot_run_is_not_recommended(
@@ -81,7 +82,8 @@ def test_starter_scene_that_cannot_run_is_not_recommended(
 ) -> None:
     pytest.importorskip("dolfinx")
     path = nastran(tmp_path / "a.bdf", bulk)
-    assert main(["init", str(path)]) == 2
+    task = ["--template", "rub", "--tip", "SPC 1 z"] if names == "contacts[0]" else []
+    assert main(["init", str(path), *task]) == 2
     said = capsys.readouterr()
     assert names in said.err and "a.toml" in said.err
     assert "Now run" not in said.out and (tmp_path / "a.toml").exists()

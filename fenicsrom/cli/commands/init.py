@@ -38,7 +38,6 @@ def init(options: argparse.Namespace) -> int:
     """
     from fenicsrom.post.base.writers import write_text
     from fenicsrom.post.studies.starter import leaves_support, starter_scene, units_of
-    from fenicsrom.scene import read_scene
 
     path = target(options.output or Path(options.mesh).with_suffix(".toml"))
     if path.exists():
@@ -66,7 +65,7 @@ def init(options: argparse.Namespace) -> int:
         mode = _first_mode(text, path, options.tip)
         text = starter_scene(found, path.parent, **settings, mode=mode)
         write_text(path, text)
-        read_scene(path)
+        _check(path, task)
     except SceneError as error:
         write_text(path, text)
         print_results(None, "", warnings, [], [path])
@@ -74,6 +73,21 @@ def init(options: argparse.Namespace) -> int:
         raise SceneError(reason, kind=error.kind, key=error.key, source=error.source) from None
     print_results(None, "", warnings, [f"Now run: fenicsrom {task} {path}"], [path])
     return 0
+
+
+def _check(path: Path, task: str) -> None:
+    """Check a scene for a command, as `plan` does.
+
+    Raises:
+        SceneError: the command would refuse the scene.
+    """
+    from fenicsrom import study
+    from fenicsrom.scene import read_scene
+
+    scene = read_scene(path)
+    study.set_up(scene)
+    if reason := study.refusal_of(task, scene):
+        raise SceneError(reason, kind=ErrorKind.CONFLICT, key=task, source=str(path))
 
 
 def _first_mode(text: str, path: Path, tip: str | None) -> Any:
