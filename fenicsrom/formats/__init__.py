@@ -68,7 +68,7 @@ def read(path: Path) -> MeshFile:
     else:
         with reading(path):
             mesh = READERS[form](path)
-        mesh = sorted_elements(path, divided(mesh))
+        mesh = _without_bending(sorted_elements(path, divided(mesh)))
     for block in mesh.blocks:
         if block.nodes.min() < 0 or block.nodes.max() >= len(mesh.points):
             raise refuse(path, "a cell refers to a node that is not in the file")
@@ -80,6 +80,21 @@ def read(path: Path) -> MeshFile:
         for block in mesh.blocks
     ]
     return replace(mesh, blocks=tuple(blocks))
+
+
+SHELLS = re.compile(r"S\d.*|STRI.*|C(QUAD|TRIA)[R0-9]+|type (43|63|93|143|181|281)")
+"""Names of elements that are shells in their own programs."""
+
+
+def _without_bending(mesh: MeshFile) -> MeshFile:
+    """Say that shells in a plane are read as plane cells."""
+    names = dict.fromkeys(b.name for b in mesh.blocks if b.shape.dimension == 2)
+    plane = all(block.shape.dimension < 3 for block in mesh.blocks)
+    shells = [name for name in names if plane and SHELLS.fullmatch(name)]
+    if not shells:
+        return mesh
+    note = f"the shells ({', '.join(shells)}) are read as cells of a plane body, which do not bend"
+    return replace(mesh, notes=(*mesh.notes, note))
 
 
 def _format(path: Path) -> str:

@@ -271,8 +271,8 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
     return _physics(archive, mesh, numbers)
 
 
-ATTACHED = ("type 14 element", "type 21 element")
-"""Springs and point masses, which are no cells."""
+ATTACHED = ("type 14 element", "type 21 element", "type 184 element")
+"""Springs, point masses and rigid beams, which are no cells."""
 
 
 def _material(archive: Archive, words: list[str]) -> None:
@@ -321,6 +321,14 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         if archive.types.get(type_) == 21 and nodes[0] in numbers:
             constants = archive.real_constants.get(archive.reals[label], [0.0])
             found.masses[numbers[nodes[0]]] += constants[0]
+        elif archive.types.get(type_) == 184 and set(nodes) <= numbers.keys():
+            ends = [numbers[node] for node in nodes[:2]]
+            is_beam = archive.options.get(type_, {}).get(1, 0) == 1
+            components = set(COMPONENTS.values()) if is_beam else set()
+            other = np.array(ends[1:])
+            found.couplings.rigid("MPC184", "MPC184", ends[0], other, components, mesh.points)
+            if not is_beam:
+                found.leave("MPC184 that are no rigid beams")
         elif archive.types.get(type_) == 14:
             component = _component(archive, type_, nodes)
             stiffness, damping, *_ = [*archive.real_constants.get(archive.reals[label], []), 0, 0]

@@ -132,7 +132,7 @@ class Collector:
         forces_at = self.couplings.spread(self.forces, mesh.points)
         near = {node: force for node, force in forces_at.items() if force.any()}
         self._leave_away("force", "loads", [n for n in near if n not in used])
-        near = {node: force for node, force in near.items() if node in used}
+        near = self._moving({node: force for node, force in near.items() if node in used})
         forces, left = forces_on(mesh.points, cells, near, groups)
         self.not_taken |= dict.fromkeys(left)
         blocks, pressures = self._pressures(groups)
@@ -148,6 +148,17 @@ class Collector:
             self.lost_support,
         )
         return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
+
+    def _moving(self, forces: dict[int, Floats]) -> dict[int, Floats]:
+        """The forces (3,) at nodes without the components that act on a support only."""
+        found = {}
+        for node, force in forces.items():
+            kept = np.array([0.0 if (node, k) in self.fixed else force[k] for k in range(3)])
+            if kept.any():
+                found[node] = kept
+        if held := len(forces) - len(found):
+            self.leave(f"{counted(held, 'force')} at held nodes")
+        return found
 
     def _supports(
         self, points: Floats, cells: list[Block], used: set[int], groups: dict[str, Ints]

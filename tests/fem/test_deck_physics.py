@@ -249,6 +249,11 @@ HOLD = "*BOUNDARY\nRef, 1, 6\n"
         ("*Coupling, Ref node=30, Surface=Wall\n*Kinematic\n1, 3\n" + HOLD, True),
         ("*KINEMATIC COUPLING, REF NODE=Ref\nfix, 1, 3\n" + HOLD, True),
         ("*MPC\nBEAM, fix, Ref\n" + HOLD, True),
+        (
+            "*SURFACE, TYPE=NODE, NAME=n\nfix, 1.\n*COUPLING, REF NODE=30, SURFACE=N\n*KINEMATIC\n"
+            + HOLD,
+            True,
+        ),
         ("*RIGID BODY, REF NODE=Ref, TIE NSET=FIX\n*BOUNDARY\nref, ENCASTRE\n", True),
         (
             "*RIGID BODY, NSET=FIX, REF NODE=30, ROT NODE=31\n*BOUNDARY\n30, 1, 3\n31, 1, 3\n",
@@ -275,7 +280,7 @@ def test_force_at_the_reference_of_a_mean_is_spread(tmp_path: Path) -> None:
     """The forces at the nodes have the sum and the moment of that at the reference node."""
     head, tail = ABAQUS.split("*BOUNDARY\n")
     coupling = "*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n"
-    tail = tail.replace("7, 2, -5.", "Ref, 3, 6.")
+    tail = tail.replace("7, 2, -5.", "Ref, 3, 6.").replace("FIX, 1", "6, 1")
     abaqus, _ = physics(
         tmp_path / "a.inp", f"{head}{REFERENCE}{SURFACE}{coupling}*BOUNDARY\n{tail}"
     )
@@ -305,6 +310,26 @@ def test_constraint_equations_of_an_archive_pass_a_support_on(tmp_path: Path) ->
     assert held(found, groups) == {(0, 3): (0, 1, 2)}
     found, groups = physics(tmp_path / "a.cdb", text)
     assert not found.supports and any(what.startswith("6 CE") for what in found.not_taken)
+
+
+@pytest.mark.parametrize(("option", "is_held"), [(1, True), (0, False)])
+def test_rigid_beams_of_an_archive_pass_a_support_on(
+    tmp_path: Path, option: int, is_held: bool
+) -> None:
+    text = re.sub(r"^D,.*\n", "", ANSYS, flags=re.M).replace(
+        "ET,4,14\n", f"ET,4,184\nKEYOP,4,1,{option}\n"
+    )
+    found, groups = physics(tmp_path / "a.cdb", text + "D,6,ALL,0.\n")
+    assert ((1,) in held(found, groups)) == is_held
+    assert any("MPC184" in what for what in found.not_taken) != is_held
+
+
+def test_forces_on_supports_are_named(tmp_path: Path) -> None:
+    found, _ = physics(
+        tmp_path / "a.inp", ABAQUS.replace("7, 2, -5.", "1, 2, 3.\n2, 1, 4.\n2, 3, 1.")
+    )
+    assert [load.vector for load in found.loads if load.point] == [(4.0, 0.0, 0.0)]
+    assert found.not_taken == ("1 force at held nodes",)
 
 
 def test_section_may_stand_before_its_material_in_other_letters(tmp_path: Path) -> None:

@@ -137,6 +137,7 @@ def test_plane_elements_make_a_plane_mesh(tmp_path: Path) -> None:
     mesh = model(tmp_path, GRIDS + small("CQUAD4", 1, 3, 1, 2, 3, 4) + small("CBAR", 2, 9, 4, 1))
     assert [block.kind for block in mesh.blocks] == [3, 1]
     assert mesh.blocks[1].groups.keys() == {"9"} and mesh.not_read == ()
+    assert ["do not bend" in note for note in mesh.notes] == [True]
 
 
 CYLINDER = small("CORD2C", 5, 0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0) + small("", 2.0, 0.0, 0.0)

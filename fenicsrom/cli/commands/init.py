@@ -71,7 +71,8 @@ def init(options: argparse.Namespace) -> int:
         print_results(None, "", warnings, [], [path])
         reason = f"{error}. Change this in {path}, then run: fenicsrom plan {path} --picture a.png"
         raise SceneError(reason, kind=error.kind, key=error.key, source=error.source) from None
-    print_results(None, "", warnings, [f"Now run: fenicsrom {task} {path}"], [path])
+    steel = [] if found.physics.materials else ["The material is steel: the file has none."]
+    print_results(None, "", warnings, [*steel, f"Now run: fenicsrom {task} {path}"], [path])
     return 0
 
 

@@ -194,7 +194,8 @@ def _material_lines(found: Inspection, units: Units) -> list[str]:
     lines: list[str] = []
     for k, material in enumerate(found.physics.materials or (steel,)):
         if k == 0:
-            lines.append(f"[material] # {material.name}")
+            why = "" if found.physics.materials else ", because the file has no material"
+            lines.append(f"[material] # {material.name}{why}")
         elif material.group is not None:
             lines += ["", f"[[materials]] # {material.name}", f"group = {toml(material.group)}"]
         if material.young is None:
@@ -324,7 +325,7 @@ def _static_lines(loads: Sequence[DeckLoad], d: int) -> list[str]:
             lines.append(f"node = {list(load.point[:d])}")
         if load.group is not None:
             lines.append(f"group = {toml(load.group)}")
-        direction = [float(f"{value / size:.12g}") for value in load.vector[:d]]
+        direction = [float(f"{value / size:.12g}") + 0.0 for value in load.vector[:d]]
         lines += [f"direction = {direction}", f"{load.kind} = {size!r}", ""]
     return lines
 
