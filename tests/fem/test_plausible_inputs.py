@@ -47,6 +47,12 @@ def test_units_of_a_material_are_guessed(young: str, density: str, cause: str) -
     assert found.kind is NoteKind.IMPLAUSIBLE and cause in found
 
 
+def test_wrong_units_of_a_scene_name_the_right_ones() -> None:
+    """The numbers are judged as the scene gives them, not as its wrong units convert them."""
+    (found,) = sentences("units.mass='t'", "material.young=207e9", "material.density=7801.0")
+    assert 'length = "m", mass = "kg", time = "s"' in found
+
+
 @pytest.mark.parametrize(
     ("young", "density"), [(2e7, 1100.0), (3e9, 1200.0), (70e9, 2700.0), (1.1e12, 3500.0)]
 )
