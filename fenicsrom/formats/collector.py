@@ -191,10 +191,11 @@ class Collector:
             else:
                 found += [(tuple(points[node].tolist()), held) for node in sorted(alone)]
             if held and (kept := [node for node in own if node not in alone]):
-                if not np.array_equal(np.sort(groups.get(name, nodes[:0])), kept):
-                    name = name if name not in groups else f"{name} {axes_of(components)}"
-                    groups[name] = np.array(kept)
-                found.append((name, held))
+                same = [group for group, of in groups.items() if np.array_equal(np.sort(of), kept)]
+                if not same:
+                    same = [name if name not in groups else f"{name} {axes_of(components)}"]
+                    groups[same[0]] = np.array(kept)
+                found.append((name if name in same else same[0], held))
         return found
 
     def _leave_couplings(self) -> None:

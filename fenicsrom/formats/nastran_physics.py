@@ -56,6 +56,7 @@ LEFT = {
     "SPC": " with a displacement",
     "PLOAD4": " on shells, with a direction of its own, or that varies along the face",
     "RBAR": " with other independent components than those of one end",
+    "GRAV": " along axes that depend on the place",
     "MOMENT": ": nodes of solids do not turn",
     "RFORCE": ": give [rotation]",
 }

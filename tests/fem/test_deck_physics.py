@@ -375,6 +375,27 @@ def test_components_along_other_axes_are_not_taken_for_x_y_z(tmp_path: Path) -> 
     assert held(found, groups) == {(1,): (2,)} and any("axes" in w for w in found.not_taken)
 
 
+@pytest.mark.parametrize(
+    ("kind", "given", "expected"),
+    [
+        ("C", "1.,0.,0.", (0.0, 1.0, 0.0)),
+        ("C", "0.,1.,0.", (-1.0, 0.0, 0.0)),
+        ("S", "1.,0.,0.", (0.0, 0.6, 0.8)),
+        ("S", "0.,1.,0.", (0.0, 0.8, -0.6)),
+        ("S", "0.,0.,1.", (-1.0, 0.0, 0.0)),
+    ],
+)
+def test_forces_along_curved_coordinates_turn_with_their_node(
+    tmp_path: Path, kind: str, given: str, expected: tuple[float, ...]
+) -> None:
+    system = f"CORD2{kind},5,,0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.\nGRID,9,,0.,3.,4.\n"
+    bulk = f"{system}CTETRA,2,3,2,3,6,9\nFORCE,2,9,5,2.,{given}\nGRAV,2,5,1.,{given}\n"
+    found, _ = nastran(tmp_path, "", bulk)
+    (load,) = found.loads
+    assert np.allclose(load.vector, 2.0 * np.array(expected))
+    assert found.not_taken == ("1 GRAV along axes that depend on the place",)
+
+
 def test_pressures_on_faces_of_elements_are_loads_on_groups(tmp_path: Path) -> None:
     """The same face by its number in Abaqus, and by its opposite corners in Nastran."""
     text = ABAQUS.replace("*CLOAD\n", "*DLOAD\nEALL, P2, 3.5\n*CLOAD\n")
