@@ -154,6 +154,32 @@ def test_existing_scene_is_not_replaced(
     assert "bar.toml" in capsys.readouterr().err
 
 
+SQUARES = """*NODE
+1, 0, 0
+2, 1, 0
+3, 2, 0
+4, 0, 1
+5, 1, 1
+6, 2, 1
+*ELEMENT, TYPE=CPS4
+1, 1, 2, 5, 4
+2, 2, 3, 6, 5
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_starter_scene_of_a_mesh_without_groups_runs(dimension: int, tmp_path: Path) -> None:
+    path = bar(tmp_path / "bar.inp")
+    path.write_text(SQUARES if dimension == 2 else path.read_text().replace(", ELSET=bar", ""))
+    scene, out = tmp_path / "bar.toml", tmp_path / "out"
+    assert main(["init", str(path)]) == 0
+    settings = ["--set=time.periods=1", "--set=output.pictures=false", f"--output={out}"]
+    assert main(["run", str(scene), *settings]) == 0
+    assert (out / "summary.json").exists() and (out / "results.pvd").exists()
+    assert not (out / "groups.vtu").exists()
+
+
 @pytest.mark.parametrize("suffix", [*gmsh_files.SUFFIXES, *formats.SUFFIXES])
 def test_mesh_in_place_of_a_scene_is_refused_with_a_hint(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"part{suffix}"

@@ -33,6 +33,16 @@ def model_to_mesh(
     return domain, cell_tags, facet_tags
 
 
+def entity_nodes(domain: dolfinx.mesh.Mesh, dimension: int, entities: Any) -> np.ndarray:
+    """The nodes (k, n) of entities (k,) of a dimension, as indices of the geometry.
+
+    dolfinx ends the program if k is 0.
+    """
+    if not len(entities):
+        return np.empty((0, 2**dimension), dtype=np.int32)
+    return dolfinx.mesh.entities_to_geometry(domain, dimension, np.asarray(entities, np.int32))
+
+
 def cells_of(geometry: dolfinx.mesh.Geometry) -> tuple[Any, np.ndarray]:
     """The map from the reference cell of a mesh with one kind of cells; the nodes of each cell."""
     if hasattr(geometry, "cmaps"):

@@ -13,7 +13,7 @@ import dolfinx.mesh
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.base.compat import cells_of
+from fenicsrom.fem.base.compat import cells_of, entity_nodes
 from fenicsrom.notes import Note, implausible
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
@@ -189,10 +189,8 @@ def _enters(mesh: Mesh, region: Region, at: Array, direction: Array) -> bool:
 def _facets(mesh: Mesh, facets: Array) -> tuple[Array, Array]:
     """Corners (k, c, 3) of boundary facets, and their outer normals (k, 3) of twice their area."""
     domain, d = mesh.domain, mesh.domain.topology.dim
-    if not facets.size:  # dolfinx fails without facets
-        return np.zeros((0, d, 3)), np.zeros((0, 3))
     cells, x = domain.topology.connectivity(d - 1, d), domain.geometry.x
-    corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, facets)]
+    corners = x[entity_nodes(domain, d - 1, facets)]
     _, nodes = cells_of(domain.geometry)
     middle = x[nodes[cells.array[cells.offsets[facets]]]].mean(axis=1)
     across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])

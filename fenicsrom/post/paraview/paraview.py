@@ -126,24 +126,24 @@ def write_groups(solid: Solid, folder: Path) -> list[Path]:
     Raises:
         OSError: the file cannot be written.
     """
-    import dolfinx.mesh
+    from fenicsrom.fem.base.compat import entity_nodes
 
     mesh, domain = solid.mesh, solid.mesh.domain
     d = domain.topology.dim
     names = list(mesh.facet_groups)
     owned = domain.topology.index_map(d - 1).size_local
     facets = np.unique(np.concatenate([*(mesh.facets(name) for name in names), np.zeros(0, int)]))
-    facets = facets[facets < owned].astype(np.int32)
+    facets = facets[facets < owned]
     domain.topology.create_connectivity(d - 1, d)
     domain.topology.create_connectivity(d - 1, 0)
     count = domain.topology.connectivity(d - 1, 0).links(0).size
-    corners = dolfinx.mesh.entities_to_geometry(domain, d - 1, facets)[:, :count]
-    places = domain.geometry.x[corners].reshape(facets.size, -1, 3)
+    corners = entity_nodes(domain, d - 1, facets)[:, :count]
+    places = domain.geometry.x[corners]
     flags = {f"group_{name}": np.isin(facets, mesh.facets(name)) for name in names}
     every = domain.comm.gather((places, flags))
     if every is None or not names:
         return []
-    whole = np.concatenate([part[0] for part in every if part[0].size])
+    whole = np.concatenate([part[0] for part in every])
     points, cells = np.unique(whole.reshape(-1, 3), axis=0, return_inverse=True)
     marks = {
         name: np.concatenate([part[1][name] for part in every]).astype(np.int8) for name in flags
