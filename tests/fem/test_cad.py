@@ -20,8 +20,9 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.post.studies.starter import outer_normal
-from fenicsrom.scene import Geometry, parse_scene
+from fenicsrom.scene import Geometry, Plane, Region, parse_scene
 from fenicsrom.scene.keys.meshing import Meshing, Refinement
 
 
@@ -53,6 +54,49 @@ def boxes(occ: Any) -> None:
     """Two boxes that touch on a part of a face."""
     occ.addBox(0, 0, 0, 100, 20, 10)
     occ.addBox(0, 20, 0, 50, 20, 10)
+
+
+def lap(occ: Any) -> None:
+    """Two plates, one on the end of the other."""
+    occ.addBox(0, 0, 0, 80, 20, 4)
+    occ.addBox(50, 0, 4, 80, 20, 4)
+
+
+def strip_on_plate(occ: Any) -> None:
+    """A strip across a plate: the upper face of the plate is cut in three."""
+    occ.addBox(0, 0, 0, 90, 20, 4)
+    occ.addBox(30, 0, 4, 30, 20, 4)
+
+
+def rings_on_plate(occ: Any) -> None:
+    """A ring and a pin at the middle of a plate: four parts of its face have one centroid."""
+    occ.addBox(-20, -20, 0, 40, 40, 4)
+    ring = occ.addCylinder(0, 0, 4, 0, 0, 6, 14)
+    occ.cut([(3, ring)], [(3, occ.addCylinder(0, 0, 4, 0, 0, 6, 9))])
+    occ.addCylinder(0, 0, 4, 0, 0, 6, 4)
+
+
+def bolted_plates(occ: Any) -> None:
+    """A bolt with a head through two plates."""
+    plates = [(3, occ.addBox(-15, -15, 5 * k, 30, 30, 5)) for k in range(2)]
+    shaft, head = occ.addCylinder(0, 0, 0, 0, 0, 10, 4), occ.addCylinder(0, 0, 10, 0, 0, 4, 7)
+    bolt = occ.fuse([(3, shaft)], [(3, head)])[0]
+    occ.cut(plates, bolt, removeTool=False)
+
+
+def faces_of_file(path: Path) -> dict[str, tuple[float, Any]]:
+    """Area (m²) and box (6,) (m) of each face of a .step file, by its number."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        occ = gmsh.model.occ
+        occ.importShapes(str(path))
+        occ.synchronize()
+        faces = [tag for _, tag in gmsh.model.getEntities(2)]
+        return {str(f): (occ.getMass(2, f), np.array(occ.getBoundingBox(2, f))) for f in faces}
+    finally:
+        gmsh.finalize()
 
 
 def read(path: Path, size: float, **keys: Any) -> Mesh:
@@ -113,6 +157,57 @@ def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
     sizes = {group.name: group.size for group in found.groups if group.kind == "cells"}
     assert found.refusal is None and found.pieces == 1
     assert sizes["body 1"] == pytest.approx(2e-5) and sizes["body 2"] == pytest.approx(1e-5)
+
+
+@pytest.mark.parametrize("build", [boxes, lap, strip_on_plate, rings_on_plate, bolted_plates])
+def test_faces_of_touching_bodies_keep_their_places(
+    build: Callable[[Any], None], tmp_path: Path
+) -> None:
+    """The parts of a face on the surface and inside have its area and lie in its box."""
+    path = step_file(tmp_path / "bodies.step", build)
+    found = inspect(path, size=0.01)
+    assert found.refusal is None and found.pieces == 1
+    groups = [group for group in found.groups if group.kind == "facets"]
+    joints = [group for group in groups if "+" in group.name]
+    said = " ".join(found.warnings)
+    assert joints and all(j.name.replace("+", " on face ") in said for j in joints)
+    inside = {tuple(sorted(row)) for joint in joints for row in np.asarray(joint.members)}
+    for number, (area, box) in faces_of_file(path).items():
+        parts = [g for g in joints if number in g.name.split("+")]
+        own = [g for g in groups if g.name == number]
+        parts += [g for g in own if tuple(sorted(np.asarray(g.members)[0])) not in inside]
+        size = sum(float(group.size or 0.0) for group in parts)
+        assert size == pytest.approx(area, rel=0.11)  # circles are octagons
+        for group in parts:
+            assert (group.low > box[:3] - 1e-5).all() and (group.high < box[3:] + 1e-5).all()
+
+
+def test_face_of_a_glued_body_is_the_face_that_a_plane_picks(tmp_path: Path) -> None:
+    mesh = read(step_file(tmp_path / "lap.step", lap), 0.01)
+    for name, z in (("12", 0.008), ("5", 0.0)):
+        plane = Plane(point=(0.0, 0.0, z), normal=(0.0, 0.0, 1.0))
+        assert set(mesh.facets(name)) == set(mesh.facets(Region(plane=plane))) != set()
+    middle = Plane(point=(0.0, 0.0, 0.004), normal=(0.0, 0.0, 1.0))
+    surface = set(mesh.facets("6")) | set(mesh.facets("11"))
+    assert surface == set(mesh.facets(Region(plane=middle)))
+    assert mesh.reaches_inside("6+11") and not mesh.reaches_inside("6")
+
+
+@pytest.mark.parametrize(("group", "at"), [("6+11", "nodes"), ("11", "nodes"), ("6", "mean")])
+def test_contact_on_a_glued_face_is_refused(group: str, at: str, tmp_path: Path) -> None:
+    path = step_file(tmp_path / "lap.step", lap)
+    contact = {"group": group, "at": at, "normal": [0.0, 0.0, -1.0], "friction": 0.1, "gap": 0.0}
+    contact |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
+    table = {
+        "geometry": {"mesh": path.name, "dimension": 3, "size": 0.02, "degree": 1},
+        "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
+        "supports": [{"group": "1"}],
+        "contacts": [contact],
+        "time": {"duration": 1e-3, "step": 1e-5},
+    }
+    scene = parse_scene(table, "scene", tmp_path, unloaded=True)
+    with refusal(ErrorKind.PLACE, "contacts[0].group", "scene", names=f"'{group}'"):
+        solid_of(scene, build_mesh(scene.geometry, MPI.COMM_WORLD))
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support import STOCKY, beam_scene, make_solid
+from support import STOCKY, beam_scene, make_solid, refusal
 
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
 from fenicsrom.notes import NoteKind, has_kind
@@ -77,7 +77,6 @@ def test_body_of_hundreds_of_metres_may_be_in_millimetres(length: float, is_warn
         ("group='tip'", "[0.6, -0.8]", False),
         ("plane={point=[0.5, 0.1], normal=[0.0, 1.0]}", "[0.0, 1.0]", False),
         ("plane={point=[0.5, 0.1], normal=[0.0, 1.0]}", "[0.0, -1.0]", True),
-        ("group='load'", "[-1.0, 0.0]", False),
     ],
 )
 def test_normal_into_the_body_is_warned_on_the_boundary(
@@ -90,6 +89,14 @@ def test_normal_into_the_body_is_warned_on_the_boundary(
     )
     assert bool(found) == is_warned
     assert all("contacts[0].normal" in text for text in found)
+
+
+def test_contact_of_a_section_inside_the_body_is_refused() -> None:
+    with refusal(ErrorKind.PLACE, "contacts[0].group", names="'load'"):
+        sentences(
+            "contacts.0={group='load', at='nodes', normal=[-1.0, 0.0], friction=0.1, preload=1.0, "
+            "normal_stiffness=1e4, tangential_stiffness=1e4}"
+        )
 
 
 @pytest.mark.parametrize(

@@ -24,11 +24,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import dolfinx.fem.petsc
-import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
@@ -94,13 +92,7 @@ def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
     Raises:
         SceneError: a facet lies inside the body.
     """
-    topology = body.mesh.domain.topology
-    d = topology.dim
-    topology.create_connectivity(d - 1, d)
-    boundary = dolfinx.mesh.exterior_facet_indices(topology)
-    facets = body.mesh.facets(load.place)
-    owned = facets[facets < topology.index_map(d - 1).size_local]
-    if body.comm.allreduce(bool(np.any(~np.isin(owned, boundary))), op=MPI.LOR):
+    if body.mesh.reaches_inside(load.place):
         where = Where(body.source, f"{key}.pressure")
         allowed = "must act on the boundary, but some of these facets lie inside the body"
         raise where.refuse(load.size, allowed, ErrorKind.PLACE)

@@ -80,8 +80,16 @@ class Places:
 
         Raises:
             SceneError: as `find`; every node of the region is clamped, or a component of the
-                displacement of a single point.
+                displacement of a single point; or the region is inside the body.
         """
+        mesh, name = self._body.mesh, place.group
+        inside = name is not None and place.at == "nodes" and mesh.has_facets(place)
+        if name in mesh.glued or (inside and mesh.reaches_inside(place)):
+            reason = f"the face {name!r}, or a part of it, is inside the body"
+            reason += " (bodies are glued there)" if name in mesh.glued else ""
+            reason += "; choose facets of the surface, by a group, a box or a plane, for a contact "
+            reason += "with a rigid surface; contact between two elastic bodies is not supported"
+            raise self._error(f"{key}.group", reason)
         if place.at != "nodes":
             rows, position = self.find(place, key)
             products = self._body.inner(rows.T, rows.T)

@@ -6,13 +6,15 @@ The cells follow the curvature κ of the curves and faces, and grow from the ref
 """
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
-from fenicsrom.fem.mesh.gmsh_queries import Floats, model_nodes, straight_places
+from fenicsrom.fem.mesh.gmsh_queries import model_nodes, straight_places
 from fenicsrom.formats.shapes import STRAIGHT
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import are, counted
@@ -39,13 +41,13 @@ HALVINGS = 4
 """After so many halvings of its bulge, an edge becomes straight."""
 
 
-def mesh_cad(gmsh: Any, geometry: Geometry) -> tuple[str, ...]:
+def mesh_cad(gmsh: Any, geometry: Geometry) -> tuple[set[str], tuple[str, ...]]:
     """Mesh the body of the current model, whose faces become groups.
 
     Several bodies become groups, too; where they touch, they share faces and nodes.
 
     Returns:
-        Sentences for the user.
+        The names of faces along which bodies are glued, and sentences for the user.
 
     Raises:
         SceneError: the body cannot be meshed.
@@ -53,19 +55,19 @@ def mesh_cad(gmsh: Any, geometry: Geometry) -> tuple[str, ...]:
     d, source = geometry.dimension, str(geometry.mesh)
     if any(gmsh.model.occ.getMass(d, tag) <= 0.0 for tag in _tags(gmsh, d)):  # gmsh would crash
         raise refuse(source, "a body has no volume", ErrorKind.MESH)
-    faces = _named_faces(gmsh, d)
+    faces, glued, notes = _named_faces(gmsh, geometry)
     for name, members in faces.items():
         gmsh.model.addPhysicalGroup(d - 1, members, name=name)
     structured = geometry.cells == "structured"
     if not structured:
         _refine(gmsh, geometry, faces)
-    notes = _generate(gmsh, geometry, faces)
+    notes += _generate(gmsh, geometry, faces)
     if structured:
         _check_structured(gmsh, geometry)
     if geometry.curved:
         if number := make_curved(gmsh, d):
             notes.append(f"{geometry.mesh}: {straightened(number)}")
-    return tuple(notes)
+    return glued, tuple(notes)
 
 
 def make_curved(gmsh: Any, d: int) -> int:
@@ -93,40 +95,75 @@ def straightened(number: int) -> str:
     )
 
 
-def _named_faces(gmsh: Any, d: int) -> dict[str, list[int]]:
-    """The faces by their name in the file or else by their number; bodies that touch are joined.
+def _named_faces(gmsh: Any, geometry: Geometry) -> tuple[dict[str, list[int]], set[str], list[str]]:
+    """The faces by their name in the file, or else by their number; bodies that touch are joined.
 
-    Each of several bodies becomes a group.
+    Each of several bodies becomes a group. A face keeps its name on its parts on the surface. Its
+    parts inside, along which bodies are glued, are groups named by both faces, such as "6+11". If
+    no part of a face is on the surface, its name stands for the parts inside.
+
+    Returns:
+        The faces of the model by their names; the names of faces with parts inside; and sentences
+        for the user.
     """
-    bodies = [tag for _, tag in gmsh.model.getEntities(d)]
-    names = {tag: _name(gmsh, d, tag) for tag in bodies}
-    given = []
-    if len(bodies) > 1:
-        given = [(_mark(gmsh, d - 1, tag), _name(gmsh, d - 1, tag)) for tag in _tags(gmsh, d - 1)]
-        gmsh.model.occ.fragment([(d, tag) for tag in bodies], [])
-        gmsh.model.occ.synchronize()
-        for tag, name in names.items():
-            shown = f"body {tag}" if name == str(tag) else name
-            gmsh.model.addPhysicalGroup(d, [tag], name=shown)
-    faces: dict[str, list[int]] = {}
-    for face in _tags(gmsh, d - 1):
-        name = str(face) if given else _name(gmsh, d - 1, face)
-        if given:
-            mark = _mark(gmsh, d - 1, face)
-            near = (old for other, old in given if np.allclose(mark, other, rtol=1e-6, atol=1e-9))
-            name = next(near, name)
-        faces.setdefault(name, []).append(face)
+    d, source = geometry.dimension, str(geometry.mesh)
+    solids = gmsh.model.getEntities(d)
+    sides = dict.fromkeys(gmsh.model.getBoundary(solids, combined=False, oriented=False))
+    names = {side: _name(gmsh, *side) for side in sides}
+    if len(solids) == 1:
+        return _sorted(_listed((name, tag) for (_, tag), name in names.items())), set(), []
+    bodies = {solid: _name(gmsh, *solid) for solid in solids}
+    bodies = {s: f"body {name}" if name == str(s[1]) else name for s, name in bodies.items()}
+    # the map of fragment numbers the unchanged faces wrongly if it removes the old bodies
+    old = [*solids, *sides]
+    parts = gmsh.model.occ.fragment(solids, list(sides), removeObject=False, removeTool=False)[1]
+    kept = {part for found in parts for part in found}
+    gmsh.model.occ.remove([entity for entity in old if entity not in kept], recursive=True)
+    gmsh.model.occ.synchronize()
+    pairs = zip([*bodies.values(), *names.values()], parts, strict=True)
+    names_of = _listed((part, name) for name, found in pairs for part in found)
+    body_of = {tag: names for (dim, tag), names in names_of.items() if dim == d}
+    face_of = {tag: names for (dim, tag), names in names_of.items() if dim == d - 1}
+    for name, tags in _listed((name, tag) for tag, on in body_of.items() for name in on).items():
+        gmsh.model.addPhysicalGroup(d, tags, name=name)
+
+    beside = {f: [set(body_of[s]) for s in gmsh.model.getAdjacencies(d - 1, f)[0]] for f in face_of}
+    faces = _listed((name, f) for f, on in face_of.items() if len(beside[f]) == 1 for name in on)
+    inside = [(name, f) for f, on in face_of.items() if len(beside[f]) > 1 for name in on]
+    joints = _listed(
+        (tuple(face_of[f]), f)
+        for f, near in beside.items()
+        if len(near) > 1 and not (near[0] <= near[1] or near[1] <= near[0])
+    )
+    notes = []
+    for on, tags in joints.items():
+        both = " and ".join(sorted(set.union(*beside[tags[0]])))
+        size = sum(gmsh.model.occ.getMass(d - 1, tag) for tag in tags)
+        where = f"face {' on face '.join(on)}, {size:.4g} {'m²' if d == 3 else 'm'}"
+        said = f"{source}: {both} touch and are glued there: {where}"
+        notes.append(Note(NoteKind.REMARK, said, "geometry.mesh"))
+    for on in dict.fromkeys(tuple(on) for on in body_of.values() if len(on) > 1):
+        notes.append(f"{source}: {' and '.join(on)} overlap; the part in both counts once")
+    hidden = _listed((name, f) for name, f in inside if name not in faces)
+    glued = {"+".join(on): tags for on, tags in joints.items()}
+    return _sorted(faces | hidden | glued), {*glued, *sum(joints, ())}, notes
+
+
+def _listed(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
+    """The second entries of pairs by the first one, each once."""
+    found: dict[Any, dict[Any, None]] = {}
+    for key, value in pairs:
+        found.setdefault(key, {})[value] = None
+    return {key: list(values) for key, values in found.items()}
+
+
+def _sorted(faces: dict[str, list[int]]) -> dict[str, list[int]]:
+    """Groups in the order of their numbers, then of their names."""
     return dict(sorted(faces.items(), key=lambda item: (item[0].zfill(9), item[0])))
 
 
 def _tags(gmsh: Any, d: int) -> list[int]:
     return [tag for _, tag in gmsh.model.getEntities(d)]
-
-
-def _mark(gmsh: Any, d: int, tag: int) -> Floats:
-    """Numbers by which a face is recognised: its centre in m, and the root of its area."""
-    size = gmsh.model.occ.getMass(d, tag) ** (1.0 / d)
-    return np.array([*gmsh.model.occ.getCenterOfMass(d, tag), size])
 
 
 def _name(gmsh: Any, d: int, tag: int) -> str:

@@ -132,11 +132,13 @@ class Loaded:
         node_sets: node numbers of each node set by its name.
         warnings: sentences for the user.
         physics: materials, supports, masses and loads of a finite-element model.
+        glued: names of the faces of a CAD file along which bodies are glued.
     """
 
     node_sets: dict[str, Ints] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     physics: Physics = field(default_factory=Physics)
+    glued: set[str] = field(default_factory=set)
 
 
 @contextmanager
@@ -179,7 +181,8 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
         where = Where(source, "geometry.dimension")
         raise where.refuse(d, f"must be {found} for this file", ErrorKind.CONFLICT)
     if form == "step":
-        return replace(loaded, warnings=mesh_cad(gmsh, geometry))
+        glued, warnings = mesh_cad(gmsh, geometry)
+        return replace(loaded, warnings=warnings, glued=glued)
     if form == "geo":
         with _errors(gmsh, source):
             gmsh.model.mesh.generate(d)
@@ -213,7 +216,7 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
         _check_reach(gmsh, geometry)
         return Loaded()
     check_header(geometry.mesh)
-    with _errors(gmsh, source), linked_alone(geometry.mesh) as link:
+    with linked_alone(geometry.mesh) as link, _errors(gmsh, source, link):
         check_survival(source, link)
         if form == "mesh":
             gmsh.merge(link)
@@ -341,8 +344,13 @@ def _check_content(gmsh: Any, source: str) -> None:
 
 
 @contextmanager
-def _errors(gmsh: Any, source: str) -> Iterator[None]:
+def _errors(gmsh: Any, source: str, link: str = "") -> Iterator[None]:
     """Raise the first error in the log of gmsh, which does not raise all of its errors.
+
+    Args:
+        gmsh: the open gmsh.
+        source: the file, for messages.
+        link: another name of the file, which gmsh knows.
 
     Raises:
         SceneError: gmsh reported an error.
@@ -357,6 +365,7 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:
         sentence = " ".join((errors or [str(failure)])[0].split())
+        sentence = sentence.replace(link or source, source)
         # by Error() in a .geo file
         match = re.match(r"(geometry\.parameters\.\w+) = ", sentence)
         kind, key = (ErrorKind.RANGE, match[1]) if match else (ErrorKind.MESH, "")

@@ -5,6 +5,7 @@ one physical group, and the nodes are numbered from 1 without gaps. The kinds of
 shapes and their facets are checked.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +55,7 @@ class CleanModel:
             each node group.
         warnings: sentences for the user.
         node_sets: names of the node groups that are node sets alone.
+        glued: names of the faces of a CAD file along which bodies are glued.
     """
 
     facet_groups: dict[str, tuple[int, ...]]
@@ -62,6 +64,7 @@ class CleanModel:
     nodes: dict[str, tuple[Ints, Ints]]
     warnings: tuple[str, ...]
     node_sets: frozenset[str] = frozenset()
+    glued: Collection[str] = ()
 
 
 def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:

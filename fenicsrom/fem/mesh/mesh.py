@@ -128,11 +128,13 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
     the physical groups, by their names or numbers.
 
     A .step file is converted to metres and meshed with simplices of `geometry.size`; its faces are
-    groups by their names or numbers. The groups of other files are: node sets, element sets and
-    surfaces in .inp; the elements of each property, by its number, in .bdf; components in .cdb; and
-    in .vtu each integer field of cells or points that is 0 or 1, and `name:value` for each value of
-    the other integer fields. If a node set contains all nodes of some boundary facets, these facets
-    are a facet group of the same name. A group of cells may have the name of a group of facets.
+    groups by their names or numbers. Bodies that touch are glued there: a face keeps its name on
+    the surface, and its part inside is a group of both names, such as "6+11". The groups of other
+    files are: node sets, element sets and surfaces in .inp; the elements of each property, by its
+    number, in .bdf; components in .cdb; and in .vtu each integer field of cells or points that is 0
+    or 1, and `name:value` for each value of the other integer fields. If a node set contains all
+    nodes of some boundary facets, these facets are a facet group of the same name. A group of cells
+    may have the name of a group of facets.
 
     Args:
         geometry: the [geometry] of the scene.
@@ -153,7 +155,8 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
             gmsh = stack.enter_context(open_gmsh())
             loaded = load_file(gmsh, geometry)
             clean = clean_model(gmsh, geometry, loaded.node_sets)
-            return replace(clean, warnings=(*loaded.warnings, *clean.warnings)), gmsh.model
+            warnings = (*loaded.warnings, *clean.warnings)
+            return replace(clean, warnings=warnings, glued=loaded.glued), gmsh.model
 
         return _distributed(draft, geometry, comm)
 
@@ -271,7 +274,7 @@ def _distributed(
     facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
     nodes = _local_node_groups(clean.nodes, domain)
     found = domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings
-    return Mesh(*found, nodes, clean.node_sets)
+    return Mesh(*found, nodes, clean.node_sets, clean.glued)
 
 
 def _local_node_groups(
@@ -295,7 +298,7 @@ def _local_node_groups(
         topology.create_connectivity(*pair)
     number = [topology.index_map(k).size_local + topology.index_map(k).num_ghosts for k in (0, 1)]
     vertices = np.arange(number[0], dtype=np.int32)
-    places = dolfinx.mesh.entities_to_geometry(domain, 0, vertices).reshape(-1)
+    places = compat.entity_nodes(domain, 0, vertices).reshape(-1)
     model = np.asarray(domain.geometry.input_global_indices)[places]
     ends = np.sort(model[topology.connectivity(1, 0).array].reshape(number[1], 2), axis=1)
     found = {}

@@ -1,6 +1,6 @@
 """The mesh of a scene, whose facets and nodes are found by name or by coordinates."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +45,7 @@ class Mesh:
             facet group of the same name.
         node_sets: names of the node groups that are node sets of the file. Where the numbers of a
             contact are those of its nodes, each of their nodes counts as one, on an edge too.
+        glued: names of the faces of a CAD file along which bodies are glued.
     """
 
     domain: dolfinx.mesh.Mesh
@@ -56,6 +57,7 @@ class Mesh:
     warnings: tuple[str, ...] = ()
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
     node_sets: frozenset[str] = frozenset()
+    glued: Collection[str] = ()
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
@@ -186,6 +188,22 @@ class Mesh:
         """Whether a node group has edges of cells; errors as `entities`. Collective."""
         edges = self.entities(where).get(1, np.empty(0, dtype=np.int32))
         return bool(self.domain.comm.allreduce(edges.size))
+
+    def reaches_inside(self, where: str | Region) -> bool:
+        """Whether facets of a region lie inside the body. Collective.
+
+        Args:
+            where: a facet group, or a region of the scene with facets.
+
+        Raises:
+            SceneError: the mesh has no such group, or nothing is picked.
+        """
+        topology, below = self.domain.topology, self.domain.topology.dim - 1
+        topology.create_connectivity(below, below + 1)
+        boundary = dolfinx.mesh.exterior_facet_indices(topology)
+        facets = self.facets(where)
+        owned = facets[facets < topology.index_map(below).size_local]
+        return any(self.domain.comm.allgather(bool(np.any(~np.isin(owned, boundary)))))
 
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.
