@@ -20,6 +20,7 @@ from mpi4py import MPI
 from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.fem.solid.solid import solid_of
@@ -431,6 +432,31 @@ def test_doubled_nodes_warn_and_leave_pieces(tmp_path: Path) -> None:
     )
     with refusal(ErrorKind.SUPPORT, "supports", names="1 connected piece"):
         solid_of(scene(path, {"group": "first"}, {"nearest": [2.0, 1.0, 1.0]}), mesh)
+
+
+def test_supported_pieces_that_share_no_node_are_named(tmp_path: Path) -> None:
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    order = [0, 4, 6, 2, 1, 5, 7, 3]  # of a hexahedron
+    points = np.concatenate([corners[order], corners[order] + [0.0, 0.0, 1.01]]).astype(float)
+    field = {"held": np.isclose(points[:, 0], 0.0).astype(int)}
+    cells = [("hexahedron", [list(range(8)), list(range(8, 16))])]
+    path = tmp_path / "apart.vtu"
+    meshio.Mesh(points, cells, point_data=field).write(path)
+    for warnings in (
+        solid_of(scene(path, {"group": "held"}, {"nearest": [1.0, 1.0, 1.0]}), read(path)).warnings,
+        inspect(path).warnings,
+    ):
+        (warning,) = warnings
+        assert "2 pieces that share no node" in warning
+        assert "(0 to 1, 0 to 1, 0 to 1), (0 to 1, 0 to 1, 1.01 to 2.01) m" in warning
+
+
+def test_damaged_step_file_is_named_as_the_user_named_it(tmp_path: Path) -> None:
+    path = tmp_path / "part.step"
+    path.write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1 = NONSENSE((;\n")
+    with pytest.raises(SceneError) as caught:
+        read(path, size=0.1)
+    assert str(path) in str(caught.value) and "fenicsrom-" not in str(caught.value)
 
 
 def test_scale_multiplies_coordinates(tmp_path: Path) -> None:

@@ -110,6 +110,7 @@ class ElasticBody:
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
         held = held_displacements(mesh, self.space, scene.supports, scene.source)
+        self.warnings += [held.apart] if held.apart else []
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
         self.clamped = held.unknowns[held.unknowns < self.local]

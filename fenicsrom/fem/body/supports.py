@@ -31,6 +31,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.fem.mesh.conformity import WAYS_OUT, apart, ends_of
 from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
@@ -44,11 +45,13 @@ class Held(NamedTuple):
         unknowns: (c,) sorted local numbers of the clamped unknowns.
         nodes: (s,) local numbers of the nodes that are also held along slanted directions.
         slanted: (s, d, d) Σ n_k n_kᵀ of these directions, which are orthogonal to the clamped axes.
+        apart: a sentence on the pieces of the mesh that share no node; empty for one piece.
     """
 
     unknowns: npt.NDArray[np.int32]
     nodes: npt.NDArray[np.int32]
     slanted: Array
+    apart: str = ""
 
 
 class Slanted:
@@ -150,8 +153,7 @@ def held_displacements(
     kept = np.trace(slanted, axis1=1, axis2=2) > 0.5
     unknowns = np.flatnonzero(axial.reshape(-1)).astype(np.int32)
     held = Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
-    check_rigid_motions(mesh, space, held, supports, source)
-    return held
+    return held._replace(apart=check_rigid_motions(mesh, space, held, supports, source))
 
 
 def support_directions(
@@ -203,7 +205,7 @@ def conditions(
 
 def check_rigid_motions(
     mesh: Mesh, space: fem.FunctionSpace, held: Held, supports: Sequence[Support], source: str
-) -> None:
+) -> str:
     """Check that no piece of the mesh can move as a rigid body. Collective.
 
     Args:
@@ -213,20 +215,24 @@ def check_rigid_motions(
         supports: the supports, for messages.
         source: name of the scene file, for messages.
 
+    Returns:
+        A sentence on the pieces of the mesh that share no node; empty for one piece.
+
     Raises:
         SceneError: no support touches a piece, or a piece can move as a rigid body.
     """
     d, comm, topology = mesh.domain.geometry.dim, mesh.domain.comm, mesh.domain.topology
     pieces, count = connected_pieces(mesh)
     corners = topology.connectivity(topology.dim, 0)
-    piece = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    x = space.tabulate_dof_coordinates()
+    piece = np.zeros(len(x), dtype=np.int64)
     cells = space.dofmap.list
     piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
 
     local = space.dofmap.index_map.size_local
     owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
     low, high = mesh.bounds()
-    arm = (space.tabulate_dof_coordinates() - 0.5 * (low + high)) / mesh.extent()
+    arm = (x - 0.5 * (low + high)) / mesh.extent()
     motions = rigid_motions(arm, d).reshape(-1, 3 * (d - 1))
     along = held.slanted[inner] @ motions.reshape(-1, d, motions.shape[1])[held.nodes[inner]]
     rows = np.concatenate([motions[owned], along.reshape(-1, motions.shape[1])])
@@ -243,6 +249,8 @@ def check_rigid_motions(
             reason = f"they leave {free}{where} free, so the stiffness is singular"
             reason += "; clamp more nodes or components"
             raise refuse(source, reason, ErrorKind.SUPPORT, "supports")
+    lows, highs = zip(*comm.allgather(ends_of(piece, x[:, :d], count)), strict=True)
+    return apart(np.min(lows, axis=0), np.max(highs, axis=0))
 
 
 def rigid_motions(arm: Array, d: int) -> Array:
@@ -276,7 +284,7 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
         f"{counted(pieces, 'connected piece')} of the mesh {'touches' if pieces == 1 else 'touch'}"
     )
     reason = f"{some} no support ({named}), so the stiffness is singular; clamp every piece, or "
-    reason += "join the parts of the mesh (coincident nodes do not join them)"
+    reason += f"join the pieces (coincident nodes do not join them); {WAYS_OUT}"
     return refuse(mesh.source, reason, ErrorKind.SUPPORT, "supports")
 
 

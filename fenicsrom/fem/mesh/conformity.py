@@ -13,6 +13,41 @@ ON_FACET = 1e-5
 Files with six significant digits place the nodes of a refined edge that accurately.
 """
 
+WAYS_OUT = (
+    "contact between two elastic bodies is not supported: join bodies where they touch (merge "
+    "their nodes, or give both bodies in one .step file), or replace one body by a rigid surface "
+    "in [[contacts]]"
+)
+"""What to do about bodies that touch and are not joined."""
+
+MOST_PIECES = 4
+"""Most pieces of a mesh that a sentence names."""
+
+
+def ends_of(piece: Ints, x: Floats, count: int) -> Floats:
+    """Lowest and highest coordinates (2, count, d) of the points x (n, d) of each piece (n,)."""
+    low, high = np.full((2, count, x.shape[1]), np.inf)
+    np.minimum.at(low, piece, x)
+    np.minimum.at(high, piece, -x)
+    return np.array([low, -high])
+
+
+def apart(low: Floats, high: Floats) -> str:
+    """Name the pieces of a mesh by their corners (k, d); empty for one piece."""
+    if (number := len(low)) == 1:
+        return ""
+    size = float(np.max(high - low))
+    low, high = (size * (np.round(end[:MOST_PIECES] / size, 6) + 0.0) for end in (low, high))
+    boxes = [
+        f"({', '.join(f'{a:.4g} to {b:.4g}' for a, b in zip(*ends, strict=True))})"
+        for ends in zip(low, high, strict=True)
+    ]
+    return (
+        f"the mesh has {number} pieces that share no node, so they do not feel each other and "
+        f"may pass through each other: {', '.join(boxes)}{', ..' * (number > MOST_PIECES)} m; "
+        f"{WAYS_OUT}"
+    )
+
 
 def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimension: int) -> None:
     """Check that cells do not overlap and that no node hangs inside a facet of another cell.
@@ -34,9 +69,9 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
     facets = facets.reshape(-1, facets.shape[-1])
     first, _, count = distinct(facets)
 
-    def refused(number: int, what: str, place: Floats) -> SceneError:
+    def refused(number: int, what: str, place: Floats, advice: str = "") -> SceneError:
         where = ", ".join(f"{value:.6g}" for value in place[:dimension])
-        return refuse(source, f"{number} {what}, one at ({where})", ErrorKind.MESH)
+        return refuse(source, f"{number} {what}, one at ({where}){advice}", ErrorKind.MESH)
 
     crowded = facets[first[count > 2]]
     if len(crowded):
@@ -46,9 +81,10 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
     if len(hanging):
         what = (
             "nodes lie on a facet of a cell that does not have them, so the cells there are not "
-            "joined; refine with whole cells"
+            "joined"
         )
-        raise refused(len(hanging), what, points[hanging[0]])
+        advice = f": refine with whole cells; {WAYS_OUT}"
+        raise refused(len(hanging), what, points[hanging[0]], advice)
 
 
 def _hanging(facets: Ints, points: Floats) -> Ints:

@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
+from fenicsrom.fem.mesh.conformity import apart, ends_of
 from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
@@ -226,26 +227,28 @@ def _described(
         shown = elements_of(gmsh, d, entities, kind)
     tags = np.concatenate(gmsh.model.mesh.getElements(d)[1])
     quality = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minSICN"))
+    low, high = _pieces(cells, points[:, :d])
     return replace(
         found,
-        pieces=_pieces(cells),
+        pieces=len(low),
         volume=sum(_measure(gmsh, d, entity) for entity in entities),
         quality=float(quality.min()),
         worst=points[cells[quality.argmin()]].mean(axis=0),
         groups=tuple(groups),
-        warnings=(*warnings, *clean.warnings),
+        warnings=(*warnings, *clean.warnings, *filter(None, [apart(low, high)])),
         points=points,
         boundary=np.searchsorted(numbers, shown),
     )
 
 
-def _pieces(cells: Ints) -> int:
-    """Number of connected pieces of cells with corners (k, corners)."""
+def _pieces(cells: Ints, points: Floats) -> Floats:
+    """Lowest and highest coordinates (2, p, d) of the connected pieces of cells (k, corners)."""
     used, rows = np.unique(cells, return_inverse=True)
     rows = rows.reshape(cells.shape)
     first = np.repeat(rows[:, 0], rows.shape[1])
     graph = coo_array((np.ones(rows.size), (first, rows.ravel())), shape=(len(used), len(used)))
-    return int(connected_components(graph, directed=False)[0])
+    count, piece = connected_components(graph, directed=False)
+    return ends_of(piece, points[used], count)
 
 
 def _group(
