@@ -6,8 +6,11 @@ A message is one printable line for the user. Code never reads the message: it c
 
 from __future__ import annotations
 
+import logging
+import traceback
 from collections.abc import Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 
@@ -37,6 +40,7 @@ class ErrorKind(Enum):
     BASIS = "a basis that is too small or lost its structure"
     NOT_FINITE = "a result that is not a finite number"
     MEMORY = "a computation that needs more memory than there is"
+    DEFECT = "an error of the program"
 
 
 def printable(text: str) -> str:
@@ -133,3 +137,23 @@ class AccuracyError(RuntimeError):
         self.partial = partial
         self.kind = kind
         self.key = key
+
+
+def job_error(error: Exception) -> ConvergenceError | AccuracyError:
+    """The error of one computation of several, by the exception that ended this computation.
+
+    The sentence of an unexpected exception says where it was raised; the log has its traceback at
+    the level DEBUG.
+    """
+    if isinstance(error, ConvergenceError | AccuracyError):
+        return error
+    if isinstance(error, SceneError | OSError):
+        return ConvergenceError(printable(str(error)))
+    logging.getLogger("fenicsrom").debug("one of several computations failed", exc_info=error)
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    what = printable(f"{type(error).__name__}: {error}")
+    return ConvergenceError(
+        f"an error of the program ended this computation: {what}{where}; please report it",
+        kind=ErrorKind.DEFECT,
+    )

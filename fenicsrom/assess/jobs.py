@@ -13,6 +13,7 @@ import queue
 import signal
 import sys
 import threading
+import time as clock
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
@@ -27,9 +28,11 @@ from contextlib import contextmanager
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from typing import Any, NamedTuple, cast
 
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, job_error
+from fenicsrom.progress import asking
 
 POLL = 0.02  # s between two looks at the messages of the processes
+PATIENCE = 5.0  # s in which interrupted processes end their jobs, before they are killed
 LIVES = 3  # a job is given up when so many workers have died with it
 SERVER = "fenicsrom.assess.studies.worker_server"  # module that the server process imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -61,8 +64,9 @@ def run_jobs(
 
     `function` returns what it has when its progress callback raises KeyboardInterrupt. After an
     interrupt of this process (by `tell`, `stop` or the terminal), jobs that have not started are
-    dropped. The callbacks of the jobs in this process and in its child processes raise
-    KeyboardInterrupt, and the results of these jobs are yielded.
+    dropped. The callbacks of the jobs in this process and in its child processes, and
+    `fenicsrom.progress.ask` there, raise KeyboardInterrupt, and the results of these jobs are
+    yielded. A child process that then needs more than `PATIENCE` is killed, without a result.
 
     If a process of this machine dies, its jobs run again, one at a time. A Dask cluster runs such
     jobs again by itself.
@@ -77,7 +81,8 @@ def run_jobs(
             out the jobs to the others, and all ranks get all results.
 
     Yields:
-        Number and result of each job; the result is a ConvergenceError if its workers died.
+        Number and result of each job. The result is an error if the job raised one, whatever it is,
+        or if its workers died: the other jobs go on.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted; raised after all results.
@@ -118,7 +123,17 @@ def _here(
             if line:
                 tell(number, fraction, line)
 
-        yield number, function(job, report)
+        with asking(stop):
+            found = _result(function, job, report)
+        yield number, found
+
+
+def _result(function: Job, job: Any, report: Callable[[float, str], None]) -> Any:
+    """The result of a job, or the error that ended the job."""
+    try:
+        return function(job, report)
+    except Exception as error:
+        return job_error(error)
 
 
 def _on_ranks(
@@ -128,7 +143,8 @@ def _on_ranks(
     from mpi4py.futures import MPICommExecutor
 
     found: Any = None
-    with MPICommExecutor(comm, root=0) as executor:  # None on the ranks that work
+    # the executor is None on the ranks that work
+    with asking(stop), MPICommExecutor(comm, root=0) as executor:
         if executor is not None:
             try:
                 found = list(run_jobs(function, jobs, tell, cast(Executor, executor), stop))
@@ -172,8 +188,10 @@ def _results(
     The result is one of `_deadly` if the worker died. If it was a process of this machine, jobs of
     the batch that have not begun are then left out.
     """
-    order, running, interrupted = deque(batch), dict[Any, int](), False
+    order, running, interrupted, last = deque(batch), dict[Any, int](), False, float("inf")
     while order or running:
+        if clock.monotonic() > last:
+            pool.kill()
         done = set[Any]()
         try:
             while order and len(running) < pool.room:
@@ -196,6 +214,7 @@ def _results(
             if pool.stopped is None:
                 raise
             pool.stopped.set()
+            last = min(last, clock.monotonic() + PATIENCE)
         for future in done:
             number, result = running.pop(future), None
             try:
@@ -207,6 +226,8 @@ def _results(
                 if pool.stopped is not None:
                     order.clear()
                     pool.kill()  # the executor waits for the other processes
+            except Exception as error:  # the result could not be sent
+                result = job_error(error)
             if pool.stopped is None:
                 tell(number, 1.0, "done")
             yield number, result
@@ -302,6 +323,9 @@ def _work(function: Job, job: Any, number: int) -> Any:
         if _channel and line:
             _channel["messages"].put((number, fraction, line))
 
-    if _channel and _channel["stopped"].is_set():
+    if not _channel:
+        return _result(function, job, report)
+    if _channel["stopped"].is_set():
         raise CancelledError
-    return function(job, report)
+    with asking(_channel["stopped"].is_set):
+        return _result(function, job, report)

@@ -143,8 +143,8 @@ def run_sweep(
         results |= {run.number: rows[run.number] | failed[run.model] for run in lost}
         pending = [run for run in pending if run.model not in failed]
         for k, result in jobs(compute, pending, "run"):
-            number, died = pending[k].number, isinstance(result, ConvergenceError)
-            results[number] = rows[number] | failure(result) if died else result
+            number, has_failed = pending[k].number, isinstance(result, Exception)
+            results[number] = rows[number] | failure(result) if has_failed else result
     except KeyboardInterrupt:
         found.interrupted = True
         results |= {run.number: done for run in pending if (done := kept(run)) is not None}

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from fenicsrom.assess.jobs import LIVES, THREADS, run_jobs
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 
 
 def square(job: float, report: Callable[[float, str], None]) -> tuple[float, int, str]:
@@ -67,6 +67,19 @@ def test_one_worker_computes_in_this_process() -> None:
     found = list(run_jobs(square, [2.0, 3.0], lambda *it: lines.append(it), 1))
     assert [(k, process) for k, (_, process, _) in found] == [(0, os.getpid()), (1, os.getpid())]
     assert lines == [(0, 1.0, "job 2.0"), (1, 1.0, "job 3.0")]
+
+
+def deepen(job: int, report: Callable[[float, str], None]) -> int:
+    """A job that calls itself without an end if it is 1."""
+    return deepen(job, report) if job == 1 else job
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_unexpected_exception_of_a_job_leaves_the_other_results(workers: int) -> None:
+    found = dict(run_jobs(deepen, [0, 1, 2], silent, workers))
+    assert (found[0], found[2]) == (0, 2)
+    assert isinstance(found[1], ConvergenceError) and found[1].kind is ErrorKind.DEFECT
+    assert "RecursionError" in str(found[1]) and "test_jobs.py" in str(found[1])
 
 
 def test_any_executor_computes_the_jobs() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.curves.bifurcations import LOCATED, outside, special_points
+from fenicsrom.online.curves.bifurcations import LOCATED, MOST, outside, special_points
 from fenicsrom.online.curves.brackets import bracketed
 from fenicsrom.online.curves.contact_events import (
     NEGLIGIBLE,
@@ -218,6 +218,39 @@ def test_every_change_of_the_number_of_multipliers_outside_is_located(
     for point, place in zip(found, places, strict=True):
         assert place is None or point.parameter == pytest.approx(place, abs=LOCATED)
     assert line.calls < 150
+
+
+class Crowded(Line):
+    """A line on which each point that is found has one more multiplier outside than the last."""
+
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint:
+        found = super().correct(y, along, exact=exact)
+        sizes = np.full(1 + self.calls, 2.0, dtype=np.complex128)
+        return replace(found, multipliers=sizes, verdict="fold")
+
+
+class Broken(Line):
+    """A line of which no point between 0.2 and 0.7 is found."""
+
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
+        found = super().correct(y, along, exact=exact)
+        return None if 0.2 < found.parameter < 0.7 else found
+
+
+def test_number_of_changes_of_stability_between_two_points_is_bounded() -> None:
+    line = Crowded(lambda p: [2.0] * int(p))
+    found = special_points(line, line.at(0.0), line.at(1.0), np.zeros(0, np.int64))
+    located = [point for point in found if point.within < LOCATED]
+    assert len(located) == MOST
+    assert max(point.within for point in found) > 0.9  # the rest is not told apart
+    assert line.calls < 100 * MOST
+
+
+def test_event_in_a_part_of_the_curve_that_is_not_found_tells_its_width() -> None:
+    line = Broken(lambda p: [0.7 + p, 0.2])
+    (event,) = special_points(line, line.at(0.0), line.at(1.0), np.zeros(0, np.int64))
+    assert event.kind == "branch point" and event.parameter in (0.0, 1.0)
+    assert event.within == 1.0
 
 
 class Slipping(Line):

@@ -17,7 +17,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, job_error
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
@@ -170,9 +170,11 @@ def equilibrium_path(
                 "symmetric, and the negative pivots, which tell stable from unstable equilibria, "
                 "are those of its symmetric part"
             )
-    except ConvergenceError as error:
+    except Exception as error:
+        if comm.size > 1 and not isinstance(error, ConvergenceError):
+            raise  # the other ranks would wait for this one
         found.reason = "no convergence"
-        found.unfinished = ConvergenceError(f"statics: {error}{_where(found)}")
+        found.unfinished = ConvergenceError(f"statics: {job_error(error)}{_where(found)}")
     except KeyboardInterrupt:
         found.interrupted = True
     if not found.interrupted:

@@ -12,7 +12,7 @@ from fenicsrom.assess.curves.response_results import (
     response_table,
 )
 from fenicsrom.assess.full.full_periodic import full_periodic_motion
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, job_error
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.periodic.families import Family
@@ -51,7 +51,8 @@ def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: A
                     shooting, reduced = _reduced_motion(current, family, curve, value)
                     log.info(f"  {name}")
                     motion = full_periodic_motion(solid, basis, shooting, reduced)
-                except ConvergenceError as error:
+                except Exception as problem:
+                    error = job_error(problem)
                     note = Note(NoteKind.LEFT_OUT, f"{name}: {error}", curve=begin)
                     found.warnings.append(note)
                     found.unfinished = found.unfinished or error

@@ -26,12 +26,13 @@ from fenicsrom.assess.curves.response_results import (
     Response,
     ResponseCurve,
     curve_title,
+    is_wide,
     joined_notes,
     response_table,
 )
 from fenicsrom.assess.curves.trust import Check, RicherModel
 from fenicsrom.assess.jobs import Workers, run_jobs
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
 from fenicsrom.notes import AMPLITUDES, EVENTS, PEAKS, STABILITY, Note, NoteKind
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint
@@ -130,6 +131,7 @@ def response(
             found.unfinished = found.unfinished or error
     found.curves = [outcome.curve for outcome in outcomes if outcome.curve.points]
     _leave_out_unresolved(found)
+    _warn_of_wide(found)
     found.warnings += [*_light_modes(stored), *_one_speed(scene)]
     _warn_of_errors(found)
     _warn_of_peaks(found, stored)
@@ -165,7 +167,7 @@ def _outcomes(
     progress = CurveProgress([curve_title(found.scene, job.value) for job in jobs])
     try:
         for number, outcome in run_jobs(_compute, jobs, progress, workers, stop, comm):
-            if isinstance(outcome, ConvergenceError):
+            if isinstance(outcome, Exception):
                 outcome = _Outcome(ResponseCurve(jobs[number].value), outcome)
             outcomes[number] = outcome
             progress.finished(number)
@@ -175,6 +177,11 @@ def _outcomes(
                     break
     except KeyboardInterrupt:
         found.interrupted = True
+    for number, job in enumerate(jobs):
+        if number not in outcomes and job.state is not None:  # its process gave no result
+            kept = job.state.load(CLASSES)
+            if kept is not None:
+                outcomes[number] = _Outcome(kept.curve, interrupted=not kept.done)
     return [outcome for _, outcome in sorted(outcomes.items())]
 
 
@@ -188,6 +195,23 @@ def _leave_out_unresolved(found: Response) -> None:
             text = (
                 f"a contact point grazes its surface: {count} changes of contact were left out, "
                 "because the time steps do not resolve them; increase time.steps_per_period."
+            )
+            title = curve_title(found.scene, curve.value)
+            found.warnings.append(Note(NoteKind.ERROR, text, curve=title, quantity=EVENTS))
+
+
+def _warn_of_wide(found: Response) -> None:
+    """Say where special points were not located, so that more of them may lie there."""
+    for curve in found.curves:
+        wide = [p for p in curve.special if is_wide(found, p) and not p.denied]
+        if wide:
+            values = [point.parameter for point in wide]
+            ends = sorted({min(values), max(values)})
+            text = (
+                f"{counted(len(wide), 'special point')} at "
+                f"{in_words(found.scene, found.table.parameter, *ends)} could not be told apart "
+                f"from others within {max(point.within for point in wide):.2g}: the motions "
+                "between were not found, or there are too many; more time.steps_per_period may help"
             )
             title = curve_title(found.scene, curve.value)
             found.warnings.append(Note(NoteKind.ERROR, text, curve=title, quantity=EVENTS))
@@ -325,13 +349,16 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
             job.state.save(curve, done=True)
         return outcome
     walk = CurveWalk(curve, stored.scene, report, job.state)
+    done = False
     try:
         follow_curve(stored, curve, walk, richer)
-        walk.save(done=True)
-    except (ConvergenceError, AccuracyError) as error:
-        outcome.error = error
-        walk.save()
+        done = True
+    except Exception as error:
+        outcome.error = job_error(error)
     except KeyboardInterrupt:
         outcome.interrupted = True
-        walk.save()
+    try:
+        walk.save(done)
+    except OSError as error:
+        outcome.error = outcome.error or job_error(error)
     return outcome

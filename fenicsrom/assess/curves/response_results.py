@@ -20,6 +20,8 @@ from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import brief
 
+WIDE = 1e-4  # part of the range: special points within less count as located
+
 
 @dataclass(frozen=True, eq=False)
 class FullPoint:
@@ -168,6 +170,11 @@ def joined_notes(found: Response) -> list[Note]:
         notes[0].saying(f"{joined_titles(found, [note.curve for note in notes])}{text}")
         for text, notes in same.items()
     ]
+
+
+def is_wide(found: Response, point: CurvePoint) -> bool:
+    """Whether a special point is not located: its bracket is a visible part of the range."""
+    return point.within > WIDE * (found.table.high - found.table.low)
 
 
 def judged_multiplier(point: CurvePoint) -> complex:

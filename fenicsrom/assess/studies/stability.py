@@ -367,7 +367,7 @@ def run_all(
     jobs = [(case, table, source, folder) for case in wanted]
     found: dict[int, Finding] = {}
     for k, finding in run_jobs(_job, jobs, lambda *_: None, workers):
-        if isinstance(finding, ConvergenceError):
+        if isinstance(finding, Exception):
             finding = Finding(wanted[k], Verdict.WRONG, str(finding))
         found[k] = finding
         case, why = finding.case, f": {finding.why}" if finding.why else ""

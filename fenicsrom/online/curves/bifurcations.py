@@ -35,6 +35,7 @@ BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
 DEEP = 20  # halvings after which a step has the width of a bracket
+MOST = 8  # changes of stability between two points of a curve that are located
 CONTRARY = 2  # nested ways of which both halves may hide folds
 REAL = 1e-6  # angle of a multiplier below which it counts as real
 
@@ -67,15 +68,16 @@ def special_points(
         contacts: (P,) number of the contact to which each contact point belongs.
 
     Returns:
-        The special points; one that could not be located is an end of its bracket.
+        The special points; one that could not be located is an end of its bracket, and `within`
+        tells how wide this is.
     """
     found: list[CurvePoint] = []
     if a.tangent[-1] * b.tangent[-1] < 0.0:
-        fold = change_of_sign(path, lambda point: float(point.tangent[-1]), a, b).nearest
-        found.append(replace(fold, kind="fold"))
+        fold = change_of_sign(path, lambda point: float(point.tangent[-1]), a, b)
+        found.append(_located(fold, "fold"))
     for kind, margins in _contact_changes(a, b, contacts):
-        nearest = change_of_sign(path, _largest(margins), a, b).nearest
-        found.append(replace(nearest, kind=kind, contact=int(np.argmax(margins(nearest)))))
+        bracket = change_of_sign(path, _largest(margins), a, b)
+        found.append(_located(bracket, kind, int(np.argmax(margins(bracket.nearest)))))
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in _crossings(path, a, b):
         apart = [norm(path.place(point) - fold) for fold in folds]
@@ -170,32 +172,54 @@ def outside(point: CurvePoint) -> int:
 
 
 def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
-    """Where multipliers cross the unit circle between two points, in their order.
+    """Where multipliers cross the unit circle between two points.
 
     The size of the multiplier of rank k (the k-th largest) is a continuous function of the
     monodromy matrix, whatever multipliers collide. If k is the larger number outside, it passes 1.
+    The parts beside a crossing are searched too, the oldest first, up to `MOST` crossings. A part
+    that is then left counts as the bracket of one more.
     """
-    before, after = outside(a), outside(b)
-    if before == after:
-        return []
-    rank = max(before, after)
+    found: list[CurvePoint] = []
+    parts = [(a, b)]
+    while parts:
+        first, last = parts.pop(0)
+        rank = max(outside(first), outside(last))
+        if outside(first) == outside(last):
+            continue
+        size = _size_of(rank)
+        bracket = Bracket(first, last, (size(first), size(last)))
+        if len(found) < MOST:
+            bracket = change_of_sign(path, size, first, last)
+            if norm(path.place(last) - path.place(first)) > 2.0 * BRACKET:
+                parts += [(first, bracket.before), (bracket.after, last)]
+        near = norm(path.place(bracket.after) - path.place(bracket.before)) <= LOCATED
+        kind = _kind(bracket, rank, abs(size(last) - size(first)) if near else np.inf)
+        found.append(_located(bracket, kind))
+    return found
+
+
+def _size_of(rank: int) -> Test:
+    """The function that is positive if the multiplier of a rank is outside of the unit circle."""
 
     def test(point: CurvePoint) -> float:
         sizes = np.abs(point.judged)
         return float(sizes[rank - 1] - 1.0 - STABLE_WITHIN) if sizes.size >= rank else -1.0
 
-    bracket = change_of_sign(path, test, a, b)
-    kind = _kind(bracket, rank, abs(test(b) - test(a)))
-    here = [replace(bracket.nearest, kind=kind)]
-    if norm(path.place(b) - path.place(a)) <= 2.0 * BRACKET:
-        return here
-    first = _crossings(path, a, bracket.before)
-    last = _crossings(path, bracket.after, b)
-    return first + here + last
+    return test
+
+
+def _located(bracket: Bracket[CurvePoint], kind: str, contact: int = -1) -> CurvePoint:
+    """The special point of a bracket, with the width of the bracket."""
+    width = abs(bracket.after.parameter - bracket.before.parameter)
+    return replace(bracket.nearest, kind=kind, contact=contact, within=width)
 
 
 def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
-    """The kind of a bifurcation at which the multiplier of a rank crosses the unit circle."""
+    """The kind of a bifurcation at which the multiplier of a rank crosses the unit circle.
+
+    `change` is that of its size outside of the bracket; infinite if the bracket is too wide to tell
+    a jump.
+    """
     low, high = bracket.values
     if bracket.nearest.states.size and abs(high - low) > JUMP * change:
         return "non-smooth"

@@ -29,6 +29,8 @@ BACK = "back at the start of the range"
 """Reason for which a curve ends that comes back to the value of the parameter where it began."""
 REPEATS = "repeats itself"
 """Reason for which a curve ends that passes its own points again, but not its first one."""
+UNSURE = "unsure"
+"""The stability of a motion on which two time steps do not agree."""
 SLACK = 1e-9
 """Relative difference of two values of the parameter that are the same."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
@@ -59,6 +61,8 @@ class CurvePoint:
         extremes: contact quantities whose signs tell which contact states occur.
         kind: "" of an ordinary point, else one of `BIFURCATIONS` or `CONTACT_EVENTS`.
         contact: number of the contact point of an event of `CONTACT_EVENTS`, else -1.
+        within: of a special point: width of its bracket in the parameter, in which other events may
+            lie too.
         periods: number m of periods of the loads in one of the motion.
         alternation: (P d,) change of the contact displacement (of the probe without contact) from
             the start of the motion to the end of the first period of the loads, m; zero if m is 1.
@@ -71,6 +75,7 @@ class CurvePoint:
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
         period: of the motion, s.
         sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
+        denied: the verdict of half the time step if this step finds another stability, or "".
     """
 
     parameter: float
@@ -89,6 +94,7 @@ class CurvePoint:
     extremes: Extremes
     kind: str = ""
     contact: int = -1
+    within: float = 0.0
     periods: int = 1
     alternation: Array = field(default_factory=lambda: np.zeros(0))
     harmonics: NDArray[np.complex128] = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
@@ -99,11 +105,22 @@ class CurvePoint:
     period: float = np.nan
     sense: float = 1.0
     probe_amplitude: Array = field(default_factory=lambda: np.zeros(0))
+    denied: str = ""
 
     @property
     def stable(self) -> bool:
         """Whether the motion is stable."""
         return self.verdict == "stable"
+
+    @property
+    def known_stability(self) -> str:
+        """The verdict, or `UNSURE` where half the time step denies it."""
+        return UNSURE if self.denied else self.verdict
+
+    @property
+    def known_unstable(self) -> bool:
+        """Whether the motion is unstable, and half the time step does not deny it."""
+        return not self.stable and not self.denied
 
     @property
     def judged(self) -> NDArray[np.complex128]:
