@@ -2,7 +2,7 @@
 
 import sys
 
-from fenicsrom.cli import main
+from fenicsrom.cli.supervision import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run())

@@ -19,6 +19,7 @@ log = logging.getLogger("fenicsrom")
 """Receives the lines on the progress, at the level INFO."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_stop: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 
 @contextmanager
@@ -32,8 +33,35 @@ def listening(listener: Listener | None) -> Iterator[None]:
         _listener.set(outer)
 
 
+@contextmanager
+def asking(stop: Callable[[], bool] | None) -> Iterator[None]:
+    """Let `ask` end the work in the body where `stop` returns True; None asks nobody."""
+    outer = _stop.get()
+    _stop.set(stop)
+    try:
+        yield
+    finally:
+        _stop.set(outer)
+
+
+def ask() -> None:
+    """Ask whether to go on: whatever takes more than a second calls this again and again.
+
+    Raises:
+        KeyboardInterrupt: the work was asked to stop.
+    """
+    stop = _stop.get()
+    if stop is not None and stop():
+        raise KeyboardInterrupt
+
+
 def tell(fraction: float) -> None:
-    """Tell the listener which fraction of the work is done, from 0 to 1."""
+    """Tell the listener which fraction of the work is done, from 0 to 1.
+
+    Raises:
+        KeyboardInterrupt: as `ask`.
+    """
+    ask()
     listener = _listener.get()
     if listener is not None:
         listener(fraction)

@@ -721,8 +721,10 @@ def test_signal_ends_a_long_call_of_gmsh(number, code, tmp_path):
     command = [sys.executable, "-m", "fenicsrom", *out]
     long = ["--set", "geometry.parameters.elements_along=2e7"]
     with subprocess.Popen([*command, *long], stderr=subprocess.PIPE, text=True) as process:
-        while (
-            process.poll() is None and "gmsh" not in Path(f"/proc/{process.pid}/maps").read_text()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        while process.poll() is None and not any(
+            "gmsh" in Path(f"/proc/{child}/maps").read_text()
+            for child in children.read_text().split()
         ):
             time.sleep(0.1)
         time.sleep(1.0)

@@ -30,6 +30,7 @@ from fenicsrom.online.periodic.families import (
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
+from fenicsrom.progress import asking
 
 Array = NDArray[np.float64]
 
@@ -149,6 +150,28 @@ def test_unequal_intervals_are_marched_in_turn() -> None:
     pmap = unequal_map(model, contacts)
     found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
     np.testing.assert_allclose(found.record.time, PERIOD * UNEQUAL[1:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_period_in_parts_that_can_be_interrupted_is_the_same(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, contacts = shaken(), one_contact(**RUB)
+    pmap = period_map(model, contacts, name)
+    z = run_in(pmap, model, contacts)
+    whole = end(pmap, model, contacts, z)
+    monkeypatch.setattr(pmap, "_rows", 7)
+    parts = end(pmap, model, contacts, z)
+    np.testing.assert_array_equal(parts.z, whole.z)
+    np.testing.assert_array_equal(parts.matrix, whole.matrix)
+    np.testing.assert_array_equal(parts.record.time, whole.record.time)
+    asked: list[bool] = []
+    with (
+        pytest.raises(KeyboardInterrupt),
+        asking(lambda: bool(asked.append(True) or len(asked) > 12)),
+    ):
+        end(pmap, model, contacts, z)
+    assert 9 <= STEPS // 7 + 1 < len(asked)  # within the derivatives
 
 
 @pytest.mark.parametrize("name", SCHEMES)

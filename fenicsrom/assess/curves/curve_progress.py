@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
 NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
-KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
+KEEP_INTERVAL = 1.0  # shortest time between two writes of its file, s
+KEEP_SHARE = 0.05  # most of the time that these writes may take
 
 
 class CurveWalk:
@@ -45,6 +46,7 @@ class CurveWalk:
         self.curve, self.scene, self.file = curve, scene, file
         self._report = report
         self._said = self._kept = clock.perf_counter()
+        self._wait = KEEP_INTERVAL
 
     def __call__(self, line: str) -> None:
         """Report a line."""
@@ -65,9 +67,10 @@ class CurveWalk:
     def passed(self) -> None:
         """Note that the last piece has a new point."""
         piece, now = self.curve.pieces[-1], clock.perf_counter()
-        if now - self._kept > KEEP_INTERVAL:
+        if now - self._kept > self._wait:
             self.save()
             self._kept = clock.perf_counter()
+            self._wait = max(KEEP_INTERVAL, (self._kept - now) / KEEP_SHARE)
         line = ""
         if now - self._said > REPORT_INTERVAL:
             self._said, point = now, piece.points[-1]

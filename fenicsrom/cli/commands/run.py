@@ -11,7 +11,7 @@ from fenicsrom.cli.arguments import FROM_MODEL, SCENE_OR_MODEL, Argument, comman
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
-from fenicsrom.cli.termination import is_terminated
+from fenicsrom.cli.termination import is_stopped
 
 if TYPE_CHECKING:
     from fenicsrom.scene import Scene
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if scene.speeds_rpm is not None:
         return _of_range(options, comm, scene)
     with opened(options, scene, comm) as folder:
-        settings = {"resume": options.resume, "stop": is_terminated, "fresh": options.fresh}
+        settings = {"resume": options.resume, "stop": is_stopped, "fresh": options.fresh}
         found = study.run(scene, comm, folder=folder, **settings)
         return finish(found, comm)
 
@@ -53,7 +53,7 @@ def _from_model(options: argparse.Namespace) -> int:
         stored = replace(stored, scene=checkpoints.load_scene(options.resume))
     current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
-        settings = {"resume": options.resume, "stop": is_terminated, "given": given_keys(options)}
+        settings = {"resume": options.resume, "stop": is_stopped, "given": given_keys(options)}
         return finish(study.rerun(current, folder, **settings), None)
 
 
@@ -65,6 +65,6 @@ def _of_range(options: argparse.Namespace, comm: Any, scene: Scene) -> int:
     with opened(options, scene, comm) as folder:
         stored = study.build_model(scene, comm=comm)
         save_model(folder / MODEL, stored)
-        found = study.rerun(stored, folder, resume=options.resume, stop=is_terminated)
+        found = study.rerun(stored, folder, resume=options.resume, stop=is_stopped)
         found.files.append(folder / MODEL)
         return finish(found, None)

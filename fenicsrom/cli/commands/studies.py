@@ -18,7 +18,7 @@ from fenicsrom.cli.arguments import (
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import ranks, source, workers
-from fenicsrom.cli.termination import is_terminated
+from fenicsrom.cli.termination import is_stopped
 
 RESUME_CURVES = Argument(
     "--resume",
@@ -41,7 +41,7 @@ def compute(options: argparse.Namespace) -> int:
 
         varied_loads(scene)  # before the output folder is opened
     with workers(options) as computing, opened(options, scene, comm) as folder:
-        known = {**vars(options), "workers": computing, "stop": is_terminated}
+        known = {**vars(options), "workers": computing, "stop": is_stopped}
         names = {"resume", "fresh", "workers", "stop"} & {*signature(function).parameters}
         settings = {name: known[name] for name in names}
         return finish(function(given, comm, folder=folder, **settings), comm)

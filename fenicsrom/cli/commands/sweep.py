@@ -15,7 +15,7 @@ from fenicsrom.cli.arguments import (
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene, workers
-from fenicsrom.cli.termination import is_terminated
+from fenicsrom.cli.termination import is_stopped
 from fenicsrom.scene import Scene, read_scene
 
 OVER = Argument(
@@ -84,7 +84,7 @@ def sweep(options: argparse.Namespace) -> int:
             comm=comm,
             workers=computing,
             resume=options.resume,
-            stop=is_terminated,
+            stop=is_stopped,
             fresh=options.fresh,
         )
         finish(found, comm)

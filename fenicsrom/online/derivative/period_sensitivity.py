@@ -106,13 +106,18 @@ def carry_derivatives(
     scheme: Scheme,
     drift: Drift,
     record: Record,
+    first: int,
+    last: int,
     rows: int,
     rest: ComplexInterval,
     sliders: Array,
     memory: NDArray[np.int64],
     s: Sensitivity,
 ) -> bool:
-    """Write the derivatives at the end of a recorded period to s.
+    """Carry the derivatives in s over some of the steps of a recorded period.
+
+    The steps from 0 to `rows` make the period. They may be split among several calls, so that a
+    caller can be interrupted.
 
     Args:
         model: the model.
@@ -120,21 +125,26 @@ def carry_derivatives(
         scheme: the weights of the scheme.
         drift: derivatives of the data by the parameter.
         record: of the accepted steps, with coordinates, from time 0.
-        rows: number of these steps.
+        first: number of the first step to carry the derivatives over.
+        last: number of the step before which this call ends.
+        rows: number of the steps of the period.
         rest: `REST`, as an argument because numba compiles the contact law once more for constants.
         sliders: (P, d) the variables of the period, m.
         memory: which components of them are variables.
-        s: in: `before`, `x0`, `w0` and `normal_force` at the start; out: the derivatives.
+        s: in: `before`, `x0`, `w0` and `normal_force` at the start, or what the last call left;
+            out: the derivatives.
 
     Returns:
         False if the matrix of a step is singular.
     """
-    law, points, by, begin, blended = s.law, s.is_open.size, drift.contacts, 0.0, 0.0
-    for p in range(points):
-        x, w = s.x0[p], sliders[p]
-        differentiate_law(law, contacts, by, rest, p, x, x, w, 0j, rest.discrete_gradient)
-    start_derivatives(model, s, memory, not scheme.discrete_gradient)
-    for row in range(rows):
+    law, points, by, blended = s.law, s.is_open.size, drift.contacts, 0.0
+    if first == 0:
+        for p in range(points):
+            x, w = s.x0[p], sliders[p]
+            differentiate_law(law, contacts, by, rest, p, x, x, w, 0j, rest.discrete_gradient)
+        start_derivatives(model, s, memory, not scheme.discrete_gradient)
+    begin = record.time[first - 1] if first > 0 else 0.0
+    for row in range(first, last):
         h = record.time[row] - begin
         times = complex(1.0, STEP * drift.period)
         behind, ahead, moved = begin * times, record.time[row] * times, h * times
@@ -159,6 +169,6 @@ def carry_derivatives(
         end_step(record, row, s)
         begin = record.time[row]
     for p in range(points):
-        if s.is_open[p]:
+        if last == rows and s.is_open[p]:
             let_slider_follow(model, s, p)
     return True

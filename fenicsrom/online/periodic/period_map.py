@@ -24,13 +24,15 @@ from fenicsrom.online.derivative.period_sensitivity import REST, carry_derivativ
 from fenicsrom.online.derivative.sensitivity import no_drift, no_sensitivity
 from fenicsrom.online.kernels.complex_step import STEP as COMPLEX_STEP
 from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.step.loop import DONE, compiled_march
+from fenicsrom.online.step.loop import DONE, FULL, compiled_march
 from fenicsrom.online.step.scheme import Control, Scheme
 from fenicsrom.online.step.state import LAST_STEP, STEP, Record, State, no_record, no_state
 from fenicsrom.online.step.step import measure
+from fenicsrom.progress import ask
 
 SINGULAR = 3
 """Status of a period in which the matrix of a step is singular; the others are of `loop`."""
+ASKED = 1e7  # operations, less than a second, after which an interrupt is noticed
 EQUAL = 1e-9  # intervals that differ by less than this part are one grid
 
 
@@ -84,6 +86,8 @@ class PeriodMap:
         self._record = no_record(4 * self.fractions.size, points, dimension, 3 * n)
         columns = 8 * (self.size // 8 + 1)  # loops over whole vectors of eight numbers are faster
         self._sensitivity = no_sensitivity(n, columns, contacts, model.load_histories, dimension)
+        work = n**4 / 50.0 + 0.02 * n * self.memory.size * self.size  # of a step with derivatives
+        self._rows = max(int(ASKED / work), 1)
         # (first, last) instant of each run of equal intervals
         intervals = np.diff(self.fractions)
         changes = np.flatnonzero(np.abs(np.diff(intervals)) > EQUAL * intervals[1:]) + 1
@@ -153,19 +157,25 @@ class PeriodMap:
         if derive and status == DONE:
             s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
             model.work.key[:] = np.nan
-            if not carry_derivatives(
-                model,
-                contacts,
-                plan,
-                drift,
-                self._record,
-                count,
-                REST,
-                sliders,
-                self.memory,
-                s,
-            ):
-                status = SINGULAR
+            for first in range(0, count, self._rows):
+                ask()
+                last = min(first + self._rows, count)
+                if not carry_derivatives(
+                    model,
+                    contacts,
+                    plan,
+                    drift,
+                    self._record,
+                    first,
+                    last,
+                    count,
+                    REST,
+                    sliders,
+                    self.memory,
+                    s,
+                ):
+                    status = SINGULAR
+                    break
         end = self._end(count, origin, derive=derive)
         if derive and drift.rest.size:
             nothing, x = np.zeros(self.n), model.contact_rows @ drift.rest
@@ -204,17 +214,19 @@ class PeriodMap:
 
     def _march(self, problem: Problem, plan: Scheme) -> tuple[int, int]:
         """March over the period; returns the status and the number of steps."""
-        status, count, rest = DONE, 0, self._record
+        status, count, most = DONE, 0, self._record.time.size
         for first, last in self._grids:
             begin, end = (float(problem.period * self.fractions[k]) for k in (first, last))
             control = Control((end - begin) / float(last - first), 0.0, 0.0)
             self._state.scalars[STEP] = control.grid
-            if count:
-                rest = Record._make(array[count:] for array in self._record)
-            status, rows = compiled_march(
-                problem.model, problem.contacts, plan, control, self._state, begin, end, rest
-            )
-            count += rows
+            status = FULL
+            while status == FULL and count < most:
+                ask()
+                free = Record._make(array[count : count + self._rows] for array in self._record)
+                status, rows = compiled_march(
+                    problem.model, problem.contacts, plan, control, self._state, begin, end, free
+                )
+                count += rows
             if status != DONE:
                 break
         return status, count
