@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.progress import log
+from fenicsrom.progress import asking, log
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
@@ -100,9 +100,13 @@ def _curves(
 ) -> tuple[Response, Source]:
     """Compute response curves with the coordinates that they need; arguments as `response`."""
     from fenicsrom.assess.curves import response as curves
-    from fenicsrom.assess.curves.curve_size import larger_model
+    from fenicsrom.assess.curves.curve_size import (
+        cost_in_words,
+        larger_model,
+        model_before_curves,
+    )
     from fenicsrom.assess.curves.trust import richer_model
-    from fenicsrom.assess.errors.sizing import spare_coordinates, with_size
+    from fenicsrom.assess.errors.sizing import can_grow, spare_coordinates, with_size
     from fenicsrom.post.base.writers import write_text
 
     spare = spare_coordinates(source.stored)
@@ -113,12 +117,17 @@ def _curves(
             source = source.with_model(source.stored.resized(labels), folder)
     elif (size := source.stored.scene.basis.size) is not None:
         source = source.with_model(with_size(source.stored, None, size), folder)
-    while True:
-        stored = source.stored
+    elif resume is None and can_grow(source.stored, spare):
+        with watch("size of the model"):
+            larger = model_before_curves(source.stored, spare, workers, stop, source.comm)
+        source = source if larger is None else _with_more(source, larger, folder)
+
+    def follow(stored: StoredModel, resume: Path | None) -> Response:
+        """The curves of a model."""
         if state is not None:
             write_text(state / COORDINATES, json.dumps(stored.labels))
         with watch("response curves"):
-            found = curves.response(
+            return curves.response(
                 stored,
                 state=state,
                 resume=resume,
@@ -127,11 +136,40 @@ def _curves(
                 stop=stop,
                 richer=richer_model(stored, spare),
             )
-        larger = None if found.interrupted else larger_model(found, stored, spare)
+
+    found = follow(source.stored, resume)
+    while not found.interrupted:
+        larger = larger_model(found, source.stored, spare)
         if larger is None:
-            return found, source
-        log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
-        source, resume = source.with_model(larger, folder), None
+            break
+        log.info(
+            f"  the curves need more coordinates and are followed again, which takes "
+            f"{cost_in_words(found, larger)}; the curves so far stay if you interrupt this"
+        )
+        first, source = source, _with_more(source, larger, folder)
+        again = follow(larger, None)
+        if again.interrupted or (again.unfinished and not found.unfinished):
+            source = first.with_model(first.stored, folder)
+            _keep(found, again, larger)
+            break
+        found = again
+    return found, source
+
+
+def _with_more(source: Source, larger: StoredModel, folder: Path | None) -> Source:
+    """The source with a model of more coordinates."""
+    log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
+    return source.with_model(larger, folder)
+
+
+def _keep(found: Response, again: Response, larger: StoredModel) -> None:
+    """Keep curves whose repetition with a larger model did not end well, and say why."""
+    found.interrupted, found.unfinished = again.interrupted, again.unfinished
+    reason = "was interrupted" if again.interrupted else f"failed: {again.unfinished}"
+    found.warnings.append(
+        f"The curves are those of {counted(found.size, 'coordinate')}, which are too few for "
+        f"basis.accuracy: their repetition with {larger.size} {reason}"
+    )
 
 
 @starts_from("StoredModel")
@@ -149,7 +187,7 @@ def backbone(
         given: a scene with a table [backbone], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
         folder: folder of the output files; None writes no files.
-        stop: asked between the offline stages; the run ends where it returns True.
+        stop: asked often; the run ends where it returns True.
         fresh: compute all offline results, also those that the cache has.
 
     Returns:
@@ -172,7 +210,7 @@ def backbone(
     source = source_of(given, comm, watch, folder, stop, fresh)
     if (size := source.stored.scene.basis.size) is not None:
         source = source.with_model(with_size(source.stored, None, size), folder)
-    with watch("nonlinear mode"):
+    with watch("nonlinear mode"), asking(stop):
         found = modes.backbone(source.stored)
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model, refusal
 
+from fenicsrom import study
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curves import curve_size
+from fenicsrom.assess.curves import response as curves
 from fenicsrom.assess.curves.curve_size import larger_model
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
@@ -231,6 +234,48 @@ def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
     assert not any("basis.accuracy" in text for text in again.warnings)
     fixed = stored_with("basis.size=1", response=sweep)
     assert larger_model(found, fixed, 3) is None
+
+
+def counted_runs(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Receives the number of coordinates of the curves, each time that they are followed."""
+    sizes: list[int] = []
+    follow = curves.response
+
+    def counted(stored: StoredModel, **options: Any) -> Any:
+        sizes.append(stored.size)
+        return follow(stored, **options)
+
+    monkeypatch.setattr(curves, "response", counted)
+    return sizes
+
+
+SWEEP = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
+
+
+def test_curves_are_followed_once_with_the_size_that_a_few_motions_choose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sizes = counted_runs(monkeypatch)
+    found = study.response(stored_with(response=SWEEP))
+    assert sizes == [4] == [found.size]
+    assert not found.warnings and found.unfinished is None
+
+
+def test_interrupted_repetition_with_more_coordinates_keeps_the_curves(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sizes = counted_runs(monkeypatch)
+    monkeypatch.setattr(curve_size, "model_before_curves", lambda *_: None)
+    found = study.response(
+        stored_with("output.pictures=false", response=SWEEP),
+        folder=tmp_path,
+        stop=lambda: len(sizes) == 2,
+        workers=1,
+    )
+    assert sizes == [1, 4] and found.size == 1
+    assert found.interrupted and found.curves[0].pieces[0].reason == "end of the range"
+    assert any("4 was interrupted" in warning for warning in found.warnings)
+    assert (tmp_path / "response.csv").exists()
 
 
 def test_curve_of_a_model_that_cannot_grow_is_compared_at_all_points() -> None:

@@ -28,7 +28,7 @@ from fenicsrom.assess.errors.sizing import (
     spare_coordinates,
     unreached,
 )
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, job_error
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
@@ -226,17 +226,31 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
         larger = _larger_model(found, stored, spare)
         if larger is not None:
             log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
-            return backbone(larger, spare)
-        if found.points:  # the peaks of a mode that was lost are computed too
+            again = backbone(larger, spare)
+            if _replaces(again, found):
+                return again
+            found.interrupted, found.unfinished = again.interrupted, again.unfinished
+            found.warnings.append(
+                f"The nonlinear mode is that of {counted(found.size, 'coordinate')}, which are too "
+                f"few for basis.accuracy; with {larger.size} it was not completed"
+            )
+        if found.points and not found.interrupted:  # also the peaks of a mode that was lost
             _step_errors(problem, found, unit)
             _peaks(problem, found)
-    except ConvergenceError as error:
+    except Exception as cause:
+        error = job_error(cause)
         found.warnings.append(str(error))
         found.unfinished = found.unfinished or error
     except KeyboardInterrupt:
         found.interrupted = True
     found.seconds = working_time() - begin
     return found
+
+
+def _replaces(again: Backbone, found: Backbone) -> bool:
+    """Whether the mode of more coordinates takes the place of one that is found."""
+    is_complete = again.unfinished is None or found.unfinished is not None
+    return bool(again.points) and not again.interrupted and is_complete
 
 
 def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int, float]:

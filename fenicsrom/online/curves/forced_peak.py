@@ -11,12 +11,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.curves.arc import LARGEST_STEP
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import END, LOST, Curve, CurvePoint
 from fenicsrom.online.model.problem import Problem
@@ -141,7 +143,10 @@ def _at_larger_force(
 
 
 def climb(
-    path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
+    path: Continuation,
+    start: CurvePoint,
+    height: Callable[[CurvePoint], float],
+    largest_step: float = LARGEST_STEP,
 ) -> tuple[CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.
 
@@ -159,7 +164,8 @@ def climb(
                 raise _Fallen
 
         try:
-            curve = path.run(start, direction, points=POINTS, locate=False, progress=keep)
+            options: dict[str, Any] = {"largest_step": largest_step, "progress": keep}
+            curve = path.run(start, direction, points=POINTS, locate=False, **options)
             ends.append(curve.reason)
         except _Fallen:
             ends.append("fallen")
