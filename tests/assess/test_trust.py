@@ -65,7 +65,7 @@ def checked(
     def other(point: CurvePoint, _: object) -> CurvePoint:
         return replace(motion(point.parameter, finer(point.parameter)), kind=point.kind)
 
-    monkeypatch.setattr(trust, "_finer", other)
+    monkeypatch.setattr(trust, "finer_motion", other)
     monkeypatch.setattr(trust, "NEAR", np.inf)
     monkeypatch.setattr(trust, "SHARE", 1)
     return checks([Piece(points, events)], lambda value: None)  # type: ignore[arg-type]

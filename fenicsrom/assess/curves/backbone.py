@@ -238,9 +238,9 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
             _step_errors(problem, found, unit)
             _peaks(problem, found)
     except Exception as cause:
-        error = job_error(cause)
-        found.warnings.append(str(error))
-        found.unfinished = found.unfinished or error
+        failure = job_error(cause)
+        found.warnings.append(str(failure))
+        found.unfinished = found.unfinished or failure
     except KeyboardInterrupt:
         found.interrupted = True
     found.seconds = working_time() - begin

@@ -167,7 +167,7 @@ def _outcomes(
     progress = CurveProgress([curve_title(found.scene, job.value) for job in jobs])
     try:
         for number, outcome in run_jobs(_compute, jobs, progress, workers, stop, comm):
-            if isinstance(outcome, Exception):
+            if isinstance(outcome, ConvergenceError | AccuracyError):
                 outcome = _Outcome(ResponseCurve(jobs[number].value), outcome)
             outcomes[number] = outcome
             progress.finished(number)

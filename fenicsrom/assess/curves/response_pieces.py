@@ -13,6 +13,7 @@ import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.assess.curves.curve_progress import CurveWalk
+from fenicsrom.assess.curves.denials import Denials
 from fenicsrom.assess.curves.peaks import follow_peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
@@ -65,6 +66,8 @@ def follow_curve(
                 break
         if not curve.points and error is not None:
             raise error
+        denials = Denials(family, lambda: walk(""))
+        denials.apply(curve.pieces)
         _follow_more(stored, family, curve, walk)
         if response_table(stored.scene).peak_over is not None:
             with listening(lambda _: walk("")):  # it may stop the computation
@@ -74,6 +77,7 @@ def follow_curve(
             other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
         walk("checking the curve with half the step and a richer basis")
         curve.checks = checks(curve.pieces, family, other, lambda: walk(""), limit)
+        denials.apply(curve.pieces, curve.checks)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)

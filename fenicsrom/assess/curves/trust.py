@@ -293,7 +293,7 @@ class _Checks:
             return None if other is None else change(point.amplitude, other.amplitude)
 
         self._ask()
-        finer, motion = _finer(point, self._family), None
+        finer, motion = finer_motion(point, self._family), None
         if self._richer is not None and richer:
             motion = richer_motion(point, self._richer)
         check = Check(
@@ -440,19 +440,24 @@ def checks(
 
 
 def _affordable(pieces: Sequence[Piece], richer: Richer | None) -> int:
-    """Number of motions of the richer basis that take as long as the curve and some seconds.
-
-    A march with derivatives of n coordinates and N variables, N - 2 n of them sliders, evaluates
-    the elastic force, 4 n^4, and the contact forces, 3 n (N - 2 n) N.
-    """
+    """Number of motions of the richer basis that take as long as the curve and some seconds."""
     points = [point for piece in pieces for point in [*piece.points, *piece.special]]
     if not points or richer is None:
         return 0
     sizes = richer.transfer.shape
     sliders = points[0].z.size - 2 * sizes[1]
-    other, own = (FIXED + 4 * n**4 + 3 * n * sliders * (sliders + 2 * n) for n in sizes)
+    other, own = (march_cost(n, sliders) for n in sizes)
     spent = SHORT + own * sum(point.marches[1] for point in points)
     return int(spent / (MARCHES * other))
+
+
+def march_cost(n: int, sliders: int) -> float:
+    """Operations of a march with derivatives of n coordinates and N variables, in some unit.
+
+    They evaluate the elastic force, 4 n^4, and the contact forces, 3 n (N - 2 n) N, where N - 2 n
+    is the number of sliders.
+    """
+    return FIXED + 4.0 * n**4 + 3.0 * n * sliders * (sliders + 2 * n)
 
 
 def size_of(motion: CurvePoint | PeriodicMotion | None) -> float:
@@ -486,7 +491,7 @@ def change(amplitude: Array, other: Array) -> float:
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def _finer(point: CurvePoint, family: Family) -> CurvePoint | None:
+def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)

@@ -10,7 +10,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import named, table_of
-from fenicsrom.post.curves.response_figures import STABLE, UNSTABLE, stretches
+from fenicsrom.post.curves.response_figures import STYLES, stretches
 from fenicsrom.words import counted
 
 ENDS = {
@@ -153,9 +153,9 @@ def figure(found: EquilibriumPath) -> Figure:
         moved = [1e3 * point.probe[found.direction] for point in points]
         return moved, [point.load_factor for point in points]
 
-    names = {True: "stable", False: "unstable"}  # each once in the legend
+    names = {state: name for state, (name, _) in STYLES.items()}  # each once in the legend
     for stable, part in stretches(found.points, lambda point: point.negative_pivots == 0):
-        look: dict[str, Any] = {"color": COLOURS[0], "linestyle": STABLE if stable else UNSTABLE}
+        look: dict[str, Any] = {"color": COLOURS[0], "linestyle": STYLES[stable][1]}
         points = [found.points[k] for k in part]
         axes.plot(*place(points), label=names.pop(stable, None), **look)
     for kind, (marker, colour) in MARKERS.items():

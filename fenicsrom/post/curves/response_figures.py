@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,12 @@ MARKERS = {
 FULL_MARKER = "x"
 LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
 INK = "#555B61"
-STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
+STYLES: dict[bool | None, tuple[str, Any]] = {
+    True: ("stable", "-"),
+    False: ("unstable", (0, (4, 2))),
+    None: ("stability not known", (0, (1, 1.5))),
+}
+"""What `stretches` tells of a stretch -> its name and its line style."""
 
 
 def directions(found: Response) -> list[str]:
@@ -183,11 +187,13 @@ def draw_curves(
                     (line,) = axis.plot(
                         parameters[part],
                         heights[k, part],
-                        linestyle=STABLE if stable else UNSTABLE,
+                        linestyle=STYLES[stable][1],
                         color=shade,
                         zorder=3 if stable else 2,
                     )
                     noted(line, notes)
+            if len(points) == 1:  # of a curve that was interrupted
+                axis.plot(np.repeat(parameters, len(heights)), heights[:, 0], ".", color=shades[0])
             if not colours:
                 _mark(axis, points, heights[0], shades[0])
 
@@ -229,17 +235,23 @@ def curve_name(found: Response, curve: ResponseCurve) -> str:
     return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
 
 
-def stretches(
-    points: Sequence[Any], is_stable: Callable[[Any], bool] = attrgetter("stable")
-) -> list[tuple[bool, list[int]]]:
-    """Split a curve into stable and unstable stretches of point numbers, which share their ends.
+def stability_of(point: Any) -> bool | None:
+    """Whether a point of a curve is stable; None if that is not known."""
+    return None if point.denied else bool(point.stable)
 
-    A stretch between two ordinary points is stable if both are; a special point takes part in the
-    stretches on both of its sides.
+
+def stretches(
+    points: Sequence[Any], is_stable: Callable[[Any], bool | None] = stability_of
+) -> list[tuple[bool | None, list[int]]]:
+    """Split a curve into stable, unstable and unknown stretches of point numbers, which share ends.
+
+    A stretch between two ordinary points is stable if both are, and unknown if one is; a special
+    point takes part in the stretches on both of its sides.
     """
-    found: list[tuple[bool, list[int]]] = []
+    found: list[tuple[bool | None, list[int]]] = []
     for k, pair in enumerate(pairwise(points)):
-        stable = all(is_stable(point) for point in pair if not point.kind)
+        known = {is_stable(point) for point in pair if not point.kind}
+        stable = None if None in known else all(known)
         if found and found[-1][0] == stable:
             found[-1][1].append(k + 1)
         else:
@@ -255,7 +267,7 @@ def shown_curves(found: Response) -> list[ResponseCurve]:
 
 
 def style_handles(found: Response) -> list[Any]:
-    """The entries of a legend: solid and dashed lines if both occur."""
+    """The entries of a legend: the line styles that occur, if not all is stable."""
     from matplotlib.lines import Line2D
 
     parts = {
@@ -264,11 +276,11 @@ def style_handles(found: Response) -> list[Any]:
         for piece in curve.pieces
         for stable, _ in stretches(piece.in_order())
     }
-    if False not in parts:
+    if parts <= {True}:
         return []
     return [
         Line2D([], [], color=INK, linestyle=style, label=word)
-        for stable, word, style in ((True, "stable", STABLE), (False, "unstable", UNSTABLE))
+        for stable, (word, style) in STYLES.items()
         if stable in parts
     ]
 

@@ -83,7 +83,9 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         ],
         response_tables.rows(found),
         response_tables.summary(found),
-        [
+        [Picture("Response curves", "response.png", lambda: figure(found, clicked))]
+        if found.interrupted
+        else [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
             *([Picture(PEAKS, "peaks.png", lambda: peak_figure(found))] if peaks else []),
             *([states] if found.contacts else []),
@@ -105,6 +107,7 @@ def write(
 ) -> list[Path]:
     """Write the numbers, then the motions, the pictures and the report.
 
+    An interrupted run has no motions and only the picture of the curves, because it must end soon.
     With a study, all ranks must call this: each writes its part of the ParaView files.
 
     Args:
@@ -122,6 +125,8 @@ def write(
     first = study is None or study.solid.comm.rank == 0
     if first:
         report(found).write_numbers(folder)
+    if found.interrupted:
+        return report(found).write(folder) if first else []
     motions = marked_motions(found, stored)
     files = [write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
@@ -217,7 +222,8 @@ def _detail(found: Response, curve: ResponseCurve, point: CurvePoint, motion: Mo
     """What a click on a point shows: a period of its motion at the contact point."""
     where = in_words(found.scene, found.table.parameter, point.parameter)
     states = f", {', '.join(state_names(point))}" if found.contacts else ""
-    title = f"The motion at {curve_title(found.scene, curve.value)}{where}: {point.verdict}{states}"
+    begin = f"The motion at {curve_title(found.scene, curve.value)}{where}"
+    title = f"{begin}: {point.known_stability}{states}"
     place, direction = largest_component(found)
     some = slice(None, None, max(1, motion.time.size // MOST_SAMPLES))
     moved = 1e3 * motion.displacement[some, place]

@@ -1,5 +1,6 @@
 """The results of response curves: sentences and tables for people, rows and numbers for files."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from fenicsrom.assess.curves.response_results import (
     Response,
     ResponseCurve,
     curve_title,
+    is_wide,
     joined_titles,
     judged_multiplier,
 )
@@ -59,10 +61,10 @@ def result_table(found: Response) -> list[list[Any]]:
                 f"{_millimetres(found, top.amplitude)}{_so_far(curve)}"
             ),
             f"at {parameter_label(found)}": f"{top.parameter:.6g}",
-            "stability": top.verdict,
+            "stability": top.known_stability,
             "change by half the time step, %": _percent(curve.step_error),
             "change by a richer basis, %": _percent(curve.basis_error),
-            "unstable points": sum(not point.stable for point in curve.points),
+            "unstable points": sum(point.known_unstable for point in curve.points),
         }
         for curve in found.curves
         for top in [largest_point(found, curve)]
@@ -80,8 +82,14 @@ def sentences(found: Response) -> list[str]:
             f"amplitude{_so_far(curve)} {_millimetres(found, top.amplitude)} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         ]
-        if unstable := [point for point in points if not point.stable]:
+        if unstable := [point for point in points if point.known_unstable]:
             lines.append(_unstable_sentence(found, unstable))
+        if unsure := [point for point in points if point.denied]:
+            lines.append(
+                f"Stability not known: {counted(len(unsure), 'point')}, "
+                f"{_places(found, unsure)}: half the time step finds another one; increase "
+                "time.steps_per_period."
+            )
         lines += [*_changes(curve), *_unknown_errors(curve)]
         free = sum(point.free_sliders > 0 for point in points)
         if free:
@@ -109,11 +117,17 @@ def _so_far(curve: ResponseCurve) -> str:
 
 def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:
     """The sentence on the unstable points of a curve: where they are, and how unstable."""
-    name, values = found.table.parameter, [point.parameter for point in points]
-    ends = sorted({min(values), max(values)})
-    where = f"{'at' if len(ends) == 1 else 'between'} {in_words(found.scene, name, *ends)}"
     size = max(abs(judged_multiplier(point)) for point in points)
+    where = _places(found, points)
     return f"Unstable points: {len(points)}, {where} (largest multiplier {size:.5g})."
+
+
+def _places(found: Response, points: Sequence[CurvePoint]) -> str:
+    """Where points of a curve are, in words."""
+    values = [point.parameter for point in points]
+    ends = sorted({min(values), max(values)})
+    place = in_words(found.scene, found.table.parameter, *ends)
+    return f"{'at' if len(ends) == 1 else 'between'} {place}"
 
 
 def _changes(curve: ResponseCurve) -> list[str]:
@@ -157,33 +171,46 @@ def _unknown_errors(curve: ResponseCurve) -> list[str]:
 
 def _verdict(point: CurvePoint) -> str:
     """The stability of a point in words."""
+    if point.denied:
+        return "stability not known"
     return "stable" if point.stable else f"unstable ({point.verdict})"
 
 
 def event_table(found: Response) -> list[list[Any]]:
     """The bifurcations and contact events of all curves; empty if there are none.
 
-    The last column is how far half the time step or a richer basis moves a bifurcation.
+    The last column is how far half the time step or a richer basis moves a bifurcation, or the
+    width of the bracket of an event that was not located.
     """
     unit = unit_of(found.scene, found.table.parameter)
     uncertain = f"uncertain by{f', {unit}' if unit else ''}"
     moved = {
-        (check.where, check.point.parameter): max(check.step_error or 0.0, check.basis_error or 0.0)
+        (check.where, check.point.parameter): [
+            (error or 0.0) * abs(check.point.parameter)
+            for error in (check.basis_error, check.step_error)
+        ]
         for curve in found.curves
         for check in curve.checks
         if check.quantity == "parameter" and {check.step_error, check.basis_error} != {None}
     }
+
+    def shift(point: CurvePoint) -> str | None:
+        """How uncertain the place of an event is."""
+        by_basis, *by_step = moved.get((point.kind, point.parameter), [0.0])
+        if is_wide(found, point):
+            by_step = [point.within]
+        return f"{max(by_basis, *by_step):.1g}" if by_step else None
+
     return table_of(
         family(found, curve)
         | {
             "event": f"{point.kind}{f', contact point {point.contact + 1}' * (point.contact >= 0)}",
             parameter_label(found): f"{point.parameter:.7g}",
             f"{direction_name(found)} amplitude, mm": _millimetres(found, point.amplitude),
-            uncertain: None if shift is None else f"{shift * abs(point.parameter):.1g}",
+            uncertain: shift(point),
         }
         for curve in found.curves
         for point in curve.special
-        for shift in [moved.get((point.kind, point.parameter))]
     )
 
 
@@ -211,7 +238,7 @@ def run_table(found: Response) -> list[list[Any]]:
         family(found, curve)
         | {
             "points": len(curve.points),
-            "unstable": sum(not point.stable for point in curve.points),
+            "unstable": sum(point.known_unstable for point in curve.points),
             "marched periods": curve.marches[0],
             "with derivatives": curve.marches[1],
             "run time, s": curve.seconds,
@@ -275,7 +302,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
         **(contact_columns(point) if found.contacts else {}),
         "damping_dissipation_per_period_J": point.damping_dissipation,
-        "stability": point.verdict,
+        "stability": point.known_stability,
         "event": point.kind,
         "contact_point": None if point.contact < 0 else point.contact + 1,
         "periods": point.periods,

@@ -1,0 +1,106 @@
+"""Verdicts on the stability that half the time step denies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fenicsrom.assess.curves import denials
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.denials import Denials
+from fenicsrom.online.curves.curve import CurvePoint
+
+Range = tuple[float, float] | None
+
+
+def point(parameter: float, unstable: Range, kind: str = "") -> CurvePoint:
+    """A point at whose parameter one step finds a torus, if it lies in a range."""
+    is_torus = unstable is not None and unstable[0] < parameter < unstable[1]
+    empty = np.zeros(0)
+    return CurvePoint(
+        parameter=parameter,
+        z=empty,
+        s=np.array([parameter]),
+        tangent=np.array([0.0, 1.0]),
+        amplitude=np.ones((1, 1)),
+        peak_force=empty,
+        friction_dissipation=0.0,
+        multipliers=np.array([1.1 if is_torus else 0.9], dtype=np.complex128),
+        verdict="torus" if is_torus else "stable",
+        free_sliders=0,
+        states=np.zeros(1, dtype=np.int64),
+        residual=0.0,
+        marches=(1, 1),
+        extremes=None,  # type: ignore[arg-type]
+        kind=kind,
+    )
+
+
+def judged(monkeypatch: pytest.MonkeyPatch, own: Range, finer: Range) -> tuple[Piece, list[float]]:
+    """A piece from 1 to 2 with a torus in one range, and with half the step in another range.
+
+    With it come the parameters at which half the step was asked.
+    """
+    asked: list[float] = []
+
+    def with_half_the_step(of: CurvePoint, family: Any) -> CurvePoint:
+        asked.append(of.parameter)
+        return point(of.parameter, finer)
+
+    monkeypatch.setattr(denials, "finer_motion", with_half_the_step)
+    piece = Piece([point(p, own) for p in np.linspace(1.0, 2.0, 21)])
+    piece.special = [point(p, own, "torus") for p in own or () if 1.0 < p < 2.0]
+    Denials(lambda value: SimpleNamespace(), lambda: None).apply([piece])
+    return piece, asked
+
+
+def unsure(piece: Piece) -> list[float]:
+    return [round(p.parameter, 2) for p in piece.points if p.known_stability == "unsure"]
+
+
+def test_instability_that_half_the_step_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    piece, _ = judged(monkeypatch, own=(1.32, 1.52), finer=None)
+    assert unsure(piece) == [1.35, 1.4, 1.45, 1.5]
+    assert not piece.special and not any(p.known_unstable for p in piece.points)
+
+
+def test_instability_that_moves_with_the_step_is_unsure_where_the_steps_differ(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    piece, asked = judged(monkeypatch, own=(1.32, 1.62), finer=(1.42, 1.72))
+    assert unsure(piece) == [1.35, 1.4, 1.65, 1.7]
+    assert [p.parameter for p in piece.points if p.known_unstable] == pytest.approx(
+        [1.45, 1.5, 1.55, 1.6]
+    )
+    first, last = piece.special
+    assert first.within == pytest.approx(1.45 - 1.32) and last.within == pytest.approx(1.75 - 1.62)
+    assert len(asked) == len(set(asked)) < 12
+
+
+def test_instability_on_which_both_steps_agree_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    piece, asked = judged(monkeypatch, own=(1.32, 1.62), finer=(1.31, 1.63))
+    assert not unsure(piece) and [p.within for p in piece.special] == [0.0, 0.0]
+    assert len(asked) == 4
+
+
+def test_stable_gap_that_half_the_step_lacks_is_unsure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An unstable stretch for half the step covers the stable end of the curve."""
+    piece, _ = judged(monkeypatch, own=(0.0, 1.92), finer=(0.0, 3.0))
+    assert unsure(piece) == [1.95, 2.0]
+    assert not piece.special
+
+
+def test_other_motion_of_half_the_step_denies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def other(of: CurvePoint, family: Any) -> CurvePoint:
+        return replace(point(of.parameter, None), amplitude=2.0 * of.amplitude)
+
+    monkeypatch.setattr(denials, "finer_motion", other)
+    own = (1.32, 1.52)
+    piece = Piece([point(p, own) for p in np.linspace(1.0, 2.0, 21)])
+    piece.special = [point(p, own, "torus") for p in own]
+    Denials(lambda value: SimpleNamespace(), lambda: None).apply([piece])
+    assert not unsure(piece) and len(piece.special) == 2
