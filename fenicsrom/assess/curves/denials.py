@@ -3,7 +3,8 @@
 A time step may make an instability: a pair of multipliers of a vibration that the step hardly
 resolves leaves the unit circle. So wherever a curve changes its stability, other than in a fold,
 the motions with half the step are asked on both sides, point after point, until both steps agree.
-The points passed on the way are denied: their stability is not known. The bifurcation lies between
+The points passed on the way are denied: their stability is not known. So is an instability whose
+motion half the step does not find. The bifurcation lies between
 the nearest points on which both steps agree. It is left out where a whole stretch is denied,
 because then half the step finds no change there.
 """
@@ -21,6 +22,8 @@ from fenicsrom.online.periodic.families import Family
 SAME_MOTION = 0.2
 """Largest change of the amplitude by half the step: next to a fold, the motion that is found may be
 another one."""
+NOT_FOUND = "not found"
+"""Verdict of half the step where it has no motion near that of the step."""
 
 
 class Denials:
@@ -37,17 +40,22 @@ class Denials:
         self._verdicts: dict[int, tuple[CurvePoint, str]] = {}
 
     def _finer(self, point: CurvePoint) -> str:
-        """The verdict of half the step; that of the point itself where its motion is not found."""
+        """The verdict of half the step, or `NOT_FOUND`; that of the point if it finds another."""
         if id(point) not in self._verdicts:
             self._ask()
-            found, verdict = finer_motion(point, self._family), point.verdict
-            if found is not None and change(point.amplitude, found.amplitude) <= SAME_MOTION:
-                verdict = found.verdict
+            found, verdict = finer_motion(point, self._family), NOT_FOUND
+            if found is not None:
+                is_same = change(point.amplitude, found.amplitude) <= SAME_MOTION
+                verdict = found.verdict if is_same else point.verdict
             self._verdicts[id(point)] = point, verdict
         return self._verdicts[id(point)][1]
 
+    def _is_unstable(self, point: CurvePoint) -> bool:
+        """Whether half the step finds the motion, and finds it unstable."""
+        return self._finer(point) not in ("stable", NOT_FOUND)
+
     def _denies(self, point: CurvePoint) -> bool:
-        return not point.kind and point.stable != (self._finer(point) == "stable")
+        return not point.kind and point.stable == self._is_unstable(point)
 
     def apply(self, pieces: Sequence[Piece], checks: Sequence[Check] = ()) -> None:
         """Mark the denied points of some pieces, and leave denied bifurcations out.
@@ -113,7 +121,7 @@ class Denials:
         """
         stable = [points[k].stable for k in ends]
         if stable[0] == stable[1]:  # a stretch between two neighbours, which both steps must see
-            sees = any((self._finer(event) == "stable") != stable[0] for event in between)
+            sees = any(self._is_unstable(event) == stable[0] for event in between)
             return ends if sees else None
         found = []
         for way, k, mine in zip((-1, 1), ends, stable, strict=True):

@@ -491,12 +491,17 @@ def change(amplitude: Array, other: Array) -> float:
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | None:
-    """The motion with half the time step at a point of a curve; None if it was not found."""
+def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | PeriodicMotion | None:
+    """The motion with half the time step at a point of a curve; None if it was not found.
+
+    Half the step may change how a high mode rings, which no single correction bridges: then
+    bounded steps of Newton's method seek the motion.
+    """
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
     if point.kind != FOLD:
-        return path.at_parameter(s, point.parameter, exact=False)
+        near = path.at_parameter(s, point.parameter, exact=False)
+        return near or _solved(shooting, s)
     here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
@@ -519,7 +524,11 @@ def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, 
 def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     shooting = Shooting(richer.family(point.parameter), point.periods)
-    s = shooting.scaled(richer.start(point, shooting))
+    return _solved(shooting, shooting.scaled(richer.start(point, shooting)))
+
+
+def _solved(shooting: Shooting, s: Array) -> PeriodicMotion | None:
+    """The motion near scaled variables s (N,); None if it was not found."""
     try:
         return solve(shooting, s, TOLERANCE, step_tolerance=STEP, iterations=ITERATIONS)
     except ConvergenceError:
