@@ -129,8 +129,10 @@ class Collector:
         self._leave_away("point mass", "attachments", [n for n in self.masses if n not in used])
         springs = [(place(n), k, value) for (n, k), value in self.springs.items() if n in used]
         self._leave_away("spring", "attachments", [n for n, _ in self.springs if n not in used])
-        forces_at = self.couplings.spread(self.forces, mesh.points)
-        near = {node: force for node, force in forces_at.items() if force.any()}
+        near = {node: force for node, force in self.forces.items() if force.any()}
+        near, rigid = self.couplings.spread(near, mesh.points, used)
+        if rigid:
+            self.leave(f"{counted(rigid, 'force')} on rigid parts, spread over their nodes instead")
         self._leave_away("force", "loads", [n for n in near if n not in used])
         near = self._moving({node: force for node, force in near.items() if node in used})
         forces, left = forces_on(mesh.points, cells, near, groups)

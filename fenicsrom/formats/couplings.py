@@ -38,11 +38,13 @@ class Couplings:
     Attributes:
         equations: the equations.
         means: nodes and weights of the mean that each reference node follows.
+        followers: nodes that move with each reference node as a rigid body.
         through: nodes that pass their support on to others.
     """
 
     equations: list[Equation] = field(default_factory=list)
     means: dict[int, tuple[Ints, Floats]] = field(default_factory=dict)
+    followers: dict[int, set[int]] = field(default_factory=lambda: defaultdict(set))
     through: set[int] = field(default_factory=set)
 
     def add(self, kind: str, name: str, terms: list[Component]) -> None:
@@ -64,6 +66,8 @@ class Couplings:
         """
         arms = x[nodes] - x[reference]
         arms[np.abs(arms) <= ROUNDING * np.ptp(x, axis=0).max()] = 0.0
+        if components >= {0, 1, 2}:
+            self.followers[reference] |= set(nodes.tolist()) - {reference}
         for node, arm in zip(nodes.tolist(), arms, strict=True):
             for k in components if node != reference else ():
                 turns = [] if k > 2 else [(k + 1) % 3, (k + 2) % 3]
@@ -84,30 +88,53 @@ class Couplings:
         for k in range(3):
             self.add(kind, name, [(reference, k), *((int(node), k) for node in nodes)])
 
-    def spread(self, forces: dict[int, Floats], x: Floats) -> dict[int, Floats]:
-        """Give forces at the nodes of means instead of those at their reference nodes.
+    def spread(
+        self, forces: dict[int, Floats], x: Floats, body: set[int]
+    ) -> tuple[dict[int, Floats], int]:
+        """Give forces at the nodes of couplings instead of those at their reference nodes.
 
         A force F gives the nodes at r from their centroid, with weights w, the forces
 
             w (F / Σw + (T⁻¹ M) × r),    T = Σ w (r · r − r rᵀ),
 
         with its moment M about the centroid: those of RBE3 in Nastran without rotations of nodes.
+        It stays where the nodes are too few to carry its moment.
 
         Args:
             forces: force (3,) at each node.
             x: coordinates of all nodes, shape (n, 3).
+            body: the nodes of the body, at which forces stay.
+
+        Returns:
+            The forces, and how many of those given act on a rigid part.
         """
         found: dict[int, Floats] = defaultdict(lambda: np.zeros(3))
+        rigid = 0
         for node, force in forces.items():
-            nodes, weights = self.means.get(node, (np.array([node]), np.ones(1)))
-            total = weights.sum()
-            centroid = weights @ x[nodes] / total
-            arms = x[nodes] - centroid
+            nodes, weights = np.array([node]), np.ones(1)
+            if node not in body and node in self.means:
+                nodes, weights = self.means[node]
+            elif node not in body and (reached := self._reached(node) & body):
+                nodes, weights = np.array(sorted(reached)), np.ones(len(reached))
+            arms = x[nodes] - weights @ x[nodes] / weights.sum()
+            moment = np.cross(weights @ (x[node] - x[nodes]) / weights.sum(), force)
             inertia = np.einsum("i,ij,ik->jk", weights, arms, arms)
             turn = np.linalg.pinv(np.trace(inertia) * np.eye(3) - inertia, hermitian=True)
-            spin = turn @ np.cross(x[node] - centroid, force)
-            for k, own in enumerate(nodes.tolist()):
-                found[own] = found[own] + weights[k] * (force / total + np.cross(spin, arms[k]))
+            parts = weights[:, None] * (force / weights.sum() + np.cross(turn @ moment, arms))
+            lost = np.linalg.norm(np.cross(arms, parts).sum(axis=0) - moment)
+            if lost > ROUNDING * np.linalg.norm(force) * np.ptp(x, axis=0).max():
+                nodes, parts = np.array([node]), force[None, :]
+            rigid += node not in self.means and node not in nodes
+            for own, part in zip(nodes.tolist(), parts, strict=True):
+                found[own] = found[own] + part
+        return found, rigid
+
+    def _reached(self, reference: int) -> set[int]:
+        """The nodes that move with a reference node as one rigid body."""
+        found, near = {reference}, {reference}
+        while near:
+            near = {n for node in near for n in self.followers.get(node, ())} - found
+            found |= near
         return found
 
     def left(self, fixed: set[Component]) -> dict[str, int]:

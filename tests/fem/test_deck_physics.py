@@ -284,15 +284,22 @@ def test_force_at_the_reference_of_a_mean_is_spread(tmp_path: Path) -> None:
     abaqus, _ = physics(
         tmp_path / "a.inp", f"{head}{REFERENCE}{SURFACE}{coupling}*BOUNDARY\n{tail}"
     )
-    rigid = "RBE3,50,,20,123456,2.,123,1,4,+\n+,5,8\nFORCE,1,20,,6.,0.,0.,1.\n"
-    bulk, _ = nastran(tmp_path, "", CENTRE + rigid)
-    for found in (abaqus, bulk):
+    force = "FORCE,1,20,,6.,0.,0.,1.\n"
+    mean = f"RBE3,50,,20,123456,2.,123,1,4,+\n+,5,8\n{force}"
+    rigid = f"RBE2,50,21,123456,{FACE}\nRBE2,51,20,123456,21\n{force}"
+    for found in (abaqus, *(nastran(tmp_path, "", CENTRE + bulk)[0] for bulk in (mean, rigid))):
         forces = [load for load in found.loads if load.kind == "force"]
         vectors = np.array([load.vector for load in forces])
         arms = np.array([load.point for load in forces]) - [-1.0, 0.5, 0.5]
         assert len(forces) == 4 and np.allclose(vectors.sum(axis=0), [0.0, 0.0, 6.0])
         assert np.allclose(np.cross(arms, vectors).sum(axis=0), 0.0, atol=1e-12)
-        assert not found.not_taken
+        assert [what[:8] for what in found.not_taken] in ([], ["2 RBE2 w", "1 force "])
+
+
+def test_force_whose_moment_its_nodes_cannot_carry_is_named(tmp_path: Path) -> None:
+    rigid = "RBE2,50,20,123456,1\nFORCE,1,20,,6.,0.,0.,1.\n"
+    found, _ = nastran(tmp_path, "", CENTRE + rigid)
+    assert not found.loads and any("beside the solid" in what for what in found.not_taken)
 
 
 def test_constraint_equations_of_an_archive_pass_a_support_on(tmp_path: Path) -> None:
