@@ -14,6 +14,7 @@ from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError
 
 pytest.importorskip("gmsh")
+from fenicsrom.assess.studies.first_mode import FirstMode
 from fenicsrom.cli import main
 from fenicsrom.cli.commands import make_parser
 from fenicsrom.cli.output import output_path
@@ -266,6 +267,21 @@ def test_groups_for_root_and_tip_are_taken(tmp_path: Path) -> None:
         starter_scene(found, tmp_path, root="c")
     group = next(group for group in found.groups if (group.name, group.kind) == ("b", "facets"))
     assert outer_normal(found, group) == pytest.approx([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("tip", "per"), [("face", "per mm² of facets"), ("edge", "per node, on a curve in 3D per mm")]
+)
+def test_contact_of_a_starter_scene_says_the_units_of_its_nodes(
+    tmp_path: Path, tip: str, per: str
+) -> None:
+    sets = "*NSET, NSET=face\n13,14,15,16\n*NSET, NSET=edge\n13,14\n"
+    found = inspect(bar(tmp_path / "bar.inp", sets=sets))
+    mode = FirstMode(100.0, (0.0, 0.0, 0.3), (1.0, 0.0, 0.0), 1e5, 0.3)
+    units = units_of(found, "mm,t,s")
+    text = starter_scene(found, tmp_path, units=units, tip=tip, template="damper", mode=mode)
+    (line,) = [line for line in text.splitlines() if 'at = "nodes"' in line]
+    assert per in line and "# N/mm" in text
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,14 @@ def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
     assert record["command"] in cells and "x=1" in cells
 
 
+def test_stored_scene_in_other_units_says_what_its_numbers_are(tmp_path: Path) -> None:
+    for units, said in ("{}", False), ("{length='mm', mass='t'}", True):
+        folder = tmp_path / str(said)
+        run(folder, scene(f"units={units}", "reference.beam=false"))
+        text = (folder / "scene.toml").read_text()
+        assert ("a node of a node set as 1 mm²" in text) is said
+
+
 def test_same_scene_replaces_its_results(tmp_path: Path) -> None:
     run(tmp_path, scene(), "report.html", "sweep.csv")
     (tmp_path / "notes.txt").write_text("mine")

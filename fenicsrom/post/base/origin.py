@@ -27,6 +27,7 @@ from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.captions import CAPTIONS
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
+from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.scene.reading.units import units_sentence
 
 SCENE_FILE = "scene.toml"
@@ -132,7 +133,7 @@ def write_origin(
     if mesh is not None and mesh["copy"]:
         table["geometry"]["mesh"] = mesh["copy"]
     write_summary(folder / RECORD, record)
-    write_text(folder / SCENE_FILE, _comments(record) + toml_text(table))
+    write_text(folder / SCENE_FILE, _comments(record, scene.units) + toml_text(table))
     return record
 
 
@@ -295,9 +296,14 @@ def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) 
     return words
 
 
-def _comments(record: Mapping[str, Any]) -> str:
-    """The first lines of `scene.toml`."""
+def _comments(record: Mapping[str, Any], units: Units) -> str:
+    """The first lines of `scene.toml`, whose scene was written in these units."""
     lines = ["The scene of this folder, with all defaults and overrides."]
+    if not units.is_si:
+        lines += [
+            "Numbers are in SI units; those of regions are per area, N/m² and N/m³: a curve counts "
+            f"as 1 {units.length} wide, and a node of a node set as 1 {units.length}²."
+        ]
     lines += [f"{name + ':':14} {value}" for name, value in _items(record)]
     return "".join(f"# {line}\n" for text in lines for line in text.splitlines()) + "\n"
 

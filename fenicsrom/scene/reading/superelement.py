@@ -71,7 +71,7 @@ class InterfaceNode:
         grid: number of the node in a file that names its coordinates by node and direction.
         offset: displacement of the node at rest.
         area: area, length or number of nodes that the node stands for in a contact with
-            at = "nodes".
+            at = "nodes", in the units of the scene.
     """
 
     name: Annotated[str, rules.name]
