@@ -87,7 +87,7 @@ def model_before_curves(
     families = response_table(stored.scene).families
     owns = [stored]
     if families is not None:
-        owns = [stored.with_overrides([f"{families.key}={value!r}"]) for value in families.values]
+        owns = [stored.with_values({families.key: value}) for value in families.values]
     log.info("  a few motions of each curve choose the size of the model")
     found = run_jobs(_samples, owns, lambda *_: None, workers, stop, comm)
     samples = [each for _, made in found if not isinstance(made, Exception) for each in made]
