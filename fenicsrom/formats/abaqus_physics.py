@@ -13,6 +13,7 @@ from fenicsrom.formats.abaqus_sets import Resolver, by_block
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
 from fenicsrom.formats.parts import faces
+from fenicsrom.formats.reasons import said
 from fenicsrom.words import counted
 
 TAKEN_ELEMENTS = ("MASS", "SPRING1")
@@ -36,18 +37,6 @@ MATERIAL_DATA = ("ELASTIC", "DENSITY", "HYPERELASTIC", "HYPERFOAM", "USER MATERI
 
 FIRST = ("ELEMENT", "TRANSFORM")
 """Keywords to which others refer, also from above."""
-
-REASONS = {
-    "TIE": "join the meshes, so that they share nodes",
-    "CONTACT PAIR": "contact between bodies",
-    "CONTACT": "contact between bodies",
-    "PRE-TENSION SECTION": "no pretension of bolts",
-    "TEMPERATURE": "no temperatures",
-    "PLASTIC": "elastic materials only",
-    "HYPERELASTIC": "elastic materials only",
-    "AMPLITUDE": "loads are static",
-}
-"""Why keywords are not read."""
 
 
 @dataclass(eq=False)
@@ -135,8 +124,7 @@ def with_physics(
                 state.found.leave(f"*{keyword.name}: {shown!r} cannot be read", is_support)
                 continue
             if not taken:
-                reason = REASONS.get(keyword.name)
-                state.unread[f"*{keyword.name}" + (f" ({reason})" if reason else "")] = None
+                state.unread[said(f"*{keyword.name}", keyword.name)] = None
     return state.found.finished(mesh), tuple(state.unread)
 
 

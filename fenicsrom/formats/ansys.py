@@ -17,6 +17,7 @@ from fenicsrom.errors import refuse
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
 from fenicsrom.formats.missing_nodes import with_middles
+from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import from_vtk
 from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted
@@ -265,7 +266,7 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
                 block.groups[name] = np.isin(block.labels, members)
     points, notes = with_middles(blocks, points)
     unread = [counted(n, name) for name, n in left.items() if name not in ATTACHED]
-    unread += [f"{n} {name}" for name, n in archive.other.items()]
+    unread += [said(f"{n} {name}", name) for name, n in archive.other.items()]
     groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
     mesh = MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
     return _physics(archive, mesh, numbers)

@@ -24,6 +24,7 @@ from fenicsrom.formats.nastran_cards import Card, read_cards
 from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.formats.nastran_systems import Systems, read_systems
+from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import SHAPES, TETRA_FROM_VTK
 
 CUBE_FROM_NASTRAN = (*range(9), 11, 12, 9, 13, 10, 14, 15, 16, 19, 17, 18)
@@ -127,7 +128,7 @@ def _blocks(
         marks = {str(group): groups == group for group in np.unique(groups) if group}
         labels = np.array([label for label, *_ in entries])
         blocks.append(Block(kind, rows_[:, _order(kind)], marks, name, labels))
-    return tuple(blocks), tuple(f"{count} {name}" for name, count in other.items())
+    return tuple(blocks), tuple(said(f"{count} {name}", name) for name, count in other.items())
 
 
 def _element(card: Card) -> tuple[int, int, list[int]]:

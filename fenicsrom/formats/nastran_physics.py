@@ -16,6 +16,7 @@ from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Floats, Ints, MeshFile, axes_of
 from fenicsrom.formats.nastran_cards import Card
 from fenicsrom.formats.nastran_systems import Systems
+from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import STRAIGHT
 from fenicsrom.formats.text import numbers_between, read_lines
 
@@ -58,7 +59,6 @@ LEFT = {
     "RBAR": " with other independent components than those of one end",
     "GRAV": " along axes that depend on the place",
     "MOMENT": ": nodes of solids do not turn",
-    "RFORCE": ": give [rotation]",
 }
 """What is not taken of some entries."""
 
@@ -139,7 +139,7 @@ def with_physics(
         except ValueError:
             taken = False
         if not taken:
-            left[card.name + LEFT.get(card.name, "")] += 1
+            left[said(card.name, card.name) + LEFT.get(card.name, "")] += 1
     for name, count in left.items():
         deck.found.leave(f"{count} {name}", name.startswith("SPC"))
     return deck.found.finished(mesh)

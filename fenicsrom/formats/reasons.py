@@ -1,0 +1,38 @@
+"""Why parts of finite-element models are not read, by their names in Abaqus, Nastran and ANSYS."""
+
+from __future__ import annotations
+
+_REASONS: dict[str, tuple[str, ...]] = {
+    "join the meshes, so that they share nodes": ("TIE", "BGSET", "CEINTF"),
+    "contact between bodies is not supported": (
+        *("CONTACT PAIR", "CONTACT", "SURFACE INTERACTION", "BCTABLE", "BCTSET", "BSURF", "BSURFS"),
+        *("BCONP", "BCBODY", "CGAP"),
+    ),
+    "bolts without pretension": ("PRE-TENSION SECTION", "BOLT", "PTSECT"),
+    "temperatures are not supported": (
+        *("TEMPERATURE", "EXPANSION", "TEMP", "TEMPD", "TREF", "BF", "BFE", "MP,ALPX"),
+    ),
+    "materials are elastic": (
+        *("PLASTIC", "HYPERELASTIC", "HYPERFOAM", "USER MATERIAL", "VISCOELASTIC", "MATS1"),
+        *("MATHP", "PLSOLID", "TB,PLAS", "TB,BISO", "TB,HYPE", "TB,PRONY"),
+    ),
+    "constants do not depend on the temperature": ("MATT1", "TABLEM1", "TABLEM2"),
+    "loads of a deck are static": ("AMPLITUDE", "DLOAD", "TLOAD1", "TLOAD2", "RLOAD1", "RLOAD2"),
+    "springs lie between a node and the ground": ("CBUSH", "CELAS3", "CELAS4", "CONNECTOR SECTION"),
+    "give [damping]": ("DAMPING", "TABDMP1", "GLOBAL DAMPING", "DMPRAT", "ALPHAD", "BETAD"),
+    "give [rotation]": ("OMEGA", "RFORCE"),
+    "give a [[loads]] with a pressure on a group": ("SFE", "SFEBLOCK", "SF", "PLOAD", "PLOAD2"),
+}
+
+REASONS = {name: reason for reason, names in _REASONS.items() for name in names}
+"""The reasons by name."""
+
+
+def said(shown: str, name: str) -> str:
+    """What is not read, and why if there is a reason.
+
+    Args:
+        shown: what is not read, in a few words.
+        name: its name.
+    """
+    return f"{shown} ({REASONS[name]})" if name in REASONS else shown
