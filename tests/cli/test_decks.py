@@ -94,12 +94,13 @@ def test_starter_scene_of_a_support_through_a_rigid_element_runs(
     pytest.importorskip("dolfinx")
     rigid = "GRID,90,,-1.,.5,.5\nRBE2,9,90,123456,1,2,3,4\nSPC1,1,123456,90\n"
     path = nastran(tmp_path / "a.bdf", f"{rigid}FORCE,1,17,,10.,0.,0.,1.\nFORCE,1,1,,9.,0.,0.,1.\n")
-    assert main(["init", str(path)]) == 0
+    scene_file = tmp_path / "scenes" / "a.toml"  # the folder does not exist yet
+    assert main(["init", str(path), "--output", str(scene_file)]) == 0
     said = capsys.readouterr().out
     assert "Now run" in said and "steel" in said and "1 force at held nodes" in said
-    scene = read_scene(tmp_path / "a.toml")
-    assert [support.group for support in scene.supports] == ["RBE2 9"]
-    assert main(["plan", str(tmp_path / "a.toml")]) == 0
+    scene = read_scene(scene_file)
+    assert [support.group for support in scene.supports] == ["RBE2 9"] and len(scene.loads) == 2
+    assert main(["plan", str(scene_file)]) == 0
 
 
 @pytest.mark.parametrize(

@@ -60,14 +60,13 @@ def init(options: argparse.Namespace) -> int:
         "template": options.template,
     }
     text = starter_scene(found, path.parent, **settings)
+    write_text(path, text)  # the path of the mesh is relative to its folder, which exists now
     task = {"rub": "run", "damper": "run"}.get(options.template, options.template)
     try:
         mode = _first_mode(text, path, options.tip)
-        text = starter_scene(found, path.parent, **settings, mode=mode)
-        write_text(path, text)
+        write_text(path, starter_scene(found, path.parent, **settings, mode=mode))
         _check(path, task)
     except SceneError as error:
-        write_text(path, text)
         print_results(None, "", warnings, [], [path])
         reason = f"{error}. Change this in {path}, then run: fenicsrom plan {path} --picture a.png"
         raise SceneError(reason, kind=error.kind, key=error.key, source=error.source) from None
