@@ -126,6 +126,7 @@ class Study:
         candidates: the larger model, which judges the basis.
         finer: the model of finer elements, which judges the mesh.
         finer_labels: labels of its coordinates.
+        finer_frequencies_hz: (v,) frequencies of its normal modes, in the order of `modes`.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
         contact_hz: (v, 2) natural frequencies without contact and with all contact points stuck.
         agreement: the modes of the reduced model beside those of the full model.
@@ -159,6 +160,7 @@ class Study:
     candidates: ReducedModel | None = None
     finer: ReducedModel | None = None
     finer_labels: tuple[str, ...] = ()
+    finer_frequencies_hz: Array = field(default_factory=lambda: np.zeros(0))
     mesh_check: MeshCheck | None = None
     contact_hz: Array | None = None
     agreement: ModeAgreement | None = None

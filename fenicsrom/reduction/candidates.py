@@ -200,7 +200,9 @@ def _combinations(
     return combinations(structure, modes, basis, found)[0][:, :COMBINATIONS]
 
 
-def finer_model(structure: Structure, finer: Any, options: Basis, found: Reduction) -> ReducedModel:
+def finer_model(
+    structure: Structure, finer: Any, options: Basis, found: Reduction
+) -> tuple[ReducedModel, Array]:
     """The reduced model of finer elements, in the coordinates of the model of a structure.
 
     Args:
@@ -209,6 +211,10 @@ def finer_model(structure: Structure, finer: Any, options: Basis, found: Reducti
             forces f (local of the structure, k).
         options: the options of the basis.
         found: the stages of the reduced model of the structure.
+
+    Returns:
+        The model, and the frequencies (v,) of the normal modes, those that are no coordinates
+        included, Hz.
 
     Raises:
         ConvergenceError, AccuracyError, SceneError: a stage failed.
@@ -232,7 +238,7 @@ def finer_model(structure: Structure, finer: Any, options: Basis, found: Reducti
     if basis.labels == found.basis.labels:
         turned = signs(found.basis.vectors, basis.vectors)
         basis = replace(basis, vectors=basis.vectors * turned)
-    return project(finer, basis, finer.geometrically_nonlinear)
+    return project(finer, basis, finer.geometrically_nonlinear), modes.frequencies_hz
 
 
 def _moved(

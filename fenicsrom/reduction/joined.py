@@ -66,7 +66,7 @@ class _Seen:
 
 
 def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
-    """The range model of a structure, with its errors between the speeds; none due to the mesh.
+    """The range model of a structure, with its errors between the speeds.
 
     Args:
         structure: a `fenicsrom.fem.solid.solid.Solid` at the middle one of the speeds; afterwards
@@ -144,7 +144,6 @@ def _projected(
         first.omega.size,
         first.rows.shape[0],
         RangeErrors(*np.zeros((4, 0))),
-        np.zeros(0),
     )
     between = [one for one in seen if one.omega not in found.speeds]
     errors = [_errors(structure, r, found, one) for one in between]

@@ -71,8 +71,9 @@ def response(
     if table.parameter == "rotation.speed_rpm":
         source = replace(source, stored=source.stored.over_speeds(table.low, table.high))
     found, source = _curves(source, watch, folder, resume, workers, stop)
-    found.mesh_check = of_model(source.stored)
-    found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
+    ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
+    found.mesh_check = of_model(source.stored, *ends)
+    found.warnings[:0] = _first_warnings(source, found)
     if found.table.full_values and source.study is None:
         found.warnings.append(
             "response.full was left out: the full model needs the mesh, which a stored model does "
@@ -88,6 +89,12 @@ def response(
     if folder is not None and found.curves:
         found.files = write(found, source.stored, folder, source.study)
     return found
+
+
+def _first_warnings(source: Source, found: Response | Backbone) -> list[str]:
+    """The warnings of the model and of its mesh, each once."""
+    judged = found.mesh_check.warnings(found.scene)
+    return list(dict.fromkeys([*source.warnings, *judged]))
 
 
 def _curves(
@@ -215,7 +222,7 @@ def backbone(
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)
     found.mesh_check = of_model(source.stored)
-    found.warnings[:0] = [*source.warnings, *found.mesh_check.warnings(found.scene)]
+    found.warnings[:0] = _first_warnings(source, found)
     if folder is not None and found.points and source.first:
         found.files = report(found).write(folder)
     return found

@@ -73,7 +73,9 @@ def interaction_map(
             stop=stop,
             comm=comm,
         )
-        found.warnings[:0] = [*source.warnings, *of_model(source.stored).warnings(found.scene)]
+        ends = found.speeds_rpm[[0, -1]] if found.lines else ()
+        judged = of_model(source.stored, *ends).warnings(found.scene)
+        found.warnings[:0] = [*source.warnings, *judged]
         if folder is not None and found.lines and (comm is None or comm.rank == 0):
             arrays = write_hdf5(found, folder / "map.h5")
             found.files = [*report(found).write(folder), *arrays]

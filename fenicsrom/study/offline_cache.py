@@ -254,6 +254,7 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     study.model, study.candidates = stored.model, stored.candidates
     study.tables, study.further = stored.tables, stored.further
     study.finer, study.finer_labels = stored.finer, stored.finer_labels
+    study.finer_frequencies_hz = stored.finer_frequencies_hz
     study.mesh_check = MeshCheck(**header["mesh_check"])
     study.warnings.extend(unpacked(header["warnings"]))
     building.note_selection(study)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.progress import log
-from fenicsrom.scene.checks.checks import LEAST_MODES
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.step.speed_range import RangeModel
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.scene import Scene
+    from fenicsrom.scene import Basis, Scene
 
 
 def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
@@ -31,7 +31,6 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     """
     import numpy as np
 
-    from fenicsrom.assess.errors.mesh_check import of_solid
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import solid_of
     from fenicsrom.online.run.simulate import load_histories
@@ -50,18 +49,13 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     log.info("solid ..")
     middle = replace(scene.at_speed(speeds[len(speeds) // 2]), loads=scene.loads)
     solid = solid_of(middle, mesh)
-    modes = scene.basis.modes if isinstance(scene.basis.modes, int) else LEAST_MODES
-
-    def squares(body: Solid) -> Array:
-        return body.eigenmodes(body.factor, modes)[0]
-
-    log.info("finer elements ..")
-    judged = of_solid(middle, solid, (squares(solid), squares))
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
-    whole = range_model(solid, scene.basis, np.pi / 30.0 * np.array(speeds))
-    model = whole.model._replace(load_histories=load_histories(scene))
-    whole = replace(whole, model=model, mesh_errors=np.array(judged.frequencies))
+    omegas = np.pi / 30.0 * np.array(speeds)
+    whole = range_model(solid, scene.basis, omegas)
+    log.info("the same of finer elements ..")
+    finer, unjudged = _finer(middle, solid, replace(scene.basis, modes=whole.modes), omegas)
+    whole = replace(whole, finer=finer).under(load_histories=load_histories(scene))
     found = StoredModel(
         whole.model,
         scene,
@@ -70,7 +64,26 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
         solid.free,
         np.zeros(0),
         provenance(),
+        unjudged=unjudged,
         whole=whole,
     ).at_speed()
     solid.destroy()
     return found
+
+
+def _finer(
+    scene: Scene, solid: Solid, options: Basis, speeds: Array
+) -> tuple[RangeModel | None, str]:
+    """The range model of finer elements, or why there is none; arguments as `range_model`."""
+    from fenicsrom.fem.solid.finer import FinerSolid, too_large
+    from fenicsrom.reduction.joined import range_model
+
+    if (reason := too_large(solid)) is not None:
+        return None, reason
+    try:
+        finer = FinerSolid(scene, solid)
+        found = range_model(finer, options, speeds)
+    except (AccuracyError, ConvergenceError, SceneError) as error:
+        return None, str(error)
+    finer.destroy()
+    return found, ""

@@ -41,7 +41,7 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
-    from fenicsrom.assess.errors.mesh_check import of_range
+    from fenicsrom.assess.errors.mesh_check import MeshCheck
     from fenicsrom.assess.errors.plausibility import implausible_loads
     from fenicsrom.online.store.checkpoints import keeper, load_start
     from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
@@ -60,7 +60,7 @@ def rerun(
         raise unfinished
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     warnings += range_warnings(stored)
-    warnings += [] if stored.whole is None else of_range(stored.whole).warnings(scene)
+    warnings += MeshCheck(missing=stored.unjudged).warnings(scene)
     too_few = missing_modes(scene, stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     warnings += implausible_loads(model, scene, stored.frequencies_hz)

@@ -107,7 +107,6 @@ def two_modes(*changes: str, damping: float = DAMPING, **contact: Any) -> Stored
         modes=2,
         masters=0,
         errors=RangeErrors(*np.zeros((4, 1))),
-        mesh_errors=np.zeros(0),
     )
     return StoredModel(model, scene, "rubin", (), 2, np.zeros(0), {}, whole=whole).at_speed()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +15,14 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenicsrom import study
+from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.rotation.campbell import campbell
 from fenicsrom.errors import AccuracyError
+from fenicsrom.online.store.archive import load_model, save_model
 from fenicsrom.post.run.sentences import run_sentences
 from fenicsrom.scene import Scene
+from fenicsrom.study.stored import rerun
 
 COARSE = "geometry.parameters.elements_along=4"
 FINE = "geometry.parameters.elements_along=16"
@@ -98,3 +103,69 @@ def test_curves_have_the_estimates_of_the_frequencies_of_their_model() -> None:
     table = {"probe": {"group": "tip"}, "geometrically_nonlinear": False}
     coarse, fine = (study.build_model(scene) for scene in coarse_and_fine(**table))
     assert_effective(of_model(coarse).frequencies, coarse.frequencies_hz, fine.frequencies_hz)
+
+
+STRIP = tuple(
+    f"geometry.parameters.{size}"
+    for size in ("length=0.3", "height=0.003", "elements_along=2", "load_at=0.5")
+)
+
+
+def turning_strip(*changes: str, **tables: Any) -> Scene:
+    """A soft strip of two elements that turns slowly, and its model for speeds up to 6000 rpm.
+
+    At 6000 rpm the centrifugal force makes the frequencies, and the mesh hardly matters.
+    """
+    table: dict[str, Any] = {
+        "rotation": {"speed_rpm": 300.0, "speeds_rpm": [0.0, 6000.0], "point": [-0.1, 0.0]},
+        "loads": [{"group": "tip", "at": "centre", "direction": [0.0, 1.0], "force": 0.1}],
+        "contacts": [],
+        "probe": {"group": "tip", "at": "centre"},
+        "time": {"steps_per_period": 60, "periods": 100},
+    }
+    table["loads"][0]["frequency"] = 20.0
+    table["material"] = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0, "mass_damping": 20.0}
+    return beam_scene(2, (*STRIP, *changes), **table | tables)
+
+
+RUB = {
+    "group": "tip",
+    "at": "centre",
+    "normal": [1.0, 0.0],
+    "preload": 1.0,
+    "friction": 0.3,
+    "normal_stiffness": 1e4,
+    "tangential_stiffness": 50.0,
+}
+
+
+@pytest.mark.parametrize("contacts", [[], [RUB]])
+def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
+    contacts: Any, tmp_path: Path
+) -> None:
+    scene = turning_strip(contacts=contacts)
+    assert scene.rotation is not None
+    alone = study.run(replace(scene, rotation=replace(scene.rotation, speeds_rpm=None)))
+    fast = study.build_model(replace(scene, rotation=replace(scene.rotation, speed_rpm=6000.0)))
+    save_model(tmp_path / "model.npz", fast)
+    read = load_model(tmp_path / "model.npz")
+    found = rerun(read.with_overrides("rotation.speed_rpm=300"), tmp_path)
+    assert of_model(read).frequencies[0] < 0.7 * of_model(found.stored).frequencies[0]
+    assert found.unfinished is not None and found.unfinished[1].key == "geometry"
+    ours, theirs = found.errors["mesh"], alone.errors["mesh"]
+    assert ours.amplitude == pytest.approx(theirs.amplitude, rel=1e-2)
+    np.testing.assert_allclose(ours.directions, theirs.directions, rtol=1e-2)
+
+
+def test_run_up_on_coarse_mesh_is_refused_with_its_true_error(tmp_path: Path) -> None:
+    history = "rotation.coriolis=true", "rotation.history=[[0.0, 300.0], [0.1, 600.0]]"
+    time = "time={duration=0.1, step=2e-4}"
+    coarse, fine = (
+        rerun(study.build_model(turning_strip(*history, time, *more)), tmp_path)
+        for more in ((), ("geometry.parameters.elements_along=16",))
+    )
+    assert coarse.unfinished is not None and coarse.unfinished[1].key == "geometry"
+    assert fine.unfinished is None
+    true = distances(coarse.motion, fine.motion).amplitude
+    assert true <= coarse.errors["mesh"].amplitude <= 2.0 * true
+    assert fine.errors["mesh"].amplitude < 0.1 * true

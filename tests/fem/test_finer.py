@@ -114,7 +114,7 @@ def test_model_of_finer_elements_has_the_coordinates_of_the_basis() -> None:
     solid = make_solid(scene)
     found = Reduction(solid, scene, lambda stage: nullcontext())
     model: Any = found.model
-    finer = finer_model(solid, FinerSolid(scene, solid), scene.basis, found)
+    finer, _ = finer_model(solid, FinerSolid(scene, solid), scene.basis, found)
     for name in ("probe", "contact_rows", "mass"):
         ours, theirs = getattr(model, name), getattr(finer, name)
         np.testing.assert_allclose(theirs, ours, atol=0.05 * np.abs(ours).max())

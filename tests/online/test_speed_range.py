@@ -43,7 +43,6 @@ def turning(speeds: tuple[float, ...] = (0.0, 0.5), masters: int = 2) -> RangeMo
         modes=2,
         masters=masters,
         errors=RangeErrors(*np.zeros((4, 1))),
-        mesh_errors=np.zeros(0),
     )
 
 

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eigvalsh
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
 from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.online.step.speed_range import RangeModel
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 
@@ -39,7 +37,7 @@ class MeshCheck:
     """Estimated relative errors due to the mesh.
 
     Attributes:
-        frequencies: those of the natural frequencies, in their order.
+        frequencies: those of the natural frequencies of the structure's modes 1, 2, ..
         deflection: that of the static deflection of the probe; None without one.
         missing: why they are not estimated; empty if they are.
     """
@@ -112,7 +110,7 @@ def of_solid(
     try:
         finer = FinerSolid(scene, solid)
         ours, theirs = squares or (np.zeros(0), lambda finer: np.zeros(0))
-        frequencies = _relative(ours, theirs(finer)[: ours.size])
+        frequencies = _of_squares(ours, theirs(finer)[: ours.size])
         moved = None if deflection is None else _moved(deflection, solid, finer)
         further(finer)
         finer.destroy()
@@ -121,35 +119,39 @@ def of_solid(
     return MeshCheck(frequencies, moved)
 
 
-def of_model(stored: StoredModel) -> MeshCheck:
-    """Compare the natural frequencies of a reduced model with those of finer elements.
+def of_model(stored: StoredModel, *speeds_rpm: float) -> MeshCheck:
+    """The estimated errors of the natural frequencies of a stored model.
 
     Args:
-        stored: the model; of one for a range of speeds, the estimates are those at the middle
-            speed. Without a model of finer elements, such as a superelement, it has no estimates;
-            that of a body which is too large for them was said when it was built.
+        stored: the model. A superelement has no estimates: its matrices do not know the mesh.
+        speeds_rpm: of a model for a range of speeds, the largest errors at these speeds are taken;
+            by default the speed of its scene counts.
     """
-    if stored.whole is not None:
-        return of_range(stored.whole)
-    if stored.meshes is None:
+    if stored.unjudged:
+        return MeshCheck(missing=stored.unjudged)
+    whole, rotation = stored.whole, stored.scene.rotation
+    if whole is None or rotation is None:
+        better = stored.finer_frequencies_hz
+        return MeshCheck(_relative(stored.frequencies_hz[: better.size], better))
+    if whole.finer is None:
         return MeshCheck()
-    ours, theirs = (
-        eigvalsh(model.elastic.stiffness, model.mass)[: stored.frequencies_hz.size]
-        for model in stored.meshes[:2]
-    )
-    return MeshCheck(_relative(ours, theirs))
+    found = []
+    try:
+        for omega in np.pi / 30.0 * np.array(speeds_rpm or [rotation.speed_rpm]):
+            found.append(_of_squares(whole.squares(omega), whole.finer.squares(omega)))
+    except ConvergenceError as error:
+        return MeshCheck(missing=str(error))
+    return MeshCheck(tuple(max(errors) for errors in zip(*found, strict=True)))
 
 
-def of_range(whole: RangeModel) -> MeshCheck:
-    """The estimates that a model for a range of speeds holds, at the middle speed of its basis."""
-    if not whole.mesh_errors.size:
-        return MeshCheck(missing="elements of one degree more are too many, or have no equilibrium")
-    return MeshCheck(tuple(map(float, whole.mesh_errors)))
-
-
-def _relative(squares: Array, better: Array) -> tuple[float, ...]:
+def _of_squares(squares: Array, better: Array) -> tuple[float, ...]:
     """Estimated errors of frequencies, from omega^2 (v,) of the mesh and of finer elements."""
     ours, theirs = (np.sqrt(np.maximum(value, 0.0)) for value in (squares, better))
+    return _relative(ours, theirs)
+
+
+def _relative(ours: Array, theirs: Array) -> tuple[float, ...]:
+    """Estimated errors of frequencies (v,) of the mesh, from those of finer elements."""
     apart = MESH_SAFETY * np.abs(ours - theirs) / np.where(theirs > 0.0, theirs, np.inf)
     return tuple(float(value) for value in apart)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.assess.errors.mesh_check import MeshCheck, of_range, of_solid
+from fenicsrom.assess.errors.mesh_check import MeshCheck, of_model, of_solid
 from fenicsrom.assess.rotation.critical_speeds import (
     LEAST_MAC,
     Critical,
@@ -159,7 +159,8 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     unfinished = tracked.follow_speeds(solid, speeds, count)
     body, names = None, list[str]()
     if isinstance(solid, RangeBody):
-        judged = of_range(solid.whole)
+        assert not isinstance(given, Scene)
+        judged = of_model(given, float(speeds[0]))
     else:
         squares = tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]
         judged = of_solid(scene.at_speed(float(speeds[0])), solid, squares)

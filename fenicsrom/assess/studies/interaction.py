@@ -8,10 +8,10 @@ sliding, the frequencies are those of K + sum_p k_n (b_p - mu t_p) b_p^T, where 
 the normals and t_p those of the direction in which the surface slides. The resonance lies between
 both speeds.
 
-Every tenth speed and that of the largest amplitude are computed three times more: with twice the
-coordinates, with half the step, and from another start, which may lead to another motion. With
-layers that wear, half the step is used at each speed, and another start is not: it has another
-history of wear.
+Every tenth speed and that of the largest amplitude are computed four times more: with twice the
+coordinates, with half the step, with finer elements, and from another start, which may lead to
+another motion. With layers that wear, half the step is used at each speed, and another start is
+not: it has another history of wear.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
 CHECKED = 10  # every so many speeds the errors are estimated
-COST = 6  # of a speed whose errors are estimated, in others
+COST = 7  # of a speed whose errors are estimated, in others
 LARGE = 0.05  # estimated error of a cell, relative to the largest of its line, that is marked
 
 

@@ -36,6 +36,7 @@ from fenicsrom.scene import Scene
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
+    from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.store.archive import StoredModel
 
 APART = 0.1  # smallest difference of the amplitudes of motions that count as two
@@ -72,6 +73,7 @@ class Line:
         closed_hz: (v,) with all points closed and sliding, Hz.
         by_basis: (k,) differences of the amplitudes with twice the coordinates; (0,) unchecked.
         by_step: (k,) differences with half the step; (0,) unchecked.
+        by_mesh: (k,) differences with finer elements; (0,) unchecked, or unknown.
         worn: (nodes,) worn depth of abradable layers at the end, m; (0,) without layers.
         worn_by_step: (nodes,) difference of the worn depth with half the step, m.
         other: amplitude of the motion from the other start, m; nan unchecked or not settled.
@@ -91,6 +93,7 @@ class Line:
     closed_hz: Array
     by_basis: Array
     by_step: Array
+    by_mesh: Array
     worn: Array
     worn_by_step: Array
     other: float
@@ -101,7 +104,7 @@ class Line:
     def errors(self) -> Array:
         """(k,) estimated errors relative to the largest amplitude of the line; (0,) unchecked."""
         largest = max(float(self.amplitudes.max(initial=0.0)), 1e-300)
-        known = [found for found in (self.by_basis, self.by_step) if found.size]
+        known = [found for found in (self.by_basis, self.by_step, self.by_mesh) if found.size]
         return np.asarray(sum(known, np.zeros(known[0].size if known else 0)) / largest)
 
     @property
@@ -152,7 +155,7 @@ class Place:
             before: the line from which this one continues; None starts at rest on new layers.
         """
         model, steps, nothing = self.stored.model, steps_of(self.scene), np.zeros(0)
-        motion = self.march(self.stored, steps, before)
+        motion = self.march(model, steps, before, self._given(self.stored, before))
         radial = self.radial(motion, steps)
         verdict, period = verdict_of(motion, radial, steps)
         late = motion.time > motion.time[-1] - (radial.shape[0] / steps) * self.revolution
@@ -169,6 +172,7 @@ class Place:
             self.frequencies(model.mass, model.elastic.stiffness + self._contact_stiffness()),
             nothing,
             nothing,
+            nothing,
             worn_by(motion),
             nothing,
             np.nan,
@@ -179,9 +183,10 @@ class Place:
 
     def _compared(self, line: Line, checked: bool, before: Line | None) -> Line:
         """A line with its estimated errors, and with the amplitude from another start."""
-        steps, wears = steps_of(self.scene), self.scene.wears
+        steps, wears, stored = steps_of(self.scene), self.scene.wears, self.stored
         if self.table.steady == "newton" and not wears:
             before = line  # to compare motions of one branch
+        start = self._given(stored, before)
 
         def spectrum(motion: Motion, count: int) -> Array:
             values = self.radial(motion, count)
@@ -189,15 +194,19 @@ class Place:
             return np.abs(self.spectrum(values, count, period) - line.amplitudes)
 
         if checked or wears:
-            finer = self.march(self.stored, 2 * steps, before)
+            finer = self.march(stored.model, 2 * steps, before, start)
             worn_by_step = np.abs(worn_by(finer) - line.worn)
             line = replace(line, by_step=spectrum(finer, 2 * steps), worn_by_step=worn_by_step)
         if checked:
-            size = min(2 * self.stored.size, self.stored.size + len(self.stored.further))
-            larger = self.march(self.stored.resized(size), steps, before)
+            more = stored.resized(min(2 * stored.size, stored.size + len(stored.further)))
+            larger = self.march(more.model, steps, before, self._given(more, before))
             line = replace(line, by_basis=spectrum(larger, steps))
+        if checked and (meshes := stored.meshes) is not None:
+            _, model, numbers = meshes
+            begin = start and tuple(np.where(np.array(numbers) >= 0, x[numbers], 0) for x in start)
+            line = replace(line, by_mesh=spectrum(self.march(model, steps, before, begin), steps))
         if checked and not wears:  # what another start wears is another history
-            second = self.march(self.stored, steps, before, self._away(line.amplitude))
+            second = self.march(stored.model, steps, before, self._away(line.amplitude))
             other = self.radial(second, steps)
             if verdict_of(second, other, steps)[0] != UNSETTLED:
                 line = replace(line, other=half_range(other))
@@ -205,20 +214,20 @@ class Place:
 
     def march(
         self,
-        stored: StoredModel,
+        model: ReducedModel,
         steps: int,
         before: Line | None,
-        start: tuple[Array, Array] | None = None,
+        start: tuple[Array, ...] | None,
     ) -> Motion:
         """The motion of a model at this speed until it is steady, or over all revolutions.
 
         A march that does not repeat gives the periodic motion to which it tends, if there is one.
 
         Args:
-            stored: the model.
+            model: the model.
             steps: steps per revolution.
             before: the line from which it continues, with its layers.
-            start: displacement and velocity (n,); by default those of `before`, or rest.
+            start: displacement and velocity (n,); None starts at rest.
         """
         time = self.scene.time.changed(
             periods=self.table.revolutions,
@@ -226,10 +235,9 @@ class Place:
             steady_tolerance=STEADY if self.table.steady == "newton" else 0.0,
             steps_per_period=steps,
         )
-        problem = Problem(stored.model, self.contacts, time, self.revolution)
+        problem = Problem(model, self.contacts, time, self.revolution)
         if before is not None:
             problem = problem.settled().with_own_wear(before.worn)
-            start = start or self._given(stored, before.end)
         motion = integrate(problem, start=start, stop=self.stop)
         verdict, period = verdict_of(motion, self.radial(motion, steps), steps)
         if time.steady == "newton" or (verdict not in (TORUS, OTHER) and period < 2):
@@ -315,8 +323,11 @@ class Place:
         far = moved[np.argmax(np.abs(moved))]
         return -AWAY * amplitude / far * shape[:, 0], np.zeros(shape.shape[0])
 
-    def _given(self, stored: StoredModel, start: Array) -> tuple[Array, Array]:
-        """A start in the coordinates of the range model, in those of a model at this speed."""
+    def _given(self, stored: StoredModel, before: Line | None) -> tuple[Array, Array] | None:
+        """The end of a line in the coordinates of a model at this speed; None without a line."""
+        if before is None:
+            return None
+        start = before.end
         q0, z = self._vectors(stored)
         mass = self.stored.whole.model.mass  # type: ignore[union-attr]
         q, v = np.linalg.solve(z.T @ mass @ z, z.T @ mass @ np.array([start[0] - q0, start[1]]).T).T

@@ -21,9 +21,9 @@ the loads, and combinations of the derivatives along interface modes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -147,8 +147,8 @@ class RangeModel:
         modes: number of normal modes of a model at one speed.
         masters: number of master displacements.
         errors: the errors between the speeds.
-        mesh_errors: (v,) estimated relative errors of the natural frequencies due to the mesh, at
-            the middle speed of the basis; (0,) if they are not estimated.
+        finer: the range model of finer elements, which judges the mesh at each speed; None if
+            there is none.
     """
 
     model: ReducedModel
@@ -163,7 +163,40 @@ class RangeModel:
     modes: int
     masters: int
     errors: RangeErrors
-    mesh_errors: Array
+    finer: RangeModel | None = None
+
+    def under(self, **changes: Any) -> RangeModel:
+        """The range model, and that of finer elements, under other loads or another damping."""
+        finer = None if self.finer is None else self.finer.under(**changes)
+        return replace(self, model=self.model._replace(**changes), finer=finer)
+
+    def squares(self, omega: float) -> Array:
+        """omega_i^2 (v,) of the normal modes at a speed in rad/s, rad^2/s^2.
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        found = self.tangent(omega, self.equilibrium(omega))
+        return self._lowest(found)
+
+    def _lowest(self, tangent: Array) -> Array:
+        """omega_i^2 (v,) of the normal modes with a tangent (n, n)."""
+        squares = scipy.linalg.eigh(tangent, self.model.mass, eigvals_only=True)
+        return np.asarray(squares[: self.modes])
+
+    def oriented(self, z: Array) -> Array:
+        """Vectors (n, k) with the sign that makes their largest observed displacement positive.
+
+        The models of two meshes then have coordinates of the same sign. Displacements are observed
+        at the contact points and at the probe, or along the loads of a model without both.
+        """
+        model = self.model
+        rows = np.concatenate([model.contact_rows, model.probe])
+        seen = (rows if rows.size else model.loads.T) @ z
+        if not seen.size:
+            return z
+        largest = seen[np.argmax(np.abs(seen), axis=0), np.arange(z.shape[1])]
+        return np.asarray(z * np.where(largest < 0.0, -1.0, 1.0))
 
     def velocity_matrix(self, omega: float) -> Array:
         """D + Ω G (n, n) at a speed in rad/s; (0, 0) without both."""
@@ -300,6 +333,7 @@ class RangeModel:
             further |= _named(vectors[:, count:], kind[0].upper(), count)
         free = np.zeros((n, 0))
         z, labels, count = _orthonormalised(model.mass, free, free.T, first | further, len(first))
+        z = self.oriented(z)
         damping = model.velocity_matrix if model.velocity_matrix.size else np.zeros((n, n))
         whole = self._on(z, q0, shifted(model.elastic, q0), damping)
         turning = self._turning(history, q0, z)
@@ -309,8 +343,7 @@ class RangeModel:
             rest.append(rest_row(turning, whole.elastic, square, q))
         whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
         found = self.tangent(omega, self.equilibrium(omega))
-        lowest = scipy.linalg.eigh(found, model.mass, eigvals_only=True)[: self.modes]
-        return _at_speed(whole, labels, count, lowest)
+        return _at_speed(whole, labels, count, self._lowest(found))
 
     def _turning(self, history: Array, q0: Array, z: Array) -> Turning:
         """The data of a varying speed in q = q0 + Z y, without the energies at rest."""
@@ -386,6 +419,7 @@ class _Space:
         if nonlinear and m:
             named |= self.combined(modes[:, :v], static)
         z, labels, kept = _orthonormalised(self.mass, static, rows, named, size)
+        z[:, m:] = whole.oriented(z[:, m:])
         return squares, z, labels, m + kept
 
     def derivatives(self, one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:

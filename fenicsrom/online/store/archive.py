@@ -41,7 +41,8 @@ arrays.
 
 Arrays with the prefix `finer_` are those of a model of finer elements, which judges the mesh
 (`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
-header.
+header. `finer_frequencies_hz` (v,) are the natural frequencies of the finer elements, those of
+`frequencies_hz` in the same order. Without a finer model, `unjudged` in the header says why.
 
 A model for a speed that varies has the arrays of `fenicsrom.online.model.turning.Turning`, with the
 prefix `turning_`.
@@ -49,8 +50,9 @@ prefix `turning_`.
 A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
 prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
 (n, n), `range_euler` (n,), `range_inertia` (1,), `range_moments` (loads, 1 + n), `range_speeds`
-(s,), `range_equilibria` (s, n), `range_errors` (4, k) and `range_mesh_errors`. The other arrays are
-those of its model at the speed of the scene; at another speed they follow from the range model.
+(s,), `range_equilibria` (s, n) and `range_errors` (4, k). The range model of finer elements has the
+prefix `range_finer_`. The other arrays are those of the model at the speed of the scene; at another
+speed they follow from the range model.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, provenance, and of a range model the
@@ -63,7 +65,7 @@ the SHA-256 of all other entries: a file that was changed is refused.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +103,7 @@ PLAIN = ("loads", "contact_rows", "contact_offset", "probe", "probe_offset", "ve
 TURNING = "turning_"  # start of the names of the arrays of a speed that varies
 RANGE_ARRAYS = (
     *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
-    *("speeds", "equilibria", "mesh_errors"),
+    *("speeds", "equilibria"),
 )
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -131,6 +133,8 @@ class StoredModel:
         further: labels of the other coordinates of the larger model.
         finer: the model of finer elements, which judges the mesh; None if it was not made.
         finer_labels: labels of its coordinates.
+        finer_frequencies_hz: (v,) those of `frequencies_hz` with finer elements; (0,) unknown.
+        unjudged: why there is no model of finer elements; "" if there is one.
         whole: the model for a range of speeds from which the model at the speed of the scene
             follows; None of a model for one speed.
     """
@@ -149,6 +153,8 @@ class StoredModel:
     further: tuple[str, ...] = ()
     finer: ReducedModel | None = None
     finer_labels: tuple[str, ...] = ()
+    finer_frequencies_hz: Array = field(default_factory=lambda: np.zeros(0))
+    unjudged: str = ""
     whole: RangeModel | None = None
 
     @property
@@ -156,12 +162,21 @@ class StoredModel:
         """The models of the same coordinates on the elements of the mesh and on finer ones.
 
         With the numbers of these coordinates among those of the model; -1 for another coordinate.
+
+        Raises:
+            ConvergenceError: the finer elements have no equilibrium at the speed of the scene.
         """
-        if self.finer is None:
+        finer, labels = self.finer, self.finer_labels
+        if self.whole is not None and self.whole.finer is not None:
+            found = replace(self, whole=self.whole.finer, labels=()).at_speed()
+            known = {*self.labels, *self.further}
+            found = found.resized([label for label in found.labels if label in known])
+            finer, labels = found.model, found.labels
+        if finer is None:
             return None
-        known = {label: number for number, label in enumerate(self.labels)}
-        numbers = [known.get(label, -1) for label in self.finer_labels]
-        return self.resized(self.finer_labels).model, self.finer, numbers
+        numbered = {label: number for number, label in enumerate(self.labels)}
+        numbers = [numbered.get(label, -1) for label in labels]
+        return self.resized(labels).model, finer, numbers
 
     @property
     def size(self) -> int:
@@ -248,8 +263,7 @@ class StoredModel:
         }
         found = replace(self, scene=scene, **changed)
         if self.whole is not None:
-            whole = replace(self.whole, model=self.whole.model._replace(**changes))
-            found = replace(found, whole=whole)
+            found = replace(found, whole=self.whole.under(**changes))
             if scene.rotation != self.scene.rotation:
                 found = found.at_speed()
         found.require_size()
@@ -471,10 +485,12 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "source": stored.scene.source,
         "scene": scene_table(stored.scene),
         "provenance": stored.provenance,
+        "unjudged": stored.unjudged,
     }
     model = stored.model
     arrays = {
         "frequencies_hz": stored.frequencies_hz,
+        f"{FINER}frequencies_hz": stored.finer_frequencies_hz,
         "damping": np.array(model.damping),
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
         **_arrays(stored.candidates or model),
@@ -486,11 +502,17 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         arrays |= {f"{FINER}{name}": array for name, array in _arrays(stored.finer).items()}
         header["finer_labels"] = list(stored.finer_labels)
     if (whole := stored.whole) is not None:
-        more = _arrays(whole.model)
-        more |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
-        arrays |= {f"{RANGE}{name}": array for name, array in more.items()}
+        arrays |= {f"{RANGE}{name}": array for name, array in _range_arrays(whole).items()}
         header["range"] = {"modes": whole.modes, "masters": whole.masters}
     return header, arrays
+
+
+def _range_arrays(whole: RangeModel) -> dict[str, Array]:
+    """The arrays of a range model by their names, and those of the finer one with a prefix."""
+    found = _arrays(whole.model)
+    found |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
+    finer = {} if whole.finer is None else _range_arrays(whole.finer)
+    return found | {f"{FINER}{name}": array for name, array in finer.items()}
 
 
 def _arrays(model: ReducedModel) -> dict[str, Array]:
@@ -535,7 +557,6 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
     scene = parse_scene(header["scene"], str(header["source"]), None)
     labels, size, finer_labels = header["labels"], header["size"], header.get("finer_labels", ())
     whole = _model(data, scene)
-    finer = {name.removeprefix(FINER): array for name, array in data.items()}
     return StoredModel(
         nested_model(whole, range(size)) if size < len(labels) else whole,
         scene,
@@ -549,18 +570,43 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
         Deformation.of_array(data["deformation"]) if "deformation" in data else None,
         str(path),
         tuple(labels[size:]),
-        _model(finer, scene) if finer_labels else None,
+        _model(data | _part(data, FINER), scene) if finer_labels else None,
         tuple(finer_labels),
-        _range_model(data, scene, **header["range"]) if "range" in header else None,
+        data[f"{FINER}frequencies_hz"],
+        header["unjudged"],
+        _range_model(_part(data, RANGE), data, scene, **header["range"])
+        if "range" in header
+        else None,
     )
 
 
-def _range_model(data: dict[str, Any], scene: Scene, modes: int, masters: int) -> RangeModel:
-    """The range model of the arrays of a file."""
-    found = {name.removeprefix(RANGE): array for name, array in data.items()}
-    arrays = {name: found[name] for name in RANGE_ARRAYS}
-    errors = RangeErrors(*found["errors"])
-    return RangeModel(_model(found, scene), **arrays, modes=modes, masters=masters, errors=errors)
+def _part(data: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """The arrays whose names have a prefix, without it."""
+    return {name[len(prefix) :]: data[name] for name in data if name.startswith(prefix)}
+
+
+def _range_model(
+    data: dict[str, Any], shared: dict[str, Any], scene: Scene, modes: int, masters: int
+) -> RangeModel:
+    """The range model of the arrays of a file, with that of finer elements if there is one.
+
+    Args:
+        data: its own arrays.
+        shared: arrays that have its points and its damping.
+        scene: the scene.
+        modes: number of its normal modes.
+        masters: number of its masters.
+    """
+    finer = _part(data, FINER)
+    common = {key: shared[key] for key in shared if key == "damping" or key.startswith("point_")}
+    return RangeModel(
+        _model(common | data, scene),
+        **{name: data[name] for name in RANGE_ARRAYS},
+        modes=modes,
+        masters=masters,
+        errors=RangeErrors(*data["errors"]),
+        finer=_range_model(finer, shared, scene, modes, masters) if finer else None,
+    )
 
 
 def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:

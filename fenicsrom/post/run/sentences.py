@@ -7,7 +7,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors
-from fenicsrom.assess.errors.mesh_check import of_range
+from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.notes import Note, NoteKind
@@ -302,7 +302,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
         told += [] if found.agreement is None else [agreement_sentence(found.agreement)]
         told.append(speed_sentence(found.motions))
     elif found.stored.whole is not None:
-        told += [range_sentence(found.stored), of_range(found.stored.whole).sentence()]
+        told += [range_sentence(found.stored), of_model(found.stored).sentence()]
         told += run_up_sentences(found.run_up)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     if reduced is not None:

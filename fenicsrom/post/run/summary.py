@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.notes import (
     AMPLITUDES,
@@ -168,7 +169,7 @@ def range_summary(stored: StoredModel) -> dict[str, Any]:
     found: dict[str, Any] = {"speed_rpm": rotation.speed_rpm, "size": whole.model.size}
     rpm = 30.0 / np.pi
     errors = whole.errors._asdict() | {"speeds": rpm * whole.errors.speeds}
-    found["mesh_errors"] = whole.mesh_errors
+    found["mesh_errors"] = of_model(stored).frequencies
     return {"range": found | {"speeds_rpm": rpm * whole.speeds, "errors_between": errors}}
 
 
@@ -292,6 +293,8 @@ def stored_model(study: Study) -> StoredModel:
         further=study.further,
         finer=study.finer,
         finer_labels=study.finer_labels,
+        finer_frequencies_hz=study.finer_frequencies_hz,
+        unjudged="" if study.mesh_check is None else study.mesh_check.missing,
     )
     found.require_size()
     return found

@@ -37,18 +37,17 @@ CURVES = (
 """Attribute of a line, its factor and its label."""
 
 
-def _errors(line: Line) -> tuple[float | None, float | None]:
-    """The largest errors of a line by the basis and by the step, relative; None unchecked."""
+def _errors(line: Line) -> dict[str, float | None]:
+    """The largest errors of a line by their causes, relative; None unchecked."""
     largest = max(float(line.amplitudes.max()), 1e-300)
-    found = line.by_basis, line.by_step
-    basis, step = (float(error.max()) / largest if error.size else None for error in found)
-    return basis, step
+    found = {"basis": line.by_basis, "step": line.by_step, "mesh": line.by_mesh}
+    return {name: float(e.max()) / largest if e.size else None for name, e in found.items()}
 
 
 def _judged(line: Line) -> str:
     """The estimated errors of a line in words; empty if it was not checked."""
-    pairs = zip(_errors(line), ("basis", "step"), strict=True)
-    found = [f"{100 * error:.2g} % by the {name}" for error, name in pairs if error is not None]
+    pairs = _errors(line).items()
+    found = [f"{100 * error:.2g} % by the {name}" for name, error in pairs if error is not None]
     return f", with an estimated error of {' and '.join(found)}" if found else ""
 
 
@@ -61,7 +60,6 @@ def rows(found: InteractionMap) -> list[dict[str, Any]]:
     """The rows of `map.csv`."""
     made = []
     for line in found.lines:
-        basis, step = _errors(line)
         other = line.other if np.isfinite(line.other) else None
         top = int(np.argmax(line.amplitudes))
         made.append(
@@ -74,8 +72,7 @@ def rows(found: InteractionMap) -> list[dict[str, Any]]:
                 "clearance_consumed": line.clearance if np.isfinite(line.clearance) else None,
                 "verdict": line.verdict,
                 "period_revolutions": line.period or None,
-                "basis_error": basis,
-                "step_error": step,
+                **{f"{name}_error": error for name, error in _errors(line).items()},
                 "other_amplitude_m": other,
                 **wear_row(found, line),
                 **{f"mode_{k + 1}_free_hz": float(f) for k, f in enumerate(line.free_hz)},
@@ -98,11 +95,12 @@ def onset_table(found: InteractionMap) -> list[list[Any]]:
 def speed_table(found: InteractionMap) -> list[list[Any]]:
     """The largest amplitude at each speed; the first row is the header."""
     head = ["rpm", "amplitude mm", "engine order", "peak N", "contact %", "motion"]
-    head += ["basis error %", "step error %", "from another start mm"]
+    head += ["basis error %", "step error %", "mesh error %", "from another start mm"]
     head += ["worn µm", "worn error %", "lobes"] if found.rings else []
     lines = []
     for line, row in zip(found.lines, rows(found), strict=True):
-        errors = [None if error is None else f"{100 * error:.2g}" for error in _errors(line)]
+        known = _errors(line).values()
+        errors = [None if error is None else f"{100 * error:.2g}" for error in known]
         other = f"{1e3 * line.other:.4g}" if line.coexists else None
         numbers = [f"{line.speed_rpm:g}", f"{1e3 * line.amplitude:.4g}"]
         numbers += [f"{row['engine_order']:g}", f"{line.peak_force:.4g}"]
