@@ -112,16 +112,14 @@ STRIP = tuple(
 
 
 def turning_strip(*changes: str, **tables: Any) -> Scene:
-    """A soft strip of two elements that turns slowly, and its model for speeds up to 6000 rpm.
-
-    At 6000 rpm the centrifugal force makes the frequencies, and the mesh hardly matters.
-    """
+    """A soft strip of two elements that turns slowly, for a model of all speeds up to 6000 rpm."""
     table: dict[str, Any] = {
         "rotation": {"speed_rpm": 300.0, "speeds_rpm": [0.0, 6000.0], "point": [-0.1, 0.0]},
         "loads": [{"group": "tip", "at": "centre", "direction": [0.0, 1.0], "force": 0.1}],
         "contacts": [],
         "probe": {"group": "tip", "at": "centre"},
         "time": {"steps_per_period": 60, "periods": 100},
+        "output": {"pictures": False, "paraview": False},
     }
     table["loads"][0]["frequency"] = 20.0
     table["material"] = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0, "mass_damping": 20.0}
@@ -150,11 +148,11 @@ def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
     save_model(tmp_path / "model.npz", fast)
     read = load_model(tmp_path / "model.npz")
     found = rerun(read.with_overrides("rotation.speed_rpm=300"), tmp_path)
-    assert of_model(read).frequencies[0] < 0.7 * of_model(found.stored).frequencies[0]
+    assert of_model(read).frequencies[0] > 1.5 * of_model(found.stored).frequencies[0]
     assert found.unfinished is not None and found.unfinished[1].key == "geometry"
     ours, theirs = found.errors["mesh"], alone.errors["mesh"]
     assert ours.amplitude == pytest.approx(theirs.amplitude, rel=1e-2)
-    np.testing.assert_allclose(ours.directions, theirs.directions, rtol=1e-2)
+    np.testing.assert_allclose(ours.directions, theirs.directions, rtol=1e-2, atol=1e-4)
 
 
 def test_run_up_on_coarse_mesh_is_refused_with_its_true_error(tmp_path: Path) -> None:

@@ -42,6 +42,9 @@ ENOUGH_PERIODS = 50  # of a motion that does not settle, for its root mean squar
 # the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
 # 1.1 times the true error in nine of ten (`tests/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
+# the distance from the motion with twice the step is three times the error of a scheme of second
+# order, and the error of one of first order
+STEP_SAFETY = 2.0
 # the distance from the motion of elements of one degree more is 0.7 to 0.95 of the true error
 # (`tests/README.md`); these elements have an error too, above all at corners and clamped edges
 MESH_SAFETY = 1.5
@@ -58,22 +61,30 @@ class MotionErrors(NamedTuple):
     Attributes:
         amplitude: error of the amplitudes of all directions together if the motion has settled,
             otherwise of the root mean squares (and of a motion without a period also of the
-            amplitudes); infinite if there is no estimate.
+            amplitudes); infinite if there is no estimate. Near a resonance it is the change of the
+            amplitude between motions of the same phase (`fenicsrom.assess.errors.resonance`).
         peak_force: error of the largest normal force; also infinite where the step does not resolve
             the contact.
         directions: errors (d,) by direction, each relative to this direction: [normal, tangents],
             or the global axes without contact. The error of a direction with less than
             `SMALL_DIRECTION` of the whole motion is relative to this part of the whole motion.
+        shift: error of the frequency near a resonance, relative; 0 of any other motion.
+        at_frequency: error of the amplitude at the frequency of the loads, near a resonance.
     """
 
     amplitude: float
     peak_force: float
     directions: tuple[float, ...]
+    shift: float = 0.0
+    at_frequency: float = 0.0
 
     @property
     def largest(self) -> float:
-        """The largest error of the displacements: of all directions together and of each."""
-        return max(self.amplitude, *self.directions)
+        """The largest error of the displacements: of all directions together and of each.
+
+        The shift of a resonance counts twice, as the error of the stiffness that causes it.
+        """
+        return max(self.amplitude, *self.directions, 2.0 * self.shift)
 
 
 def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
@@ -123,7 +134,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
             return unknown
         if not motion.steady:
             compared += _compared(motion, fine)
-    found = _errors(compared, dimension, 2.0, relative_to=0)
+    found = _errors(compared, dimension, STEP_SAFETY, relative_to=0)
     order = 1 if force > UNRESOLVED_FORCE else 2
     least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
     if np.isfinite(force) and _has_impacts(motion):
@@ -248,11 +259,8 @@ def _nearby_motion(
     adaptive = scene.time.tolerance is not None
     if (adaptive and start is None) or not isinstance(model, ReducedModel):
         return None
-    assert scene.period is not None and motion.search is not None
-    fractions = None
-    if adaptive:
-        steps = motion.time[motion.last_period()] / scene.period
-        fractions = steps - steps[0]
+    assert motion.search is not None
+    fractions = step_fractions(scene, motion)
     shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods, fractions)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
@@ -263,6 +271,18 @@ def _nearby_motion(
         return None
     moved = np.linalg.norm(shooting.scaled(found.z) - s)
     return other if found.stable and moved <= NEARBY * np.linalg.norm(s) else None
+
+
+def step_fractions(scene: Scene, motion: Motion) -> Array | None:
+    """The adaptive steps of the last period of a motion, in periods of the loads, from 0.
+
+    None where the scene asks for equal steps.
+    """
+    if scene.time.tolerance is None:
+        return None
+    assert scene.period is not None
+    steps = motion.time[motion.last_period()] / scene.period
+    return np.asarray(steps - steps[0])
 
 
 def _start(motion: Motion) -> float:

@@ -10,10 +10,13 @@ limit:
     basis        `BASIS_ERROR`                              `UNSETTLED_BASIS_ERROR`
     mesh         `MESH_ERROR`                               `UNSETTLED_BASIS_ERROR`
 
-A model without a mesh, and a body that is too large for finer elements, have no estimate of the
-mesh error; the run says so. A run that has not reached the stable periodic motion that Newton's
-method found has no estimates. Otherwise it ends with exit code 1; its files are written, and say
-why. The estimates of the largest normal force are printed and do not decide.
+Near a resonance, where the amplitude at a fixed frequency says little, these limits hold for the
+amplitude between motions of the same phase and for twice the shift of the frequency
+(`fenicsrom.assess.errors.resonance`). A model without a mesh, and a body that is too large for
+finer elements, have no estimate of the mesh error; the run says so. A run that has not reached the
+stable periodic motion that Newton's method found has no estimates. Otherwise it ends with exit code
+1; its files are written, and say why. The estimates of the largest normal force are printed and do
+not decide.
 """
 
 from collections.abc import Sequence
@@ -22,18 +25,22 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import (
+    MESH_SAFETY,
+    STEP_SAFETY,
     MotionErrors,
     basis_errors,
     mesh_errors,
     nested_motion,
     step_errors,
 )
+from fenicsrom.assess.errors.resonance import near_resonance
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import is_unsteady, misses_motion
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import end_of
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.step_size import refined, step_key
+from fenicsrom.scene.reading.step_size import coarser, refined, step_key
 from fenicsrom.words import two_digits
 
 # largest accepted relative error of the amplitudes due to the time step
@@ -84,7 +91,10 @@ def estimate_errors(
     """
     check_settled(scene, motion)
     unsteady = is_unsteady(motion)
-    errors["time step"] = step_errors(model, scene, motion)
+    found = step_errors(model, scene, motion)
+    if found.largest > TIME_ERROR and scene.time.tolerance is None:
+        found = near_resonance(found, STEP_SAFETY, model, coarser(scene), motion, motion.end)
+    errors["time step"] = found
     if basis is None and candidates is not None:
         basis = basis_errors(motion, nested_motion(candidates, scene, motion))
     if basis is not None:
@@ -92,9 +102,15 @@ def estimate_errors(
     if meshes is not None:
         own, finer, numbers = meshes
         near = motion if own is model else nested_motion(own, scene, motion, numbers)
-        errors["mesh"] = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
+        found = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
+        if near is not None and found.largest > MESH_ERROR:
+            start = end_of(motion)
+            if near is not motion and near.coordinates is not None and near.velocity is not None:
+                start = near.coordinates[-1], near.velocity[-1], start[2]
+            found = near_resonance(found, MESH_SAFETY, finer, scene, near, start)
+        errors["mesh"] = found
     for cause, found in errors.items():
-        check_error(scene, cause, found.largest, unsteady)
+        check_error(scene, cause, found.largest, unsteady, found if found.shift else None)
 
 
 def check_settled(scene: Scene, motion: Motion) -> None:
@@ -133,7 +149,13 @@ def check_settled(scene: Scene, motion: Motion) -> None:
     )
 
 
-def check_error(scene: Scene, cause: str, estimate: float, unsteady: bool = False) -> None:
+def check_error(
+    scene: Scene,
+    cause: str,
+    estimate: float,
+    unsteady: bool = False,
+    resonance: MotionErrors | None = None,
+) -> None:
     """Refuse a motion whose estimated error is too large.
 
     Args:
@@ -141,6 +163,7 @@ def check_error(scene: Scene, cause: str, estimate: float, unsteady: bool = Fals
         cause: "time step", "basis" or "mesh".
         estimate: the relative error, infinite if there is no estimate.
         unsteady: whether the motion does not settle.
+        resonance: the errors near a resonance, of which the estimate is the largest.
 
     Raises:
         AccuracyError: the estimate is above the limit in `LIMITS`.
@@ -150,10 +173,16 @@ def check_error(scene: Scene, cause: str, estimate: float, unsteady: bool = Fals
         return
     sentence = {"time step": _step_sentence, "basis": _basis_sentence, "mesh": _mesh_sentence}
     found, remedy, kind, key = sentence[cause](scene, estimate, unsteady)
-    motion = " for a motion that does not settle" if unsteady else ""
-    raise AccuracyError(
-        f"{found} (at most {100.0 * allowed:g} % is accepted{motion}): {remedy}", kind=kind, key=key
-    )
+    limit = f"{100.0 * allowed:g} % is accepted"
+    if unsteady:
+        limit += " for a motion that does not settle"
+    if resonance is not None:
+        found += (
+            f", near a resonance: its frequency differs by {in_percent(resonance.shift)}, its "
+            f"amplitude by {in_percent(max(resonance.amplitude, *resonance.directions))}"
+        )
+        limit = f"{50.0 * allowed:g} % of the frequency and {limit}"
+    raise AccuracyError(f"{found} (at most {limit}): {remedy}", kind=kind, key=key)
 
 
 Sentence = tuple[str, str, ErrorKind, str]

@@ -138,11 +138,32 @@ def estimate_rows(
         ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
         [f"{what}, all directions together", *(_percent(e.amplitude) for e in errors.values())],
     ]
+    if any(e.shift for e in errors.values()):
+        shifts = (_percent(e.shift) if e.shift else None for e in errors.values())
+        found.append(["frequency of the resonance", *shifts])
     for k, name in enumerate(names):
         found.append([f"{what}, {name}", *(_percent(e.directions[k]) for e in errors.values())])
     if has_contact(motion):
         found.append(["peak normal force", *(_percent(e.peak_force) for e in errors.values())])
     return found
+
+
+def resonance_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
+    """Say what the estimates near a resonance compare; None of other estimates."""
+    near = [
+        f"{100.0 * e.at_frequency:.2g} % by the {name}"
+        if np.isfinite(e.at_frequency)
+        else f"by an unknown part by the {name}"
+        for name, e in errors.items()
+        if e.shift
+    ]
+    if not near:
+        return None
+    return (
+        "Near a resonance, the amplitudes are compared between motions of the same phase, at "
+        "frequencies that differ by the error of the resonance. At the frequency of the loads the "
+        f"amplitude would change by {' and '.join(near)}: read it together with the frequency."
+    )
 
 
 def _percent(value: float) -> str:
@@ -295,6 +316,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told: list[str | None] = []
     if reduced is not None:
         told += [resumed_sentence(reduced), periodic_sentence(reduced)]
+        told.append(resonance_sentence(found.errors))
         told.append(wear_sentence(reduced, found.scene, found.points))
     told.append(support_sentence(found))
     if isinstance(found, Study):

@@ -148,7 +148,9 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
         By the causes "time step", "basis" and "mesh": the error of the amplitudes (root mean
         squares of a motion that does not settle). "peak force by the CAUSE" is the error of the
         largest normal force, and "directions by the CAUSE" lists the errors of the amplitudes by
-        direction.
+        direction. Near a resonance (`fenicsrom.assess.errors.resonance`), "frequency by the CAUSE"
+        is the error of its frequency, and "at the frequency of the loads by the CAUSE" that of the
+        amplitude there.
     """
 
     def percent(value: float) -> float | None:
@@ -158,6 +160,9 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
     for name, error in errors.items():
         found[f"peak force by the {name}"] = percent(error.peak_force)
         found[f"directions by the {name}"] = [percent(value) for value in error.directions]
+        if error.shift:
+            found[f"frequency by the {name}"] = percent(error.shift)
+            found[f"at the frequency of the loads by the {name}"] = percent(error.at_frequency)
     return found
 
 
