@@ -261,13 +261,15 @@ def stresses(run: Run) -> None:
 
     from fenicsrom.assess.errors.large_strains import state_warnings
     from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks
+    from fenicsrom.post.run.summary import stored_model
 
     study = run.study
     assert study.recovery is not None
-    count = 0 if study.modes is None else study.modes.normal.shape[1]
     motion = study.motions.get("reduced")
-    found = find_stresses(study.recovery, study.scene, study.model, motion, count)
+    known = {} if study.basis is None else stored_model(study).normal_modes
+    found = find_stresses(study.recovery, study.scene, study.model, motion, known)
     if study.basis is None and study.modes is not None:
+        count = study.modes.normal.shape[1]
         names = study.modes.labels[:count]
         modal = modal_peaks(study.recovery.stress, study.modes.frequencies_hz, np.eye(count), names)
         found = replace(found, modes=modal)

@@ -130,6 +130,6 @@ def _find_stresses(run: Run) -> None:
             '"none"; run that scene again with another value'
         )
         return
-    count = stored.frequencies_hz.size
-    found.stresses = find_stresses(stored.recovery, found.scene, stored.model, found.motion, count)
+    modes = stored.normal_modes
+    found.stresses = find_stresses(stored.recovery, found.scene, stored.model, found.motion, modes)
     warnings += state_warnings(found.stresses, motion_only=stored.deformation is not None)

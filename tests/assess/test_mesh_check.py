@@ -105,6 +105,16 @@ def test_curves_have_the_estimates_of_the_frequencies_of_their_model() -> None:
     assert_effective(of_model(coarse).frequencies, coarse.frequencies_hz, fine.frequencies_hz)
 
 
+def test_errors_of_modes_keep_the_numbers_of_the_structure() -> None:
+    """The load excites the modes of one plane; the basis leaves those of the other plane out."""
+    cells = "geometry.parameters.elements_along=4", "geometry.parameters.load_at=0.5"
+    scene = beam_scene(3, (*cells, "basis.modes=4"), contacts=None, probe={"group": "tip"})
+    stored, judged = study.build_model(scene), study.modes(scene).mesh_check
+    assert judged is not None and stored.labels[:2] == ("1V", "3V")
+    np.testing.assert_allclose(of_model(stored).frequencies, judged.frequencies, rtol=1e-6)
+    assert judged.frequencies[2] > 5.0 * judged.frequencies[1]
+
+
 STRIP = tuple(
     f"geometry.parameters.{size}"
     for size in ("length=0.3", "height=0.003", "elements_along=2", "load_at=0.5")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, refusal, uncoupled
+from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.errors import ErrorKind
@@ -94,6 +94,21 @@ def test_displacements_of_nodes_follow_the_coordinates(stored: StoredModel) -> N
         np.testing.assert_allclose(shape, scale * vector, rtol=0, atol=1e-12)
 
 
+def test_modes_of_basis_that_leaves_modes_out_keep_their_numbers() -> None:
+    """The basis has modes 1 and 3 of the structure, and a static response near its mode 2."""
+    scene = scene_with("loads.0.force=111.0")
+    squares = np.array([500.0, 1700.0, 900.0, 3000.0])  # of 1V, 3V, 1A and 2A
+    model = linear_model(np.eye(4), np.diag(squares))
+    known = np.sqrt([500.0, 880.0, 1700.0]) / (2.0 * np.pi)
+    found = StoredModel(model, scene, "rubin", ("1V", "3V", "1A", "2A"), 9, known, {})
+    numbers, frequencies, vectors = reduced_modes(model, found.normal_modes)
+    assert numbers == [1, 3]
+    np.testing.assert_allclose(frequencies, known[[0, 2]], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(vectors[:2]), np.eye(2), rtol=0, atol=1e-12)
+    held = replace(found, method="craig-bampton")  # the frequencies of a held interface are others
+    assert reduced_modes(model, held.normal_modes)[0] == [1, 2, 3]
+
+
 def test_displacements_of_nodes_need_stresses(stored: StoredModel) -> None:
     bare = replace(stored, tables=None, file="beam.npz")
     for compute in (lambda: bare.nodes, bare.mode_shapes, lambda: bare.displacement(np.zeros(2))):
@@ -105,7 +120,7 @@ def test_largest_stress_of_motion_is_that_of_every_instant(stored: StoredModel) 
     assert stored.recovery is not None
     scene = scene_with("loads.0.force=111.0")
     motion = simulate(stored.model, scene, keep_coordinates=True)
-    found = find_stresses(stored.recovery, scene, stored.model, motion, 2)
+    found = find_stresses(stored.recovery, scene, stored.model, motion, stored.normal_modes)
     table, q, time = stored.recovery.stress, motion.coordinates, motion.coordinate_time
     assert q is not None and time is not None
     each = np.array([von_mises(table.at_vertices(table.stress(row))) for row in q])
@@ -151,7 +166,7 @@ def test_run_warns_of_a_state_that_is_turned_inside_out(
 
 def test_modal_stress_is_that_of_unit_displacement(stored: StoredModel) -> None:
     assert stored.recovery is not None
-    frequencies, vectors = reduced_modes(stored.model, 2)
+    _, frequencies, vectors = reduced_modes(stored.model, stored.normal_modes)
     np.testing.assert_allclose(frequencies, stored.frequencies_hz, rtol=1e-12)
     (first, second) = modal_peaks(stored.recovery.stress, frequencies, vectors, ["1V", "2V"])
     (same, _) = modal_peaks(stored.recovery.stress, frequencies, -7.0 * vectors, ["1V", "2V"])

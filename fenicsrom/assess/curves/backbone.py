@@ -38,6 +38,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.stress.stress_peaks import reduced_modes
 from fenicsrom.progress import duration, log, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
@@ -270,8 +271,11 @@ def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int
             f"keep mode {number}, raise basis.modes or lower basis.threshold",
             ErrorKind.RANGE,
         )
-    if f"{number}V" in kept:
-        number = kept.index(f"{number}V") + 1
+    numbers, _, free = reduced_modes(stored.model, stored.normal_modes)
+    if number in numbers and numbers != list(range(1, 1 + len(numbers))):
+        # a basis that leaves modes out has others: the mode is that of the same shape
+        shape = stored.model.mass @ free[:, numbers.index(number)]
+        number = 1 + int(np.argmax([abs(shape @ mode.shape) for mode in modes]))
     if number > len(modes):
         raise _refusal(
             scene,

@@ -64,6 +64,8 @@ the SHA-256 of all other entries: a file that was changed is refused.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -177,6 +179,18 @@ class StoredModel:
         numbered = {label: number for number, label in enumerate(self.labels)}
         numbers = [numbered.get(label, -1) for label in labels]
         return self.resized(labels).model, finer, numbers
+
+    @property
+    def normal_modes(self) -> dict[int, float]:
+        """Frequencies in Hz of the structure's modes among the coordinates, by their numbers.
+
+        They are nan where the normal modes are those of a held interface.
+        """
+        count = self.frequencies_hz.size
+        if self.method == "craig-bampton":
+            return dict.fromkeys(range(1, count + 1), math.nan)
+        numbers = [int(label[:-1]) for label in self.labels if re.fullmatch(r"\d+V", label)]
+        return {k: float(self.frequencies_hz[k - 1]) for k in sorted(numbers) if k <= count}
 
     @property
     def size(self) -> int:
@@ -363,17 +377,17 @@ class StoredModel:
         return self._stress_table().displacement(coordinates)
 
     def mode_shapes(self) -> tuple[Array, Array]:
-        """The normal modes of the model about its equilibrium, without contact and damping.
+        """The structure's modes in the basis about the equilibrium, without contact and damping.
 
         Returns:
-            (v,) frequencies, Hz, as many as `frequencies_hz`; and (v, N, d) displacements of the
-            `nodes` in the modes, which have the modal mass 1 kg, 1/sqrt(kg).
+            (k,) frequencies, Hz, of the modes with the numbers of `normal_modes`; and (k, N, d)
+            displacements of the `nodes` in the modes, which have the modal mass 1 kg, 1/sqrt(kg).
 
         Raises:
             SceneError: the scene did not ask for `output.stresses`.
         """
         vectors = self._stress_table().vertex_displacement[1:]
-        frequencies, modes = reduced_modes(self.model, len(self.frequencies_hz))
+        _, frequencies, modes = reduced_modes(self.model, self.normal_modes)
         return frequencies, np.asarray(np.tensordot(modes.T, vectors, 1))
 
     def _stress_table(self) -> StressTable:

@@ -1,6 +1,6 @@
 """The largest stresses of a reduced model: at rest, in its modes, and during a motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +77,11 @@ class Stresses:
 
 
 def find_stresses(
-    recovery: Recovery, scene: Scene, model: object, motion: Motion | None, modes: int
+    recovery: Recovery,
+    scene: Scene,
+    model: object,
+    motion: Motion | None,
+    modes: Mapping[int, float],
 ) -> Stresses:
     """The stresses and reactions of the equilibrium, of the lowest modes and of a motion.
 
@@ -86,7 +90,7 @@ def find_stresses(
         scene: the scene; its [output] gives the stress.
         model: the model; the stresses of its modes are found if it is a `ReducedModel`.
         motion: its motion, or None. The stresses of a motion need its coordinates.
-        modes: number of modes.
+        modes: as `known` of `reduced_modes`.
     """
     table, measure = recovery.stress, scene.output.stresses
     peaks = [equilibrium_peak(table, measure)]
@@ -97,8 +101,8 @@ def find_stresses(
             moving = motion_reactions(recovery.reactions, scene, model, motion)
     modal: tuple[Peak, ...] = ()
     if isinstance(model, ReducedModel) and modes:
-        frequencies, vectors = reduced_modes(model, modes)
-        names = [f"mode {k + 1}" for k in range(frequencies.size)]
+        numbers, frequencies, vectors = reduced_modes(model, modes)
+        names = [f"mode {number}" for number in numbers]
         modal = modal_peaks(table, frequencies, vectors, names)
     rest = equilibrium_reactions(recovery.reactions, scene)
     deformed = tuple(deformation_at(table, peak.coordinates) for peak in peaks)
@@ -173,17 +177,34 @@ def _largest_row(table: StressTable, q: Array, measure: str) -> int:
     return int(np.argmax(np.concatenate(largest)))
 
 
-def reduced_modes(model: ReducedModel, count: int) -> tuple[Array, Array]:
-    """Frequencies (count,) in Hz and modes (n, count) of a reduced model about its equilibrium.
+def reduced_modes(
+    model: ReducedModel, known: Mapping[int, float]
+) -> tuple[list[int], Array, Array]:
+    """The normal modes of a reduced model about its equilibrium that are modes of the structure.
 
-    No contact point touches, and there is no Coriolis force.
+    No contact point touches, and there is no Coriolis force. A basis may leave modes out, and its
+    other vectors make modes that the structure does not have. So a mode of the structure is the
+    mode of the model that has its frequency.
+
+    Args:
+        model: the model, of n coordinates.
+        known: the frequencies of the structure's modes in the basis by their numbers, Hz; nan takes
+            the mode of this number of the model.
+
+    Returns:
+        The numbers (k,), ascending, the frequencies (k,) in Hz, and the modes (n, k).
     """
     import scipy.linalg  # slow to import, and few models have stresses
+    from scipy.optimize import linear_sum_assignment
 
-    squares, vectors = scipy.linalg.eigh(
-        model.elastic.stiffness, model.mass, subset_by_index=(0, min(count, model.size) - 1)
-    )
-    return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), vectors
+    squares, vectors = scipy.linalg.eigh(model.elastic.stiffness, model.mass)
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    numbers = [number for number in sorted(known) if number <= model.size]
+    asked = np.array([known[number] for number in numbers])
+    chosen = np.array(numbers, dtype=np.int64) - 1
+    if np.all(np.isfinite(asked)):
+        chosen = linear_sum_assignment(np.abs(asked[:, None] - frequencies))[1]
+    return numbers, frequencies[chosen], vectors[:, chosen]
 
 
 def modal_peaks(

@@ -35,7 +35,6 @@ def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
         return {
             "full mode": i + 1,
             "full Hz": f"{full:.5g}",
-            "reduced mode": j + 1 if alike else None,
             "reduced Hz": f"{reduced:.5g}" if alike else None,
             "difference %": difference if alike else None,
             "MAC": f"{found.mac[i, j]:.3f}",
