@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, first, linear_model
+from support import beam_scene, first, linear_model, oscillator
 
 from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
@@ -16,6 +17,7 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
 from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.post.run.sentences import estimate_rows
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.step_size import with_time
 
@@ -239,3 +241,19 @@ def test_settled_motion_is_compared_by_its_last_period() -> None:
     other = replace(motion, steady=False, periods=5, displacement=moved[late], **cut)
     assert not has_settled(other)
     assert estimates.distances(motion, other).amplitude < 0.02
+
+
+def test_errors_are_a_range_where_sliders_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other model's run from rest sticks elsewhere, with an amplitude 2 % larger."""
+    model, scene, motion = oscillator()
+    elsewhere = replace(motion, displacement=1.02 * motion.displacement)
+    monkeypatch.setattr(estimates, "simulate", lambda *given, **options: elsewhere)
+    nearby = estimates.basis_errors(motion, motion)
+    search = SimpleNamespace(accepted=True, free_sliders=1)
+    stuck: Any = replace(motion, search=search)
+    found = estimates.with_range(nearby, 1.5, model, scene, stuck)
+    assert found.amplitude == 0.0 and found.from_rest is not None
+    assert found.from_rest.amplitude == pytest.approx(1.5 * (1.0 - 1.0 / 1.02))
+    assert estimate_rows({"basis": found}, motion, ("x", "y"))[1][1] == "0 to 2.9"
+    search.free_sliders = 0
+    assert estimates.with_range(nearby, 1.5, model, scene, stuck) == nearby

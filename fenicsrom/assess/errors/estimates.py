@@ -1,5 +1,7 @@
 """Estimates of the error of a motion due to its time step, its basis and its mesh."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -70,6 +72,9 @@ class MotionErrors(NamedTuple):
             `SMALL_DIRECTION` of the whole motion is relative to this part of the whole motion.
         shift: error of the frequency near a resonance, relative; 0 of any other motion.
         at_frequency: error of the amplitude at the frequency of the loads, near a resonance.
+        from_rest: the errors against the other model's own run from rest, where sliders that stick
+            all the time are free: each error is from that with the same sliders to this one. None
+            of a motion that is unique.
     """
 
     amplitude: float
@@ -77,6 +82,7 @@ class MotionErrors(NamedTuple):
     directions: tuple[float, ...]
     shift: float = 0.0
     at_frequency: float = 0.0
+    from_rest: MotionErrors | None = None
 
     @property
     def largest(self) -> float:
@@ -85,6 +91,31 @@ class MotionErrors(NamedTuple):
         The shift of a resonance counts twice, as the error of the stiffness that causes it.
         """
         return max(self.amplitude, *self.directions, 2.0 * self.shift)
+
+
+def with_range(
+    found: MotionErrors, factor: float, model: Any, scene: Scene, motion: Motion
+) -> MotionErrors:
+    """The errors of a motion, as a range where its sliders are free.
+
+    A point that sticks all the time keeps the place of its slider, which its history decides. The
+    other model's motion nearby has the same sliders, and hides what its own history does.
+
+    Args:
+        found: the errors against the motion nearby.
+        factor: the errors are this factor times the distances.
+        model: the other model.
+        scene: the scene of the other motion.
+        motion: the motion.
+    """
+    search = motion.search
+    if search is None or not search.accepted or not search.free_sliders:
+        return found
+    try:
+        other = simulate(model, scene, keep_coordinates=True)
+    except (ConvergenceError, AccuracyError):
+        return found
+    return found._replace(from_rest=_times_distance(factor, motion, other))
 
 
 def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:

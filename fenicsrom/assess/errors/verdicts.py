@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import (
+    BASIS_SAFETY,
     MESH_SAFETY,
     STEP_SAFETY,
     MotionErrors,
@@ -32,6 +33,7 @@ from fenicsrom.assess.errors.estimates import (
     mesh_errors,
     nested_motion,
     step_errors,
+    with_range,
 )
 from fenicsrom.assess.errors.resonance import near_resonance
 from fenicsrom.errors import AccuracyError, ErrorKind
@@ -94,9 +96,11 @@ def estimate_errors(
     found = step_errors(model, scene, motion)
     if found.largest > TIME_ERROR and scene.time.tolerance is None:
         found = near_resonance(found, STEP_SAFETY, model, coarser(scene), motion, motion.end)
-    errors["time step"] = found
+    errors["time step"] = with_range(found, STEP_SAFETY, model, coarser(scene), motion)
     if basis is None and candidates is not None:
         basis = basis_errors(motion, nested_motion(candidates, scene, motion))
+    if basis is not None and candidates is not None:
+        basis = with_range(basis, BASIS_SAFETY, candidates, scene, motion)
     if basis is not None:
         errors["basis"] = basis
     if meshes is not None:
@@ -108,7 +112,7 @@ def estimate_errors(
             if near is not motion and near.coordinates is not None and near.velocity is not None:
                 start = near.coordinates[-1], near.velocity[-1], start[2]
             found = near_resonance(found, MESH_SAFETY, finer, scene, near, start)
-        errors["mesh"] = found
+        errors["mesh"] = with_range(found, MESH_SAFETY, finer, scene, motion)
     for cause, found in errors.items():
         check_error(scene, cause, found.largest, unsteady, found if found.shift else None)
 

@@ -1,6 +1,7 @@
 """The sentences about a run for the terminal and the report."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -136,15 +137,15 @@ def estimate_rows(
     what = "amplitude" if has_settled(motion) else "root mean square displacement"
     found: list[list[Any]] = [
         ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
-        [f"{what}, all directions together", *(_percent(e.amplitude) for e in errors.values())],
+        [f"{what}, all directions together", *_ranges(errors, lambda e: e.amplitude)],
     ]
     if any(e.shift for e in errors.values()):
         shifts = (_percent(e.shift) if e.shift else None for e in errors.values())
         found.append(["frequency of the resonance", *shifts])
     for k, name in enumerate(names):
-        found.append([f"{what}, {name}", *(_percent(e.directions[k]) for e in errors.values())])
+        found.append([f"{what}, {name}", *_ranges(errors, partial(_along, k))])
     if has_contact(motion):
-        found.append(["peak normal force", *(_percent(e.peak_force) for e in errors.values())])
+        found.append(["peak normal force", *_ranges(errors, lambda e: e.peak_force)])
     return found
 
 
@@ -164,6 +165,33 @@ def resonance_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
         "frequencies that differ by the error of the resonance. At the frequency of the loads the "
         f"amplitude would change by {' and '.join(near)}: read it together with the frequency."
     )
+
+
+def free_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
+    """Say what a range of errors means; None if there is none."""
+    if all(e.from_rest is None for e in errors.values()):
+        return None
+    return (
+        "Points that stick all the time may stick elsewhere. The first error of a range is that "
+        "with the same stuck positions, the second one that with those to which the run of the "
+        "other model from rest leads."
+    )
+
+
+def _along(direction: int, errors: MotionErrors) -> float:
+    """The error of a direction."""
+    return errors.directions[direction]
+
+
+def _ranges(
+    errors: Mapping[str, MotionErrors], value: Callable[[MotionErrors], float]
+) -> list[str]:
+    """An error by each cause in percent, as a range where there is one."""
+    found = []
+    for e in errors.values():
+        ends = [value(e)] if e.from_rest is None else sorted((value(e), value(e.from_rest)))
+        found.append(" to ".join(dict.fromkeys(map(_percent, ends))))
+    return found
 
 
 def _percent(value: float) -> str:
@@ -316,7 +344,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told: list[str | None] = []
     if reduced is not None:
         told += [resumed_sentence(reduced), periodic_sentence(reduced)]
-        told.append(resonance_sentence(found.errors))
+        told += [resonance_sentence(found.errors), free_sentence(found.errors)]
         told.append(wear_sentence(reduced, found.scene, found.points))
     told.append(support_sentence(found))
     if isinstance(found, Study):

@@ -150,7 +150,8 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
         largest normal force, and "directions by the CAUSE" lists the errors of the amplitudes by
         direction. Near a resonance (`fenicsrom.assess.errors.resonance`), "frequency by the CAUSE"
         is the error of its frequency, and "at the frequency of the loads by the CAUSE" that of the
-        amplitude there.
+        amplitude there. Where sliders are free, "from rest by the CAUSE" is the error of the
+        amplitudes against the other model's own run from rest.
     """
 
     def percent(value: float) -> float | None:
@@ -160,6 +161,8 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
     for name, error in errors.items():
         found[f"peak force by the {name}"] = percent(error.peak_force)
         found[f"directions by the {name}"] = [percent(value) for value in error.directions]
+        if error.from_rest is not None:
+            found[f"from rest by the {name}"] = percent(error.from_rest.amplitude)
         if error.shift:
             found[f"frequency by the {name}"] = percent(error.shift)
             found[f"at the frequency of the loads by the {name}"] = percent(error.at_frequency)
