@@ -19,6 +19,7 @@ from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 
 RATIO = 0.002
@@ -136,3 +137,33 @@ def test_step_is_judged_by_its_period_error_on_a_resonance() -> None:
     expected = coarse / own - 1.0
     assert found.shift == pytest.approx(estimates.STEP_SAFETY * abs(expected), rel=0.05)
     assert found.at_frequency > verdicts.TIME_ERROR > found.largest
+
+
+@pytest.mark.slow
+def test_bending_beam_on_coarse_mesh_has_the_true_shift_of_its_resonance() -> None:
+    """A nonlinear beam of four elements, shaken at its resonance, against one of sixteen."""
+    pytest.importorskip("dolfinx")
+    from fenicsrom import build_model
+
+    def beam(elements: int, frequency: float) -> StoredModel:
+        changes = (
+            f"geometry.parameters.elements_along={elements}",
+            "geometry.parameters.load_at=0.5",
+            f"loads.0.frequency={frequency}",
+            "loads.0.force=0.3",
+            "material.mass_damping=0.2",
+            "time.steps_per_period=60",
+            "basis.modes=2",
+        )
+        return build_model(beam_scene(2, changes, contacts=None, probe={"group": "tip"}))
+
+    frequencies = [float(beam(n, 3.3).frequencies_hz[0]) for n in (4, 16)]
+    coarse, fine = (beam(n, f) for n, f in zip((4, 16), frequencies, strict=True))
+    motion, moved = (one.simulate(keep_coordinates=True) for one in (coarse, fine))
+    errors: dict[str, estimates.MotionErrors] = {}
+    verdicts.estimate_errors(coarse.model, None, coarse.scene, motion, errors, meshes=coarse.meshes)
+    mesh, true = errors["mesh"], frequencies[0] / frequencies[1] - 1.0
+    assert mesh.at_frequency > 1.0
+    assert true < mesh.shift < 2.0 * true
+    apart = np.linalg.norm(amplitude(motion)) / np.linalg.norm(amplitude(moved)) - 1.0
+    assert abs(apart) < mesh.amplitude < verdicts.MESH_ERROR
