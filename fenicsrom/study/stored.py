@@ -82,7 +82,16 @@ def rerun(
 
 def _check(run: Run) -> None:
     """Check the motion."""
-    run.study.unfinished = checked(run.study, run.study.stored.meshes)
+    from fenicsrom.assess.errors.mesh_check import MeshCheck
+    from fenicsrom.errors import ConvergenceError
+
+    found: Rerun = run.study
+    try:
+        meshes = found.stored.meshes
+    except ConvergenceError as error:  # of finer elements at the speed of the scene
+        meshes = None
+        found.warnings += MeshCheck(missing=str(error)).warnings(found.scene)
+    found.unfinished = checked(found, meshes)
 
 
 def _draw(run: Run) -> None:
