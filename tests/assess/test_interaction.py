@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -215,6 +216,25 @@ def test_branches_by_newtons_method_are_those_of_the_marches(
     assert {one.speed_rpm for one in found.lines if one.by_basis.size} == checked
     last, marched = found.lines[-1], mapped(two_modes(), "[7325, 8999]").lines[0]
     np.testing.assert_allclose(last.amplitudes, marched.amplitudes, atol=2e-3 * last.amplitude)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steady", ["march", "newton"])
+def test_checked_line_has_its_distance_from_finer_elements(steady: str) -> None:
+    stored = two_modes()
+    assert stored.whole is not None
+    model = stored.whole.model
+    softer = model.elastic._replace(stiffness=0.97 * model.elastic.stiffness)
+    finer = replace(stored.whole, model=model._replace(elastic=softer))
+    judged = replace(stored, whole=replace(stored.whole, finer=finer))
+    line, exact = (
+        mapped(one, "[1500, 1510]", "map.revolutions=20", f"map.steady='{steady}'").lines[0]
+        for one in (judged, replace(stored, whole=finer).at_speed())
+    )
+    apart, size = np.abs(line.amplitudes - exact.amplitudes), line.amplitudes.max()
+    assert apart.max() > 0.01 * size
+    np.testing.assert_allclose(line.by_mesh, apart, rtol=0, atol=1e-4 * size)
+    assert line.errors.max() >= line.by_mesh.max() / size
 
 
 @pytest.mark.slow
