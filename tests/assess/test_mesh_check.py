@@ -113,6 +113,8 @@ def test_errors_of_modes_keep_the_numbers_of_the_structure() -> None:
     assert judged is not None and stored.labels[:2] == ("1V", "3V")
     np.testing.assert_allclose(of_model(stored).frequencies, judged.frequencies, rtol=1e-6)
     assert judged.frequencies[2] > 5.0 * judged.frequencies[1]
+    large = replace(stored, finer=None, unjudged="too large")
+    assert of_model(large).missing == "too large" and large.meshes is None
 
 
 STRIP = tuple(

@@ -78,6 +78,8 @@ def near_resonance(
         return errors
     if motion.period is None or not has_settled(motion) or scene.wears:
         return errors
+    if np.isinf(errors.amplitude) and np.any(motion.force):
+        return errors  # the motion of a contact may repeat for this step only
     assert scene.period is not None
     periods, fractions = round(motion.period / scene.period), step_fractions(scene, motion)
     try:
