@@ -180,7 +180,7 @@ def test_stiffness_of_each_format_matches_gmsh(tmp_path: Path, kind: str, suffix
     other = read(convert(own, tmp_path / f"other{suffix}", kind), d, curved=curved)
     expected, x = stiffness(read(complete, d, curved=curved))
     found, y = stiffness(other)
-    assert other.warnings == ()
+    assert not [text for text in other.warnings if "do not bend" not in text]
     assert x.shape == y.shape and np.abs(x - y).max() < 1e-14
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
     mesh = read(complete, d, curved=curved)
@@ -199,7 +199,8 @@ def test_midside_nodes_of_each_format_are_at_midsides(
 ) -> None:
     own = write_msh(tmp_path / "own.msh", kind, kind in ("quad8", "hexahedron20"), straight=True)
     mesh = read(convert(own, tmp_path / f"other{suffix}", kind), CELLS[kind])
-    assert mesh.warnings == ()  # none that the cells were made straight
+    # none that the cells were made straight
+    assert not [text for text in mesh.warnings if "do not bend" not in text]
     assert integral(mesh, 1.0) == pytest.approx(1.0)
     if suffix != ".bdf":
         assert integral(mesh, 1.0, mesh.surface("root")) == pytest.approx(1.0)
