@@ -11,16 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import jenkins, side_by_side
 
 pytest.importorskip("bokeh")
 
 from fenicsrom.notes import verdict_of
 from fenicsrom.post.base.captions import CAPTIONS, caption, numbers_of
-from fenicsrom.post.base.chart import chart, noted
+from fenicsrom.post.base.chart import _place, chart, noted
 from fenicsrom.post.base.html_page import Folded, html_report
 from fenicsrom.post.base.origin import is_result
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import new_figure
+from fenicsrom.post.base.style import new_figure, new_panels, styled
+from fenicsrom.post.run.figures import plot_points
 
 TIME = np.linspace(0.0, 1.0, 7)
 
@@ -70,6 +72,44 @@ def test_chart_holds_the_points_notes_and_names_of_curves() -> None:
     (here,) = named(found, "Label")
     assert here["text"] == "here" and here["x"] == pytest.approx(0.25, abs=1e-6)
     assert [legend["click_policy"] for legend in named(found, "Legend")] == ["hide"]
+
+
+def test_legend_has_a_mark_for_a_line_that_is_in_another_panel() -> None:
+    figure, (left, right) = new_panels(6.0, 3.0, 1, 2)
+    (far,) = left.plot(TIME, TIME, "--", color="#D55E00", label="far")
+    (near,) = right.plot(TIME, TIME, color="#0072B2", label="near")
+    right.legend(handles=[near, far])
+    figure.draw_without_rendering()
+    text = chart(figure)
+    assert text is not None
+    found = objects(json.loads(text))
+    items = {item["label"]["value"]: item["renderers"] for item in named(found, "LegendItem")}
+    (legend,) = [one["id"] for one in found if one["name"] == "Legend"]
+    (plot,) = [one for one in named(found, "Figure") if legend in json.dumps(one.get("above"))]
+    inside = json.dumps(plot["renderers"])
+    assert all(renderers[0]["id"] in inside for renderers in items.values())
+    assert len(items["far"]) == 2  # the mark, and the line that a click hides
+
+
+def test_rows_of_many_contact_points_have_places_of_their_own() -> None:
+    figure = plot_points({"reduced": side_by_side(*[jenkins()] * 6)})
+    places = [_place(axes) for axes in figure.axes]
+    cells = [(row, column + k) for row, column, _, wide in places for k in range(wide)]
+    assert len(places) == 6 and len(set(cells)) == len(cells)
+
+
+def test_values_that_differ_by_rounding_have_no_offset() -> None:
+    @styled
+    def draw() -> Any:
+        figure, (axis,) = new_panels(4.0, 3.0)
+        axis.plot([0.0, 1.0], [50.5, 50.5 + 1e-10])
+        return figure
+
+    figure = draw()
+    figure.draw_without_rendering()
+    (axis,) = figure.axes
+    low, high = axis.get_ylim()
+    assert high - low > 0.01 and axis.yaxis.get_offset_text().get_text() == ""
 
 
 def test_figure_with_an_image_has_no_chart() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,14 @@ def test_tables_that_share_the_columns_have_about_the_same_width(columns: int) -
     counts = [len(block.splitlines()[-1].split()) - 1 for block in blocks]
     assert sum(counts) == columns and len(counts) > 1
     assert max(counts) == -(-columns // len(counts))
+
+
+def test_wide_table_of_few_rows_is_turned_on_a_page() -> None:
+    heads = ["model", *(f"column {k}" for k in range(9))]
+    page = html_report("title", [("heading", [[heads, ["full", *range(9)], ["beam", *range(9)]]])])
+    (head,) = re.findall("<thead>(.*?)</thead>", page)
+    assert re.findall(">([^<]+)</th>", head) == ["model", "full", "beam"]
+    assert page.count("<tr>") == 10
 
 
 def test_table_of_a_report_breaks_heads_and_not_numbers() -> None:

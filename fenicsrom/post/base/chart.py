@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -102,11 +103,12 @@ def chart(figure: Figure) -> str | None:
                 plot.y_range = known.y_range
         plots.append(plot)
         shown += own
+    pairs = dict(zip(figure.axes, plots, strict=True))
     for legend in figure.legends:
-        _add_legend(plots, _entries(legend), shown)
-    for axes, plot in zip(figure.axes, plots, strict=True):
+        _add_legend(pairs, _entries(legend), shown)
+    for axes, plot in pairs.items():
         if (legend := axes.get_legend()) is not None:
-            _add_legend([plot], _entries(legend), shown)
+            _add_legend({axes: plot}, _entries(legend), shown)
     grid = gridplot([plots], sizing_mode="stretch_width", toolbar_options={"logo": None})
     grid.children = [(plot, *_place(axes)) for axes, plot in zip(figure.axes, plots, strict=True)]
     labels, details = getattr(figure, DETAILS, ((), ()))
@@ -184,6 +186,7 @@ def _plot(figure: Figure, axes: Axes) -> tuple[Any, list[tuple[Any, Any]]]:
     for axis, own in ((plot.xaxis, axes.xaxis), (plot.yaxis, axes.yaxis)):
         axis.axis_label = _text(own.get_label_text()) or None
         axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = "12px"
         axis.minor_tick_line_color = None
         _set_ticks(axis, own)
     shown = [pair for line in axes.lines for pair in _line(plot, axes, line)]
@@ -274,7 +277,9 @@ def _entries(legend: Any) -> list[tuple[str, Any]]:
 
 
 def _add_legend(
-    plots: Sequence[Any], entries: Sequence[tuple[str, Any]], shown: Sequence[tuple[Any, Any]]
+    plots: Mapping[Axes, Any],
+    entries: Sequence[tuple[str, Any]],
+    shown: Sequence[tuple[Any, Any]],
 ) -> None:
     """Add a legend above the first plot that has its first entry.
 
@@ -282,22 +287,36 @@ def _add_legend(
     """
     from bokeh.models import Legend, LegendItem
 
-    items = []
+    items, samples = [], []
     for name, sample in entries:
         alike = [drawn for artist, drawn in shown if _look(artist) == _look(sample)]
         if not alike and hasattr(sample, "get_marker"):  # a sample of a colour, mark or line style
             alike = _partly_alike(sample, shown)
         if alike:
             items.append(LegendItem(label=name, renderers=alike))
+            samples.append(sample)
     if items:
         first = items[0].renderers
-        plot = next((plot for plot in plots if first[0] in plot.renderers), plots[0])
-        for item in items:  # the sample is that of the first, which must be in this plot
-            item.renderers = sorted(item.renderers, key=lambda one: one not in plot.renderers)
+        pairs = [*plots.items()]
+        axes, plot = next((pair for pair in pairs if first[0] in pair[1].renderers), pairs[0])
+        for item, sample in zip(items, samples, strict=True):
+            # the mark beside a name is that of the first renderer, which must be in this plot
+            here = [one for one in item.renderers if one in plot.renderers]
+            own = here or [drawn for _, drawn in _blank(plot, axes, sample)]
+            item.renderers = [*own, *(one for one in item.renderers if one not in own)]
         columns = 3 if max(len(name) for name, _ in entries) > LONG_NAME else 4
         look = {"orientation": "horizontal", "click_policy": "hide", "border_line_color": None}
         plot.add_layout(Legend(items=items, ncols=columns, **look), "above")
         plot.height += 30 * -(-len(items) // columns)
+
+
+def _blank(plot: Any, axes: Axes, sample: Any) -> Iterable[tuple[Any, Any]]:
+    """Draw a line that is not seen and looks like a sample; none for a bar."""
+    if not hasattr(sample, "get_marker"):
+        return ()
+    line = copy(sample)
+    line.set_data([np.nan], [np.nan])  # a line without any point has no mark
+    return _line(plot, axes, line)
 
 
 def _look(artist: Any) -> tuple[Any, ...]:

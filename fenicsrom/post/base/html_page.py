@@ -18,7 +18,8 @@ from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.base.tables import cell_text, filled_columns, numeric_columns
 from fenicsrom.post.base.writers import write_text
 
-FEW_COLUMNS = 8  # a table with more columns has smaller letters
+FEW_COLUMNS = 8  # a table with more columns has smaller letters, or is turned if it has few rows
+FEW_ROWS = 3  # of a table that is turned: its columns become rows
 SHORT = 28  # characters of the longest cell that is not broken into lines
 
 
@@ -144,6 +145,8 @@ def _item(item: Any, heading: str) -> str:
 
 def _table(rows: Sequence[Sequence[Any]]) -> str:
     """Compose a table: headers may break between words, short cells do not."""
+    if len(rows) <= 1 + FEW_ROWS and len(rows[0]) > FEW_COLUMNS:
+        rows = list(zip(*rows, strict=True))
     right = numeric_columns([[_as_number(value) for value in row] for row in rows])
     lines = []
     for i, row in enumerate(rows):
@@ -157,7 +160,7 @@ def _table(rows: Sequence[Sequence[Any]]) -> str:
             cells += f"{html.escape(text)}</{tag}>"
         lines.append(f"<tr>{cells}</tr>")
     head, *rest = lines
-    kinds = "wide broad many" if len(right) > FEW_COLUMNS else "wide"
+    kinds = "wide many" if len(right) > FEW_COLUMNS else "wide"
     return (
         f'<div class="{kinds}"><table><thead>{head}</thead><tbody>{"".join(rest)}</tbody></table>'
         "</div>"

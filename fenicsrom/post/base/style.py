@@ -31,6 +31,8 @@ STATES = {
         STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
     )
 }
+EQUAL, APART = 1e-6, 1e-3
+"""Relative range of values that differ by rounding only, and half of the range that is drawn."""
 EDGE = "#555B61"
 """The colour of axes, and of the edges of samples in legends."""
 
@@ -50,6 +52,7 @@ _STYLE = {
     "axes.edgecolor": EDGE,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,  # "1e-10+5.05e1" says nothing
     "axes.formatter.limits": (-5, 6),  # the multiplier of an axis may lie over its label
     "grid.color": "#E6E8EA",
     "grid.linewidth": 0.8,
@@ -69,9 +72,21 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
         import matplotlib
 
         with matplotlib.rc_context(_STYLE):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            for axes in figure.axes:
+                _widen(axes)
+            return figure
 
     return drawn
+
+
+def _widen(axes: Axes) -> None:
+    """Give an axis whose values differ by rounding only a range that shows them as equal."""
+    for name in ("x", "y"):
+        low, high = getattr(axes, f"get_{name}lim")()
+        size = max(abs(low), abs(high))
+        if getattr(axes, f"get_{name}scale")() == "linear" and abs(high - low) < EQUAL * size:
+            getattr(axes, f"set_{name}lim")(low - APART * size, high + APART * size)
 
 
 def new_figure(width: float, height: float) -> Figure:

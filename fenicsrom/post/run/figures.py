@@ -166,8 +166,8 @@ def plot_points(
     directions = motions[first].displacement.shape[2]
     loops = len(_LOOPS[directions])
     figure = new_figure(3.6 * loops, 7.2)
-    above, below = figure.subfigures(2, 1)
-    axes = above.subplots(1, 3)
+    grid = figure.add_gridspec(2, COLUMNS)
+    axes = [figure.add_subplot(grid[0, part]) for part in _columns(3)]
     line = contact_axis(places, len(points[first]))
     work = f"friction dissipation, {line.unit.replace('N', 'J')}"
     curves: dict[str, tuple[Callable[[Mapping[str, Any]], float], Any]] = {
@@ -186,13 +186,22 @@ def plot_points(
         axis.set(xlabel=line.label, ylabel=label)
         axis.xaxis.get_major_locator().set_params(integer=True)
         line.write_numbers(axis)
-    panels = below.subplots(1, loops)
+    panels = [figure.add_subplot(grid[1, part]) for part in _columns(loops)]
     there = {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}
     _plot_loops(panels, there, hardest, names)
-    title = f"contact point {hardest + 1}: largest normal force"
-    below.suptitle(title, x=0.01, horizontalalignment="left", fontsize=11)
+    panels[0].set_title(f"point {hardest + 1}: largest force")
     _legend(figure, axes[0])
     return figure
+
+
+COLUMNS = 12
+"""Columns of a grid with a row of three panels and a row of three or four."""
+
+
+def _columns(count: int) -> list[slice]:
+    """The columns of each of some panels in a row."""
+    width = COLUMNS // count
+    return [slice(k * width, (k + 1) * width) for k in range(count)]
 
 
 def _plot_loops(
