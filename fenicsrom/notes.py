@@ -12,14 +12,17 @@ from enum import Enum
 from fenicsrom.words import counted
 
 AMPLITUDES = "amplitudes"
+PROBE = "amplitudes of the probe"
 PEAK_FORCE = "peak normal force"
 STABILITY = "stability"
 EVENTS = "contact events"
 PEAKS = "peaks"
+DISSIPATION = "energy dissipated by friction"
 WEAR = "worn depth"
 FREQUENCIES = "frequencies"
+CRITICAL = "critical speeds"
 DEFLECTION = "static deflection"
-STRESSES = "stresses"
+STRESSES = "stresses and reactions"
 """Quantities that several commands judge."""
 
 
@@ -29,11 +32,13 @@ class NoteKind(Enum):
     # kinds that cast doubt on results
     WARNING = "a reason for doubt that no other kind describes"
     IMPLAUSIBLE = "input that is most likely a mistake"
+    APART = "pieces of a mesh that do not see each other"
     UNSTABLE = "the stability of an equilibrium"
     LAW = "a state in which the material law has no meaning"
     BASIS = "loads that the modes of the basis do not follow"
     ERROR = "an estimated error above its limit"
     UNCHECKED = "an error that is not estimated"
+    FAILED = "a computation that failed"
     UNSETTLED = "a motion that does not repeat"
     SEVERAL = "a motion beside which there are others"
     CUT_SHORT = "an interrupt before the results were checked"
@@ -113,7 +118,8 @@ class Verdict:
     Attributes:
         kind: one of `VERDICTS`.
         reason: why.
-        quantities: for each quantity that the user reads, "trusted" or the reason for doubt.
+        quantities: for each quantity that the user reads, "trusted", "not judged" or the reason for
+            doubt.
     """
 
     kind: str
@@ -129,7 +135,7 @@ class Verdict:
 VERDICTS = ("trusted", "doubtful", "incomplete", "refused")
 """The kinds of verdicts, the worst one last."""
 
-TRUSTED = VERDICTS[0]
+TRUSTED, UNJUDGED = VERDICTS[0], "not judged"
 
 
 def verdict_of(
@@ -138,6 +144,7 @@ def verdict_of(
     *,
     interrupted: bool = False,
     quantities: Collection[str] = (),
+    unjudged: Collection[str] = (),
 ) -> Verdict:
     """Judge each quantity that the user reads; the line on top is the worst of them.
 
@@ -146,10 +153,11 @@ def verdict_of(
         failure: why there is no result, or why it is refused; None for a complete result.
         interrupted: whether the computation was interrupted.
         quantities: the names of the quantities.
+        unjudged: the names of others, whose errors no check knows.
     """
 
     def all_are(kind: str, reason: str) -> Verdict:
-        return Verdict(kind, reason, dict.fromkeys(quantities, f"{kind}: {reason}"))
+        return Verdict(kind, reason, dict.fromkeys([*quantities, *unjudged], f"{kind}: {reason}"))
 
     doubts = [note for note in dict.fromkeys(map(note_of, notes)) if note.kind.doubts]
     cut = [note for note in doubts if note.kind is NoteKind.CUT_SHORT]
@@ -161,16 +169,18 @@ def verdict_of(
         name: next((note for note in doubts if note.quantity in ("", name)), TRUSTED)
         for name in quantities
     }
+    silent = f" Not judged: {_listed(list(unjudged))}." if unjudged else ""
+    judged = {**reasons, **dict.fromkeys(unjudged, UNJUDGED)}
     if not doubts:
         of = f" about {_listed(list(quantities))}" if quantities else ""
-        return Verdict(TRUSTED, f"no check found a reason for doubt{of}.", reasons)
+        return Verdict(TRUSTED, f"no check found a reason for doubt{of}.{silent}", judged)
     first = min(doubts, key=lambda note: note.quantity != "")  # what concerns all comes first
     names = dict.fromkeys(note.quantity for note in doubts)
     name = "" if "" in names else f"{_listed(list(names))}: "
     more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""
     good = [name for name, reason in reasons.items() if reason is TRUSTED]
     rest = f" Trusted: {_listed(good)}." if good else ""
-    return Verdict("doubtful", f"{name}{first.removesuffix('.')}{more}.{rest}", reasons)
+    return Verdict("doubtful", f"{name}{first.removesuffix('.')}{more}.{rest}{silent}", judged)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -58,7 +58,7 @@ class Rerun:
     motion: Motion
     errors: dict[str, MotionErrors]
     unfinished: tuple[str, Exception] | None
-    warnings: list[str]
+    warnings: list[Note]
     sized: Sized | None = None
     stresses: Stresses | None = None
     left_out: list[Note] = field(default_factory=list)
@@ -179,9 +179,9 @@ class Study:
     body: Any = None
 
     @property
-    def warnings(self) -> list[str]:
+    def warnings(self) -> list[Note]:
         """Warnings for the user; those of the mesh and the solid come first."""
-        found: list[str] = self.solid.warnings
+        found: list[Note] = self.solid.warnings
         return found
 
     @property

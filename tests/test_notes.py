@@ -55,6 +55,12 @@ def test_each_quantity_has_its_own_judgement() -> None:
     assert set(verdict_of([FORCE, COARSE], quantities=READ).quantities.values()) == {FORCE, COARSE}
 
 
+def test_quantity_without_a_check_is_not_called_trusted() -> None:
+    found = verdict_of([], quantities=READ[:1], unjudged=READ[1:])
+    assert found.text.endswith("about amplitudes. Not judged: peak normal force and stability.")
+    assert found.quantities == dict(zip(READ, ("trusted", "not judged", "not judged"), strict=True))
+
+
 def test_verdict_of_a_failure_and_of_an_interrupt_holds_for_all_quantities() -> None:
     refused = verdict_of([], ValueError("no motion"), quantities=READ)
     assert refused.text == "Refused: no motion"

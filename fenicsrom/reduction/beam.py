@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.model.dense_model import DenseModel
@@ -131,7 +132,7 @@ class BeamStructure(DenseBody):
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)
-        self.warnings: list[str] = []
+        self.warnings: list[Note] = []
         self.viscous = ViscousDamping(self, scene.damping)
 
     def _rows(self, node: int) -> Array:

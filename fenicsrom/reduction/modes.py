@@ -94,11 +94,12 @@ def solve_eigenmodes(
             break
         count = min(2 * count, most)
     if needed - 1 > most:
-        structure.warnings.append(
+        text = (
             f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz, but '
             f"the scene excites up to {structure.excitation:.5g} Hz; for more modes, set "
             "basis.modes to a larger number"
         )
+        structure.warnings.append(Note(NoteKind.WARNING, text, "basis.modes"))
     return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
 
@@ -258,7 +259,7 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     if np.any(omega_squared <= 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
         number = counted(int(np.sum(omega_squared <= 0)), "mode")
-        structure.warnings.append(f"{what}: omega^2 < 0 of {number}")
+        structure.warnings.append(Note(NoteKind.UNSTABLE, f"{what}: omega^2 < 0 of {number}"))
     normal = align_modes(structure, omega_squared, normal)[:, :count]
     static = masters
     if rubin:

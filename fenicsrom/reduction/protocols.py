@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Protocol
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.loads import LoadHistories
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -34,7 +35,7 @@ class Structure(Protocol):
 
     Attributes:
         source: name of the scene file, for messages.
-        warnings: sentences for the user; the reduction appends to them.
+        warnings: notes for the user; the reduction appends to them.
         comm: communicator of the ranks that share the structure.
         dimension: d, 2 or 3.
         local: number of unknowns that this rank owns, clamped ones included.
@@ -57,7 +58,7 @@ class Structure(Protocol):
     """
 
     source: str
-    warnings: list[str]
+    warnings: list[Note]
     local: int
     free: int
     geometrically_nonlinear: bool

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.online.model.model import ReducedModel
@@ -113,9 +114,8 @@ class Snapshots:
             try:
                 more = linear_snapshots(self._structure, self._scene, self._model, frequency)
             except (AccuracyError, ConvergenceError) as error:
-                self._structure.warnings.append(
-                    f"the selection of derivatives leaves out {frequency:.5g} Hz: {error}"
-                )
+                text = f"the selection of derivatives leaves out {frequency:.5g} Hz: {error}"
+                self._structure.warnings.append(Note(NoteKind.WARNING, text))
                 continue
             size = self._sizes(more).max(initial=0.0)
             found.append(more * min(1.0, largest / size) if size > 0.0 else more)

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fenicsrom.notes import Note, NoteKind, has_kind
+from fenicsrom.notes import FREQUENCIES, Note, NoteKind, has_kind
 from fenicsrom.progress import log
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import too_small
@@ -163,11 +163,12 @@ def basis(run: Run) -> None:
     study = run.study
     study.basis = run.reduction.basis
     if study.basis.condition > LARGE_CONDITION:
-        study.warnings.append(
+        text = (
             f"the reduced mass has a condition number of {study.basis.condition:.2g} (above "
             f"{LARGE_CONDITION:g}): contact coordinates move almost together, and rounding grows "
             "by this factor; set basis.masters to a smaller number of interface modes"
         )
+        study.warnings.append(Note(NoteKind.WARNING, text, "basis.masters"))
 
 
 def candidates(run: Run) -> None:
@@ -223,7 +224,7 @@ def finer_elements(run: Run) -> None:
         None if study.deflection is None else lambda solid: solid.equilibrium,
         reduce,
     )
-    study.warnings.extend(study.mesh_check.warnings(study.scene))
+    study.warnings.extend(study.mesh_check.warnings(study.scene, FREQUENCIES))
     if study.scene.static_only and (error := study.mesh_check.failure(study.scene)):
         study.unfinished = ("static", error)
 

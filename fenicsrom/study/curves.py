@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import asking, log
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
@@ -75,10 +76,11 @@ def response(
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
     if found.table.full_values and source.study is None:
-        found.warnings.append(
+        text = (
             "response.full was left out: the full model needs the mesh, which a stored model does "
             "not have; run fenicsrom response SCENE."
         )
+        found.warnings.append(Note(NoteKind.LEFT_OUT, text, "response.full"))
     elif found.table.full_values and not found.interrupted:
         from fenicsrom.assess.curves.full_points import add_full_points
 
@@ -173,10 +175,11 @@ def _keep(found: Response, again: Response, larger: StoredModel) -> None:
     """Keep curves whose repetition with a larger model did not end well, and say why."""
     found.interrupted, found.unfinished = again.interrupted, again.unfinished
     reason = "was interrupted" if again.interrupted else f"failed: {again.unfinished}"
-    found.warnings.append(
+    text = (
         f"The curves are those of {counted(found.size, 'coordinate')}, which are too few for "
         f"basis.accuracy: their repetition with {larger.size} {reason}"
     )
+    found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
 
 
 @starts_from("StoredModel")

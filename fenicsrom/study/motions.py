@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
@@ -104,7 +105,7 @@ def _settled(study: Study, full: Motion) -> Motion:
         return full
     vectors, motion = study.basis.vectors, study.motions["reduced"]
     found, said = settled_full_motion(study.solid, vectors, study.model, study.scene, motion, full)
-    study.warnings.extend([said] if said else [])
+    study.warnings.extend([Note(NoteKind.UNSETTLED, said)] if said else [])
     return found
 
 
@@ -126,7 +127,7 @@ def fit_size(run: Run) -> None:
     _describe(study, "reduced")
 
 
-def _strain_warnings(study: Study, motion: Motion) -> list[str]:
+def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
     """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
     from fenicsrom.assess.errors.large_strains import LARGE_MOTION, motion_warnings
 
@@ -152,7 +153,8 @@ def compare_modes(study: Study) -> None:
     try:
         study.agreement = mode_agreement(study.solid, study.basis.vectors)
     except (AccuracyError, ConvergenceError) as error:
-        study.warnings.append(f"the modes of the full model were not compared: {error}")
+        text = f"the modes of the full model were not compared: {error}"
+        study.warnings.append(Note(NoteKind.LEFT_OUT, text))
 
 
 def _model(study: Study, name: str) -> Any:
@@ -213,7 +215,7 @@ def check(study: Study) -> None:
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
-    from fenicsrom.assess.errors.verdicts import estimate_errors
+    from fenicsrom.assess.errors.verdicts import contact_notes, estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
     name, scene, motions = "", found.scene, found.motions
@@ -225,10 +227,11 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
         estimate_errors(found.model, found.candidates, scene, motion, found.errors, basis, meshes)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
+    found.warnings.extend(contact_notes(scene, found.errors, motion))
     return None
 
 
-def slower_than_solid(study: Study) -> list[str]:
+def slower_than_solid(study: Study) -> list[Note]:
     """Warn of a reduced model whose time steps take longer than those of the full model.
 
     Only where the motion took long, and the full model did not run. Collective.

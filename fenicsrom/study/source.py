@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.notes import Note
 from fenicsrom.scene import Scene
 from fenicsrom.study.building import resize
 from fenicsrom.study.execution import build_model, offline
@@ -28,7 +29,7 @@ class Source:
     """
 
     stored: StoredModel
-    warnings: list[str]
+    warnings: list[Note]
     study: Study | None
 
     @property

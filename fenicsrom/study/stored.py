@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.study import writing
 from fenicsrom.study.execution import execute
 from fenicsrom.study.motions import checked, integrated
@@ -134,10 +135,11 @@ def _find_stresses(run: Run) -> None:
     found: Rerun = run.study
     stored, warnings = found.stored, found.warnings
     if stored.recovery is None:
-        warnings.append(
+        text = (
             "the stored model has no stresses: it was made from a scene with output.stresses = "
             '"none"; run that scene again with another value'
         )
+        warnings.append(Note(NoteKind.LEFT_OUT, text, "output.stresses"))
         return
     modes = stored.normal_modes
     found.stresses = find_stresses(stored.recovery, found.scene, stored.model, found.motion, modes)

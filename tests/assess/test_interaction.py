@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,11 @@ from numpy.typing import NDArray
 from support import beam_scene, refusal
 
 from fenicsrom import study
+from fenicsrom.assess.studies import interaction
 from fenicsrom.assess.studies.interaction import InteractionMap, map_speeds
-from fenicsrom.assess.studies.map_line import WEARING, Line, verdict_of_last
+from fenicsrom.assess.studies.map_line import PERIOD, UNSETTLED, WEARING, Line, verdict_of_last
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.notes import PEAK_FORCE, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -235,6 +238,24 @@ def test_checked_line_has_its_distance_from_finer_elements(steady: str) -> None:
     assert apart.max() > 0.01 * size
     np.testing.assert_allclose(line.by_mesh, apart, rtol=0, atol=1e-4 * size)
     assert line.errors.max() >= line.by_mesh.max() / size
+
+
+def test_speeds_that_did_not_settle_cast_doubt_on_the_map() -> None:
+    """Nine of ten; the errors of the peak force of a checked speed concern this force alone."""
+    checked = {"errors": np.zeros(3), "worn_errors": np.zeros(0), "coexists": False}
+    lines = [
+        SimpleNamespace(verdict=verdict, speed_rpm=100.0 * k, force_error=0.2, **checked)
+        for k, verdict in enumerate([PERIOD, *[UNSETTLED] * 9])
+    ]
+    found: Any = SimpleNamespace(lines=lines, scene=beam_scene(2))
+    unsettled, force = interaction._warnings(found)
+    assert unsettled.startswith("9 of 10 speeds, 100 to 900 rpm: ")
+    assert unsettled.kind is NoteKind.UNSETTLED and unsettled.quantity == ""
+    assert force.startswith("10 of 10 checked speeds, 0 to 900 rpm")
+    assert force.quantity == PEAK_FORCE
+    lines[0].force_error = 0.0
+    found.lines = lines[:1]
+    assert interaction._warnings(found) == []
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from support import beam_scene, linear_model, oscillator
 
 from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, TRUSTED, verdict_of
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
@@ -95,7 +96,7 @@ def test_estimate_of_a_transient_covers_its_error(touching: bool) -> None:
 def test_resumed_run_is_judged_by_its_own_record() -> None:
     model, scene, motion = struck(0.01, True)
     late = motion.time >= 1.5
-    names = ("time", "displacement", "force")
+    names = ("time", "displacement", "force", "friction_dissipation", "probe")
     resumed = replace(motion, **{name: getattr(motion, name)[late] for name in names})
     assert 0.0 < measures.peak_normal_force(resumed) < 0.5 * measures.peak_normal_force(motion)
     whole, part = (
@@ -103,6 +104,35 @@ def test_resumed_run_is_judged_by_its_own_record() -> None:
         estimates.step_errors(model, scene, resumed),
     )
     assert part.peak_force < 0.1 and part.amplitude < 10.0 * whole.amplitude
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [((0.17, 0.13), "17 % by the time step and 13 % by the mesh"), ((np.inf, 0.01), "unknown by")],
+)
+def test_large_error_of_the_peak_force_casts_doubt_on_it_alone(
+    force: tuple[float, float], said: str
+) -> None:
+    _, scene, motion = struck(0.01, True)
+    step, mesh = (estimates.MotionErrors(0.02, size, (0.02, 0.03)) for size in force)
+    (note,) = verdicts.contact_notes(scene, {"time step": step, "mesh": mesh}, motion)
+    assert said in note and note.quantity == PEAK_FORCE
+    judged = verdict_of([note], quantities=[AMPLITUDES, *verdicts.contact_quantities(scene)])
+    assert judged.kind == "doubtful" and judged.quantities[AMPLITUDES] == TRUSTED
+    assert judged.quantities[PEAK_FORCE] == note
+    assert verdicts.contact_notes(scene, {"mesh": step._replace(peak_force=0.1)}, motion) == []
+
+
+def test_estimates_of_probe_and_dissipation_follow_the_motions() -> None:
+    """The other motion has 10 % more of both; the estimate is twice the difference."""
+    *_, motion = struck(0.01, True)
+    spent = np.linspace(0.0, 1.0, motion.time.size)
+    motion = replace(motion, friction_dissipation=spent)
+    assert motion.probe is not None
+    other = replace(motion, friction_dissipation=1.1 * spent, probe=1.1 * motion.probe)
+    nothing = estimates.MotionErrors(0.0, 0.0, (0.0, 0.0))
+    found = estimates.with_further(nothing, motion, other, 2.0)
+    assert (found.probe, found.dissipation) == pytest.approx((0.2, 0.2)) and found.worn == 0.0
 
 
 def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:

@@ -11,6 +11,9 @@ import pytest
 from motions import jenkins, side_by_side
 from support import beam_scene, contact_points
 
+from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.notes import DISSIPATION, PEAK_FORCE, PROBE
+from fenicsrom.online.motion.measures import has_contact
 from fenicsrom.post.run.motion_table import (
     PERIODS_NOTE,
     points_note,
@@ -56,12 +59,12 @@ def test_notes_of_the_table_say_what_its_periods_are() -> None:
         frequencies_hz=np.zeros(0),
     )
     assert PERIODS_NOTE in report(Rerun(stored, motion, {}, None, [])).text()
-    assert response_rows({}, {}, ["x", "y"]) == []
+    assert response_rows({}, {}, ["x", "y"], {}) == []
 
 
 def test_motion_without_a_period_counts_nothing_in_periods() -> None:
     motions = {"reduced": replace(jenkins(), period=None)}
-    head, row = response_rows(motions, {"reduced": 2}, ["x", "y"])
+    head, row = response_rows(motions, {"reduced": 2}, ["x", "y"], {})
     assert "J" in head and len(row) == len(head)
     shown = " ".join(head) + response_note(motions)
     assert "period" not in shown.lower() and "steady" not in shown
@@ -73,33 +76,53 @@ def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
     scene, pushed = beam_scene(2), jenkins(normal=5e-3)
     assert points_note({"reduced": one, "full": one}, scene) is None
     alone = points_note({"reduced": one}, probe)
-    assert alone is not None and "not of the probe" in alone
+    assert alone is not None and alone.endswith("the contact point and of the probe.")
     several = {"reduced": side_by_side(one, pushed, one), "beam": one}
     note = points_note(several, scene)
     assert note is not None
     assert "contact point 1;" in note and "3 points" in note and note.endswith("of point 2.")
     note = points_note(several | {"full": side_by_side(one, one, pushed)}, probe)
-    assert note is not None and "2 (reduced), 3 (full)" in note and "not of the probe" in note
+    assert (
+        note is not None and "2 (reduced), 3 (full)" in note and "point 1 and of the probe;" in note
+    )
 
 
 def test_table_of_estimates_has_a_row_for_each_direction_and_the_force() -> None:
-    errors: Any = {
-        name: SimpleNamespace(amplitude=size, directions=[2 * size, np.nan], peak_force=3 * size)
+    errors = {
+        name: MotionErrors(size, 3 * size, (2 * size, np.nan), dissipation=4 * size, probe=5 * size)
         for name, size in (("time step", 0.01), ("basis", 0.1))
     }
-    rows = estimate_rows(errors, jenkins(), ["normal x", "tangential y"])
+    probe = beam_scene(2, probe={"group": "tip", "at": "centre"})
+    rows = estimate_rows(probe, errors, jenkins(), ["normal x", "tangential y"])
     assert rows[0][1:] == ["time step %", "basis %"]
-    assert [row[0].split(", ")[-1] for row in rows[2:]] == ["normal x", "tangential y", rows[-1][0]]
+    named = ["normal x", "tangential y", PROBE, PEAK_FORCE, DISSIPATION]
+    assert [row[0].split(", ")[-1] for row in rows[2:]] == named
     assert [row[1:] for row in rows[1:]] == [
         ["1", "10"],
         ["2", "20"],
         ["unknown", "unknown"],
+        ["5", "50"],
         ["3", "30"],
+        ["4", "40"],
     ]
 
 
+def test_probe_beside_contact_points_has_columns_of_its_own() -> None:
+    touching = jenkins(normal=1e-3)
+    moved = np.column_stack([3e-3 * np.sin(touching.time), 0.0 * touching.time])
+    probe = replace(touching, probe=moved).at_probe()
+    assert probe is not None and not has_contact(probe)
+    names = ["normal x", "tangential y"]
+    head, row = response_rows({"full": touching}, {}, names, {"full": probe})
+    assert head[2:6] == ["normal x mm", "tangential y mm", "probe x mm", "probe y mm"]
+    part = touching.last_period()
+    half = 0.5e3 * np.ptp(moved[part, 0])
+    assert float(row[4]) == pytest.approx(half, rel=1e-4) and float(row[5]) == 0.0
+    assert touching.at_probe() is None
+
+
 def test_row_of_responses_has_the_order_of_the_directions() -> None:
-    head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"])
+    head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"], {})
     assert head[2:4] == ["normal x mm", "tangential y mm"]
     assert float(row[3]) == pytest.approx(8.0, rel=1e-3) and float(row[2]) < 2.0
 

@@ -156,12 +156,15 @@ def test_doubtful_run_keeps_its_warnings(
     (row,) = swept(model, tmp_path, ["time.steps_per_period=[10]"]).rows
     assert row["outcome"] == DOUBTFUL
     assert row["sentence"].startswith("time.steps_per_period") and "buckles" in row["sentence"]
+    assert [note[0] for note in row["notes"][:2]] == ["ERROR", "SEVERAL"]
 
 
 def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:
     found = swept(model, tmp_path, ["loads.0.frequency=[2, -1]", "loads.0.force=[1, 2]"])
     assert [row["outcome"] for row in found.rows] == [DONE, DONE, FAILED, FAILED]
     assert "frequency = -1" in found.rows[2]["sentence"]
+    failed = "a computation that failed, in 2 runs: 3, 4"
+    assert failed in found.warnings and failed in sweep_report.report(found).verdict.text
 
 
 def test_key_of_offline_stage_fails_on_stored_model(model: Path, tmp_path: Path) -> None:

@@ -28,7 +28,9 @@ from fenicsrom.assess.errors.sizing import (
     spare_coordinates,
     unreached,
 )
+from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, job_error
+from fenicsrom.notes import FREQUENCIES, PEAKS, Note, NoteKind
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
@@ -213,16 +215,17 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
         stored.labels,
     )
     if scene.time.steps_per_period is None:
-        found.warnings.append(
+        text = (
             f"The nonlinear mode uses {FALLBACK_STEPS} steps per period, because the scene does "
             "not set time.steps_per_period."
         )
+        found.warnings.append(Note(NoteKind.REMARK, text, "time.steps_per_period"))
     try:
         path = _path(problem, found, unit)
         try:
             _follow(path, found, unit)
         except ConvergenceError as error:
-            found.warnings.append(str(error))
+            found.warnings.append(Note(NoteKind.FAILED, str(error)))
             found.unfinished = error
         larger = _larger_model(found, stored, spare)
         if larger is not None:
@@ -231,16 +234,17 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
             if _replaces(again, found):
                 return again
             found.interrupted, found.unfinished = again.interrupted, again.unfinished
-            found.warnings.append(
+            text = (
                 f"The nonlinear mode is that of {counted(found.size, 'coordinate')}, which are too "
                 f"few for basis.accuracy; with {larger.size} it was not completed"
             )
+            found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
         if found.points and not found.interrupted:  # also the peaks of a mode that was lost
             _step_errors(problem, found, unit)
             _peaks(problem, found)
     except Exception as cause:
         failure = job_error(cause)
-        found.warnings.append(str(failure))
+        found.warnings.append(Note(NoteKind.FAILED, str(failure)))
         found.unfinished = found.unfinished or failure
     except KeyboardInterrupt:
         found.interrupted = True
@@ -481,6 +485,15 @@ def _step_errors(problem: Problem, found: Backbone, unit: float) -> None:
                     path.damping_ratio(finer) - point.damping_ratio,
                 )
             )
+    worst = max((abs(error.frequency) for error in found.step_errors), default=0.0)
+    if worst > FREQUENCY_ERROR:
+        text = (
+            f"half the time step changes the frequency by {in_percent(worst)} (at most "
+            f"{in_percent(FREQUENCY_ERROR)} casts no doubt): raise time.steps_per_period"
+        )
+        found.warnings.append(
+            Note(NoteKind.ERROR, text, "time.steps_per_period", quantity=FREQUENCIES)
+        )
 
 
 def _peaks(problem: Problem, found: Backbone) -> None:
@@ -513,8 +526,9 @@ def _peaks(problem: Problem, found: Backbone) -> None:
         )
         reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
         if reasons:
-            found.warnings.append(
+            text = (
                 f"{peak.value:g} times the loads: the curve over the frequency ended early "
                 f"({' and '.join(reasons)}), before the amplitude had fallen on both sides of the "
                 "peak; a larger amplitude may lie beyond."
             )
+            found.warnings.append(Note(NoteKind.WARNING, text, quantity=PEAKS))

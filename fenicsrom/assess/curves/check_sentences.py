@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fenicsrom.assess.curves.trust import FOLD, Check, size_of
+from fenicsrom.assess.curves.trust import FOLD, LARGEST, Check, size_of
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
+from fenicsrom.notes import AMPLITUDES, Note, NoteKind
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.units import in_words
 from fenicsrom.words import counted
@@ -81,6 +82,36 @@ def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) ->
                 f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
                 f"{in_percent(limit)}): {advice}."
             )
+    return said
+
+
+def unknown_errors(curve_checks: Sequence[Check], title: str) -> list[Note]:
+    """Notes on errors that are unknown; only that of the largest amplitude casts doubt.
+
+    Args:
+        curve_checks: checks of a curve.
+        title: of the curve.
+    """
+    compared = [check for check in curve_checks if check.compared]
+    top = next((check for check in curve_checks if check.where == LARGEST), None)
+    said = []
+    if curve_checks and (top is None or top.step_error is None):
+        text = (
+            "the change of the largest amplitude by half the time step is unknown: its motion was "
+            "not found."
+        )
+        said.append(Note(NoteKind.UNCHECKED, text, curve=title, quantity=AMPLITUDES))
+    if unknown := sum(check.unknown for check in compared):
+        largest = any(check.unknown and check.where == LARGEST for check in compared)
+        named = f", {'among them ' * (unknown > 1)}the one of the largest amplitude" * largest
+        text = (
+            f"the change by a richer basis is unknown at {unknown} of "
+            f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "
+            f"method did not find {'it' if unknown == 1 else 'them'}; next to a fold there may be "
+            "none."
+        )
+        kind = NoteKind.UNCHECKED if largest else NoteKind.REMARK
+        said.append(Note(kind, text, curve=title, quantity=AMPLITUDES))
     return said
 
 

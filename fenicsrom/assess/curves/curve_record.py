@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from fenicsrom.assess.errors.mesh_check import MeshCheck
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Scene
 
@@ -25,7 +26,7 @@ class CurveRecord:
         contact_points: the contact points.
         steps: time steps of a period.
         seconds: run time.
-        warnings: sentences for the user.
+        warnings: notes for the user.
         unfinished: the error that ended the computation, or that of the first curve that was not
             found; None if there is none.
         interrupted: whether the run was asked to stop; the last curve is then incomplete.
@@ -40,7 +41,7 @@ class CurveRecord:
     contact_points: ContactPoints
     steps: int
     seconds: float = field(default=0.0, kw_only=True)
-    warnings: list[str] = field(default_factory=list, kw_only=True)
+    warnings: list[Note] = field(default_factory=list, kw_only=True)
     unfinished: ConvergenceError | AccuracyError | None = field(default=None, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
     files: list[Path] = field(default_factory=list, kw_only=True)

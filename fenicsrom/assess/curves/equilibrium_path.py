@@ -18,6 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, job_error
+from fenicsrom.notes import STABILITY, Note, NoteKind
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
@@ -71,7 +72,7 @@ class EquilibriumPath:
         reason: why the path ends: "end of the range", "displacement of the probe", "number of
             points", "no convergence" or "interrupted".
         seconds: run time.
-        warnings: sentences for the user.
+        warnings: notes for the user.
         unfinished: the error that ended the computation, or None.
         mesh_check: estimated error of the probe's linear deflection due to the mesh.
         interrupted: whether the run was asked to stop.
@@ -85,7 +86,7 @@ class EquilibriumPath:
     shapes: dict[str, Array] = field(default_factory=dict)
     reason: str = "interrupted"
     seconds: float = 0.0
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Note] = field(default_factory=list)
     unfinished: AccuracyError | ConvergenceError | None = None
     mesh_check: MeshCheck = field(default_factory=MeshCheck)
     interrupted: bool = False
@@ -159,17 +160,19 @@ def equilibrium_path(
     sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
     found = EquilibriumPath(scene, body.free, body, warnings=list(body.warnings))
     if dropped := sum(not load.static for load in scene.loads):
-        found.warnings.append(f"{dropped} of the loads vary in time and do not act on the path")
+        text = f"{dropped} of the loads vary in time and do not act on the path"
+        found.warnings.append(Note(NoteKind.REMARK, text))
     lowest = -table.last if table.lowest is None else table.lowest
     try:
         follower = PathFollower(body, sizes, lowest, table.last)
         _follow(follower, body, found, stop, visit)
         if follower.equations.asymmetry > SYMMETRIC:
-            found.warnings.append(
+            text = (
                 "the follower pressures have no potential: the tangent stiffness is not "
                 "symmetric, and the negative pivots, which tell stable from unstable equilibria, "
                 "are those of its symmetric part"
             )
+            found.warnings.append(Note(NoteKind.WARNING, text, quantity=STABILITY))
     except Exception as error:
         if comm.size > 1 and not isinstance(error, ConvergenceError):
             raise  # the other ranks would wait for this one

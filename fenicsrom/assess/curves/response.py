@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.check_sentences import contradictions, inaccuracies
+from fenicsrom.assess.curves.check_sentences import contradictions, inaccuracies, unknown_errors
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
@@ -115,10 +115,11 @@ def response(
         scene.time.steps_per_period or FALLBACK_STEPS,
     )
     if scene.time.tolerance is not None:
-        found.warnings.append(
+        text = (
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
             "step, and the scene asks for an adaptive one."
         )
+        found.warnings.append(Note(NoteKind.REMARK, text, "time.tolerance"))
     jobs = _jobs(stored, state, resume, richer)
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
@@ -127,7 +128,7 @@ def response(
         error = outcome.error or _incomplete(scene, outcome.curve)
         if error is not None:
             title = curve_title(scene, outcome.curve.value)
-            found.warnings.append(Note(NoteKind.WARNING, str(error), curve=title))
+            found.warnings.append(Note(NoteKind.FAILED, str(error), curve=title))
             found.unfinished = found.unfinished or error
     found.curves = [outcome.curve for outcome in outcomes if outcome.curve.points]
     _leave_out_unresolved(found)
@@ -135,7 +136,7 @@ def response(
     found.warnings += [*_light_modes(stored), *_one_speed(scene)]
     _warn_of_errors(found)
     _warn_of_peaks(found, stored)
-    found.warnings[:] = joined_notes(found)
+    found.warnings = joined_notes(found)
     found.seconds = working_time() - begin
     return found
 
@@ -217,7 +218,7 @@ def _warn_of_wide(found: Response) -> None:
             found.warnings.append(Note(NoteKind.ERROR, text, curve=title, quantity=EVENTS))
 
 
-def _light_modes(stored: StoredModel) -> list[str]:
+def _light_modes(stored: StoredModel) -> list[Note]:
     """A sentence on hardly damped higher modes that a harmonic of the loads excites."""
     scene = stored.scene
     table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
@@ -249,18 +250,20 @@ def _light_modes(stored: StoredModel) -> list[str]:
         f"them a ratio of {ENOUGH:g}."
     )
     reason = f"Harmonics of the loads excite lightly damped modes{stuck}"
-    return [f"{reason}: {'; '.join(found)}; {advice}"] if found else []
+    text = f"{reason}: {'; '.join(found)}; {advice}"
+    return [Note(NoteKind.REMARK, text, "damping")] if found else []
 
 
-def _one_speed(scene: Scene) -> list[str]:
+def _one_speed(scene: Scene) -> list[Note]:
     """A sentence on a curve over the frequency of an engine order, along which the speed stays."""
     ordered = any(isinstance(load.frequency, OrderFrequency) for load in scene.loads)
     if scene.rotation is None or not ordered or response_table(scene).parameter != "frequency":
         return []
-    return [
+    text = (
         "The frequency of an engine order changes along the curve, but the stiffness by rotation "
         f"stays that of {scene.rotation.speed_rpm:g} rpm: only the motion at this speed is right."
-    ]
+    )
+    return [Note(NoteKind.WARNING, text, "response.parameter")]
 
 
 def _warn_of_errors(found: Response) -> None:
@@ -273,6 +276,7 @@ def _warn_of_errors(found: Response) -> None:
             for text in judge(curve.checks, found.scene, found.table.parameter)
         ]
         found.warnings += said
+        found.warnings += unknown_errors(curve.checks, title)
         if said and found.unfinished is None:
             found.unfinished = AccuracyError(f"response: {title}{said[0]}")
 

@@ -11,7 +11,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
 from fenicsrom.assess.curves.trust import LARGEST, Check
-from fenicsrom.notes import Note, note_of
+from fenicsrom.notes import Note
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.forced_peak import ForcedPeak
 from fenicsrom.online.periodic.shooting import largest_multiplier
@@ -164,7 +164,7 @@ def joined_titles(found: Response, titles: Sequence[str]) -> str:
 def joined_notes(found: Response) -> list[Note]:
     """The notes with the titles of their curves; equal ones of several curves are one."""
     same: dict[str, list[Note]] = {}
-    for note in map(note_of, found.warnings):
+    for note in found.warnings:
         same.setdefault(note, []).append(note)
     return [
         notes[0].saying(f"{joined_titles(found, [note.curve for note in notes])}{text}")

@@ -15,8 +15,11 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.measures import (
+    NEGLIGIBLE,
     amplitude,
     at_rest,
+    friction_dissipation_per_period,
+    has_contact,
     has_settled,
     interpolated,
     is_unsteady,
@@ -75,6 +78,9 @@ class MotionErrors(NamedTuple):
         from_rest: the errors against the other model's own run from rest, where sliders that stick
             all the time are free: each error is from that with the same sliders to this one. None
             of a motion that is unique.
+        dissipation: error of the energy that friction dissipates in the last period.
+        worn: error of the largest worn depth.
+        probe: error of the amplitudes of the probe beside contact points.
     """
 
     amplitude: float
@@ -83,6 +89,9 @@ class MotionErrors(NamedTuple):
     shift: float = 0.0
     at_frequency: float = 0.0
     from_rest: MotionErrors | None = None
+    dissipation: float = 0.0
+    worn: float = 0.0
+    probe: float = 0.0
 
     @property
     def largest(self) -> float:
@@ -142,7 +151,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
         motion: the motion.
     """
     dimension = motion.displacement.shape[2]
-    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * dimension)
+    unknown = _unknown(dimension)
     coarse = coarser(scene)
     if coarse.time == scene.time and not at_rest(motion):
         return unknown  # a single step cannot be made longer
@@ -170,7 +179,41 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
     if np.isfinite(force) and _has_impacts(motion):
         force = max(force, _impact_error(model, coarse, motion, other))
-    return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
+    found = found._replace(amplitude=max(found.amplitude, least), peak_force=force)
+    return with_further(found, motion, other, 2.0)
+
+
+def _unknown(dimension: int) -> MotionErrors:
+    """The errors of a motion without an estimate."""
+    each = (np.inf,) * dimension
+    return MotionErrors(np.inf, np.inf, each, dissipation=np.inf, worn=np.inf, probe=np.inf)
+
+
+def with_further(found: MotionErrors, motion: Motion, other: Motion, factor: float) -> MotionErrors:
+    """Add the estimated relative errors of the dissipated energy, of the wear, and of the probe.
+
+    Energies that are `NEGLIGIBLE` beside the largest stored energy have no error.
+
+    Args:
+        found: the other errors.
+        motion: the motion.
+        other: the motion with which it is compared.
+        factor: of the differences.
+    """
+    ours, theirs = (friction_dissipation_per_period(m, _start(motion)) for m in (motion, other))
+    least = NEGLIGIBLE * float(np.max(motion.kinetic + motion.elastic, initial=0.0))
+    apart = abs(ours - theirs) if max(ours, theirs) > least else 0.0
+    depths = [0.0 if m.end is None or m.end.worn is None else m.end.worn for m in (motion, other)]
+    deepest, other_deepest = (float(np.max(depth, initial=0.0)) for depth in depths)
+    probe, other_probe = motion.at_probe(), other.at_probe()
+    pairs: list[tuple[Array, Array]] = []
+    if has_contact(motion) and probe is not None and other_probe is not None:
+        pairs = _compared(probe, other_probe)
+    return found._replace(
+        probe=_errors(pairs, motion.displacement.shape[2], factor, relative_to=0).amplitude,
+        dissipation=factor * _relative(apart, ours),
+        worn=factor * _relative(abs(deepest - other_deepest), deepest),
+    )
 
 
 def _has_impacts(motion: Motion) -> bool:
@@ -422,10 +465,11 @@ def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
 def _times_distance(factor: float, motion: Motion, other: Motion | None) -> MotionErrors:
     """A factor times the distances of a motion from a better one; infinite without this one."""
     if other is None:
-        return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
+        return _unknown(motion.displacement.shape[2])
     found = distances(motion, other)
     each = tuple(factor * value for value in found.directions)
-    return MotionErrors(factor * found.amplitude, factor * found.peak_force, each)
+    scaled = MotionErrors(factor * found.amplitude, factor * found.peak_force, each)
+    return with_further(scaled, motion, other, factor)
 
 
 def distances(motion: Motion, other: Motion) -> MotionErrors:

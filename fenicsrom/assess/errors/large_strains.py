@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.stress import StressLaw
@@ -28,7 +29,7 @@ LARGE_MOTION = 0.1
 """The strains of a motion that is smaller than this part of the body are hardly large."""
 
 
-def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
+def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[Note]:
     """Say where the material is turned inside out, or is compressed so much that it softens.
 
     Args:
@@ -41,11 +42,12 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
     for where, state in states:
         if state.is_inverted:
             place = ", ".join(f"{x + 0.0:.4g}" for x in state.position)
-            return [
+            text = (
                 f"the material is turned inside out {where}: the volume ratio det F is "
                 f"{state.volume_ratio:.2g} at ({place}) m, where the St Venant-Kirchhoff law has "
                 "no meaning"
-            ]
+            )
+            return [Note(NoteKind.LAW, text)]
     compressed = [1.0 - state.smallest_stretch for _, state in states]
     extended = [state.largest_stretch - 1.0 for _, state in states]
     for strains, name, meaning in (
@@ -54,10 +56,11 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
     ):
         for (where, _), strain in zip(states, strains, strict=True):
             if strain > LARGE_STRAIN:
-                return [
+                text = (
                     f"the {name} strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
                     f"{100.0 * max(strains):.3g} %: the St Venant-Kirchhoff law {meaning}"
-                ]
+                )
+                return [Note(NoteKind.LAW, text)]
     return []
 
 
@@ -70,12 +73,12 @@ def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
     return body_deformation(solid, scene, solid.equilibrium)
 
 
-def equilibrium_warnings(found: Deformation | None) -> list[str]:
+def equilibrium_warnings(found: Deformation | None) -> list[Note]:
     """The sentences of `strain_warnings` on an equilibrium; none on an undeformed body."""
     return [] if found is None else strain_warnings([(EQUILIBRIUM, found)])
 
 
-def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) -> list[str]:
+def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) -> list[Note]:
     """The sentences of `strain_warnings` on the state of a motion with most elastic energy.
 
     Args:
@@ -94,7 +97,7 @@ def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) 
     return strain_warnings([(where, body_deformation(solid, scene, u))])
 
 
-def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:
+def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[Note]:
     """The sentences of `strain_warnings` on the states whose stresses were found.
 
     Args:

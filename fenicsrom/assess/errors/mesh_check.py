@@ -16,17 +16,15 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
-from fenicsrom.assess.errors.verdicts import MESH_ERROR, check_error, finer_mesh, in_percent
+from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, check_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.finer import FinerSolid
     from fenicsrom.fem.solid.solid import Solid
-
-FREQUENCY_ERROR = MESH_ERROR / 2.0
-"""Error of a frequency from which the user is warned: that of the stiffness is twice as large."""
 
 IN_A_NODE = 1e-6
 """A probe that moves by a smaller part of the largest displacement has no relative error."""
@@ -54,23 +52,26 @@ class MeshCheck:
             said.append(f"of the static deflection {in_percent(self.deflection)}")
         return f"Estimated error due to the mesh: {'; '.join(said)}." if said else ""
 
-    def warnings(self, scene: Scene) -> list[str]:
-        """One sentence if there is no estimate, or a frequency is too wrong; else none.
+    def warnings(self, scene: Scene, quantity: str = "") -> list[Note]:
+        """One note if there is no estimate, or a frequency is too wrong; else none.
 
         Args:
             scene: the scene, for the remedy.
+            quantity: what wrong frequencies cast doubt on; all by default.
         """
         if self.missing:
-            return [f"the error due to the mesh is not estimated: {self.missing}"]
+            text = f"the error due to the mesh is not estimated: {self.missing}"
+            return [Note(NoteKind.UNCHECKED, text)]
         worst = max(self.frequencies, default=0.0)
         if worst <= FREQUENCY_ERROR:
             return []
         mode = self.frequencies.index(worst) + 1
-        return [
+        text = (
             f"the mesh is too coarse: elements of degree {scene.geometry.degree + 1} change the "
             f"frequency of mode {mode} by {in_percent(worst / MESH_SAFETY)}: "
             f"{finer_mesh(scene, 2.0 * worst)}"
-        ]
+        )
+        return [Note(NoteKind.ERROR, text, "geometry", quantity=quantity)]
 
     def failure(self, scene: Scene) -> AccuracyError | None:
         """The error of a static deflection that is too wrong, or None.

@@ -1,10 +1,11 @@
 """Whether a motion is the only one: warnings of buckled equilibria and of sticking points."""
 
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.words import are, counted
 
 
-def multiplicity_warnings(name: str, motion: Motion) -> list[str]:
+def multiplicity_warnings(name: str, motion: Motion) -> list[Note]:
     """Warn that a model has another equilibrium or periodic motion than the one of a motion.
 
     Args:
@@ -14,7 +15,7 @@ def multiplicity_warnings(name: str, motion: Motion) -> list[str]:
     found = [_buckled_sentence(name, motion)] if motion.buckled else []
     if sentence := free_slider_sentence(name, motion):
         found.append(sentence)
-    return found
+    return [Note(NoteKind.SEVERAL, text) for text in found]
 
 
 def _buckled_sentence(name: str, motion: Motion) -> str:

@@ -30,7 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.estimates import MotionErrors, distances, step_fractions
+from fenicsrom.assess.errors.estimates import (
+    MotionErrors,
+    distances,
+    step_fractions,
+    with_further,
+)
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.problem import Problem
@@ -90,13 +95,14 @@ def near_resonance(
     if errors.amplitude < factor * STEEP * abs(shift):
         return errors
     found = distances(motion, other)
-    return MotionErrors(
+    near = MotionErrors(
         factor * found.amplitude,
         max(factor * found.peak_force, errors.peak_force if np.isinf(errors.peak_force) else 0.0),
         tuple(factor * value for value in found.directions),
         factor * abs(shift),
         errors.amplitude,
     )
+    return with_further(near, motion, other, factor)
 
 
 def same_phase(

@@ -25,6 +25,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.measures import has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of
@@ -76,7 +77,7 @@ class Sized:
         other: the motion of all coordinates of the stored model; None if there is none.
         errors: estimated errors due to the basis.
         energies: square roots of (1) of the coordinates that joined, by their labels.
-        warning: why the accuracy is not reached, or "".
+        warning: why the accuracy is not reached; None if it is.
     """
 
     stored: StoredModel
@@ -84,7 +85,7 @@ class Sized:
     other: Motion | None
     errors: MotionErrors
     energies: dict[str, float]
-    warning: str = ""
+    warning: Note | None = None
 
     @cached_property
     def sizes(self) -> list[NestedSize]:
@@ -213,7 +214,7 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
 
 
 def fitted(
-    stored: StoredModel, motion: Motion, stop: Callable[[], bool], warnings: list[str]
+    stored: StoredModel, motion: Motion, stop: Callable[[], bool], warnings: list[Note]
 ) -> Sized | None:
     """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
 
@@ -231,7 +232,8 @@ def fitted(
     try:
         found = sized(stored, motion, run)
     except (AccuracyError, ConvergenceError) as error:
-        warnings.append(f"a reduced model with more coordinates failed: {error}")
+        text = f"a reduced model with more coordinates failed: {error}"
+        warnings.append(Note(NoteKind.FAILED, text))
         return None
     if found is not None and found.warning:
         warnings.append(found.warning)
@@ -249,7 +251,7 @@ def can_grow(stored: StoredModel, spare: int) -> bool:
     return basis.adapts and basis.size is None and len(stored.further) > spare
 
 
-def unreached(stored: StoredModel, error: float, limit: float) -> str:
+def unreached(stored: StoredModel, error: float, limit: float) -> Note:
     """The warning that a model cannot reach its accuracy.
 
     Args:
@@ -259,10 +261,11 @@ def unreached(stored: StoredModel, error: float, limit: float) -> str:
     """
     known = counted(stored.size + len(stored.further), "coordinate")
     found = f"estimated as {in_percent(error)}" if np.isfinite(error) else "not known"
-    return (
+    text = (
         f"basis.accuracy = {limit:g} is not reached with {stored.size} of the {known} that the "
         f"model holds: the error is {found}; run the scene with a larger basis.modes to reach it"
     )
+    return Note(NoteKind.ERROR, text, "basis.accuracy")
 
 
 def coordinate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:

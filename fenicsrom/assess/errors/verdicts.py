@@ -15,11 +15,14 @@ amplitude between motions of the same phase and for twice the shift of the frequ
 (`fenicsrom.assess.errors.resonance`). A model without a mesh, and a body that is too large for
 finer elements, have no estimate of the mesh error; the run says so. A run that has not reached the
 stable periodic motion that Newton's method found has no estimates. Otherwise it ends with exit code
-1; its files are written, and say why. The estimates of the largest normal force are printed and do
-not decide.
+1; its files are written, and say why.
+
+The estimates of the largest normal force, of the dissipated energy and of the worn depth refuse no
+run. Above `CONTACT_ERROR`, or `UNSETTLED_ERROR` of a motion that does not settle, they cast doubt
+on these quantities, and the verdict says so.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +40,7 @@ from fenicsrom.assess.errors.estimates import (
 )
 from fenicsrom.assess.errors.resonance import near_resonance
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.notes import DISSIPATION, PEAK_FORCE, PROBE, WEAR, Note, NoteKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import is_unsteady, misses_motion
 from fenicsrom.online.motion.motion import Motion
@@ -54,9 +58,29 @@ UNSETTLED_ERROR = 0.5
 BASIS_ERROR = 0.05
 # largest accepted relative error of the amplitudes due to the mesh
 MESH_ERROR = 0.1
+# error of a frequency that casts doubt: that of the stiffness is twice as large
+FREQUENCY_ERROR = MESH_ERROR / 2.0
 # the same of the root mean squares of a motion that does not settle: half of `UNSETTLED_ERROR`,
 # because both models take the same steps, and a basis that misses more is too small
 UNSETTLED_BASIS_ERROR = 0.25
+
+# largest error of a quantity of the contact that casts no doubt on it
+CONTACT_ERROR = 0.1
+
+CONTACT = {
+    PROBE: "probe",
+    PEAK_FORCE: "peak_force",
+    DISSIPATION: "dissipation",
+    WEAR: "worn",
+}
+"""The quantities beside the amplitudes of contact points, and their estimates in `MotionErrors`."""
+
+REMEDIES = {
+    "time step": "shorter steps",
+    "basis": "a larger basis.modes",
+    "mesh": "smaller elements at the contact",
+}
+"""What lowers an error of each cause."""
 
 LIMITS = {
     "time step": (TIME_ERROR, UNSETTLED_ERROR),
@@ -191,6 +215,43 @@ def check_error(
 
 Sentence = tuple[str, str, ErrorKind, str]
 """What is wrong, what to do, and the kind and the key of an error."""
+
+
+def contact_quantities(scene: Scene) -> list[str]:
+    """The quantities of `CONTACT` that a scene has."""
+    if not scene.contacts:
+        return []
+    probe, worn = [PROBE] * (scene.probe is not None), [WEAR] * scene.wears
+    return [*probe, PEAK_FORCE, DISSIPATION, *worn]
+
+
+def contact_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion) -> list[Note]:
+    """Notes on the quantities of the contact whose estimated errors cast doubt on them.
+
+    Args:
+        scene: the scene of the motion.
+        errors: the estimates by their causes.
+        motion: the motion.
+    """
+    allowed, found = UNSETTLED_ERROR if is_unsteady(motion) else CONTACT_ERROR, []
+    for quantity in contact_quantities(scene):
+        name = CONTACT[quantity]
+        sizes = {
+            cause: max(float(getattr(each, name)) for each in (error, error.from_rest or error))
+            for cause, error in errors.items()
+        }
+        large = {cause: size for cause, size in sizes.items() if not size <= allowed}
+        if large:
+            said = " and ".join(
+                f"{in_percent(size) if np.isfinite(size) else 'unknown'} by the {cause}"
+                for cause, size in large.items()
+            )
+            text = (
+                f"the estimated error of the {quantity} is {said} (at most {in_percent(allowed)} "
+                f"casts no doubt); {' and '.join(REMEDIES[cause] for cause in large)} may lower it"
+            )
+            found.append(Note(NoteKind.ERROR, text, quantity=quantity))
+    return found
 
 
 def _step_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:

@@ -33,6 +33,7 @@ from fenicsrom.assess.rotation.mode_names import mode_names
 from fenicsrom.assess.rotation.range_body import RangeBody, range_body
 from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.notes import CRITICAL, FREQUENCIES, Note, NoteKind
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
@@ -70,7 +71,7 @@ class Campbell:
         mesh_check: estimated errors of the frequencies at the first speed due to the mesh.
         unknowns: free unknowns of the mesh, or coordinates of a model for a range of speeds.
         seconds: run time.
-        warnings: sentences for the user.
+        warnings: notes for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
         body: the solid; None with a model for a range of speeds.
         files: the written files, the one to open first at the head.
@@ -88,7 +89,7 @@ class Campbell:
     mesh_check: MeshCheck
     unknowns: int
     seconds: float = 0.0
-    warnings: list[str]
+    warnings: list[Note]
     unfinished: Exception | None
     body: Solid | None
     files: list[Path] = field(default_factory=list)
@@ -211,14 +212,15 @@ def _find_critical_speeds(found: Campbell, solid: Solid | RangeBody, tracked: _T
 
     orders = found.scene.campbell.engine_orders
     found.critical, notes = critical_speeds(found.curves(), orders, solve)
-    found.warnings += notes
+    found.warnings += [Note(NoteKind.UNCHECKED, text, quantity=CRITICAL) for text in notes]
     speed = rotation.speed_rpm
     if 0.0 < speed and found.speeds_rpm[0] <= speed <= found.speeds_rpm[-1]:
         try:
             squares, _ = between(speed)
             found.operating_squares = squares[: found.squares.shape[1]]
         except (ConvergenceError, AccuracyError) as error:
-            found.warnings.append(f"no margins at {speed:g} rpm: {error}")
+            text = f"no margins at {speed:g} rpm: {error}"
+            found.warnings.append(Note(NoteKind.FAILED, text, quantity=CRITICAL))
 
 
 def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
@@ -339,29 +341,32 @@ def speeds_rpm(scene: Scene) -> Array:
     return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
 
 
-def _warnings(found: Campbell) -> list[str]:
+def _warnings(found: Campbell) -> list[Note]:
     """One sentence for each mode that was lost, may be confused with another, or is unstable."""
     warnings = []
     for mode in range(found.squares.shape[1]):
         lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)
         if lost.size:
             k = int(lost[0])
-            warnings.append(
+            text = (
                 f"mode {mode + 1} was lost between {found.speeds_rpm[k - 1]:g} and "
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
                 "use speeds that are closer together"
             )
+            warnings.append(Note(NoteKind.WARNING, text, quantity=FREQUENCIES))
         mac = found.mac[:, mode]
         for k in np.flatnonzero((mac >= LEAST_MAC) & (mac < DOUBTFUL_MAC)):
-            warnings.append(
+            text = (
                 f"mode {mode + 1} may have been swapped with another mode between "
                 f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "
                 f"{found.mac[k, mode]:.2f}): use speeds that are closer together to find out"
             )
+            warnings.append(Note(NoteKind.WARNING, text, quantity=FREQUENCIES))
         unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
         if unstable.size:
-            warnings.append(
+            text = (
                 f"mode {mode + 1} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: "
                 "the equilibrium is unstable"
             )
+            warnings.append(Note(NoteKind.UNSTABLE, text))
     return warnings

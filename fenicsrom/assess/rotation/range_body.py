@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.reduction.beam import DenseBody
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import counted
@@ -34,7 +35,7 @@ class RangeBody(DenseBody):
     def __init__(self, whole: RangeModel, omega: float):
         """Store the range model and move to the equilibrium at a speed in rad/s."""
         self.whole, self.free = whole, whole.model.size
-        self.mass, self.warnings = whole.model.mass, list[str]()
+        self.mass, self.warnings = whole.model.mass, list[Note]()
         self.spin(omega)
 
     def spin(self, omega: float) -> None:
@@ -92,9 +93,10 @@ def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
     found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
     asked = stored.scene.campbell.modes
     if asked is not None and asked > whole.modes:
-        found.warnings.append(
+        text = (
             f"campbell.modes = {asked}: the diagram has the "
             f"{counted(whole.modes, 'mode')} of the basis; for more, build the model with a larger "
             "basis.modes"
         )
+        found.warnings.append(Note(NoteKind.REMARK, text, "campbell.modes"))
     return found

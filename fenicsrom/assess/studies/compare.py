@@ -27,6 +27,7 @@ from fenicsrom.assess.errors.sizing import sized
 from fenicsrom.assess.full.full_cache import full_motion
 from fenicsrom.assess.studies.axes import require_motion
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
@@ -131,7 +132,7 @@ class Comparison:
         unknowns: free unknowns of the full model.
         points: the contact points.
         compilation: seconds of compilation and warming up; no other number contains them.
-        warnings: sentences for the user.
+        warnings: notes for the user.
         files: the written files, the one to open first at the head.
     """
 
@@ -142,7 +143,7 @@ class Comparison:
     unknowns: int
     points: ContactPoints
     compilation: float
-    warnings: list[str]
+    warnings: list[Note]
     files: list[Path] = field(default_factory=list)
 
     def rank_correlation(self, name: str = "indicator") -> float | None:
@@ -383,6 +384,9 @@ def compare(scene: Scene, comm: Any) -> Comparison:
         chosen = [combination for combination in wanted if combination.mesh == mesh]
         outcomes += compare_bases(workshop, scene, full, wanted=chosen)
     warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
+    if failed := sum(bool(outcome.failure) for outcome in outcomes):
+        text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
+        warned.append(Note(NoteKind.FAILED, text))
     seconds = cold["compilation"]
     return Comparison(scene, outcomes, full, full_run, solid.free, solid.points, seconds, warned)
 

@@ -24,12 +24,14 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.verdicts import CONTACT_ERROR
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
-from fenicsrom.assess.studies.map_line import Line, Place, steps_of
+from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.files import atomic_write
+from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.progress import log, time_left
@@ -40,6 +42,7 @@ from fenicsrom.words import brief, counted
 
 CHECKED = 10  # every so many speeds the errors are estimated
 COST = 7  # of a speed whose errors are estimated, in others
+FEW = 6  # most speeds that a note lists
 LARGE = 0.05  # estimated error of a cell, relative to the largest of its line, that is marked
 
 
@@ -58,7 +61,7 @@ class InteractionMap:
         reused: number of speeds of an earlier map.
         seconds: run time.
         interrupted: whether the map was interrupted.
-        warnings: sentences for the user.
+        warnings: notes for the user.
         unfinished: the error of a speed without a motion.
         files: the written files.
     """
@@ -72,7 +75,7 @@ class InteractionMap:
     reused: int = 0
     seconds: float = 0.0
     interrupted: bool = False
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Note] = field(default_factory=list)
     unfinished: Exception | None = None
     files: list[Path] = field(default_factory=list)
 
@@ -232,7 +235,8 @@ def interaction_map(
         for k, line in _computed(jobs, waiting, done, workers, stop, comm):
             if isinstance(line, Exception):
                 found.unfinished = found.unfinished or line
-                found.warnings.append(f"{jobs[k].speed_rpm:g} rpm: {line}")
+                text = f"{jobs[k].speed_rpm:g} rpm: {line}"
+                found.warnings.append(Note(NoteKind.FAILED, text))
                 continue
             done[k] = line
             part = sum(cost.get(k, 0) for k in done) / max(sum(cost.values()), 1)
@@ -248,7 +252,8 @@ def interaction_map(
     except KeyboardInterrupt:
         found.interrupted = True
     if found.unfinished and table.start != "rest" and len(done) + 1 < len(jobs):
-        found.warnings.append("The map ends there: no other speed has a start.")
+        text = "The map ends there: no other speed has a start."
+        found.warnings.append(Note(NoteKind.FAILED, text))
     found.lines = sorted(done.values(), key=lambda line: line.speed_rpm)
     found.warnings += _warnings(found)
     found.seconds = clock.perf_counter() - begin
@@ -312,22 +317,44 @@ def _kept(job: _Job) -> Line | None:
     return None
 
 
-def _warnings(found: InteractionMap) -> list[str]:
-    """Sentences on large errors and coexisting motions."""
+def _warnings(found: InteractionMap) -> list[Note]:
+    """Notes on motions that did not settle, on large errors and on coexisting motions."""
     checked = [line for line in found.lines if line.errors.size]
+    unsettled = [line for line in found.lines if line.verdict == UNSETTLED]
     wrong = [line for line in checked if line.errors.max() > LARGE]
+    rough = [line for line in checked if not line.force_error <= CONTACT_ERROR]
     several = [line for line in checked if line.coexists]
     unsure = [line for line in checked if line.worn_errors.max(initial=0.0) > LARGE]
-    above, said = f"have an estimated error above {100 * LARGE:g} % of the largest", []
-    for lines, sentence in (
-        (wrong, f"cells {above} amplitude"),
-        (unsure, f"worn depths {above} one"),
-        (several, "another start leads to another motion"),
+    above = f"have an estimated error above {100 * LARGE:g} % of the largest"
+    said = []
+    if unsettled:
+        text = (
+            f"{len(unsettled)} of {counted(len(found.lines), 'speed')}, {_rpm(unsettled)}: the "
+            f"motion did not settle in map.revolutions = {found.scene.map.revolutions}, so its "
+            "numbers are those of the last revolutions only: raise map.revolutions, or set "
+            'map.steady = "newton".'
+        )
+        said.append(Note(NoteKind.UNSETTLED, text, "map.revolutions"))
+    for lines, sentence, kind, quantity in (
+        (wrong, f"cells {above} amplitude", NoteKind.ERROR, AMPLITUDES),
+        (
+            rough,
+            f"the peak normal force has an estimated error above {100 * CONTACT_ERROR:g} %",
+            NoteKind.ERROR,
+            PEAK_FORCE,
+        ),
+        (unsure, f"worn depths {above} one", NoteKind.ERROR, WEAR),
+        (several, "another start leads to another motion", NoteKind.SEVERAL, ""),
     ):
         if lines:
-            speeds = ", ".join(f"{line.speed_rpm:g}" for line in lines)
-            said.append(
-                f"{counted(len(lines), 'speed')} of the {len(checked)} checked ones, {speeds} rpm: "
-                f"{sentence}."
-            )
+            text = f"{len(lines)} of {counted(len(checked), 'checked speed')}, {_rpm(lines)}: "
+            said.append(Note(kind, f"{text}{sentence}.", quantity=quantity))
     return said
+
+
+def _rpm(lines: list[Line]) -> str:
+    """The speeds of some lines in words."""
+    speeds = [f"{line.speed_rpm:g}" for line in lines]
+    if len(speeds) > FEW:
+        return f"{speeds[0]} to {speeds[-1]} rpm"
+    return f"{', '.join(speeds)} rpm"

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.surfaces import CYLINDER, penetration
@@ -78,6 +79,8 @@ class Line:
         worn_by_step: (nodes,) difference of the worn depth with half the step, m.
         other: amplitude of the motion from the other start, m; nan unchecked or not settled.
         seconds: CPU time.
+        force_error: estimated error of the largest normal force by the step and the basis, relative
+            to this force; 0 unchecked.
         end: (2, n) displacement and velocity at the end in the coordinates of the range model.
     """
 
@@ -99,6 +102,7 @@ class Line:
     other: float
     seconds: float
     end: Array
+    force_error: float = 0.0
 
     @property
     def errors(self) -> Array:
@@ -158,7 +162,7 @@ class Place:
         motion = self.march(model, steps, before, self._given(self.stored, before))
         radial = self.radial(motion, steps)
         verdict, period = verdict_of(motion, radial, steps)
-        late = motion.time > motion.time[-1] - (radial.shape[0] / steps) * self.revolution
+        late = self._late(motion, radial, steps)
         line = Line(
             self.speed_rpm,
             self.spectrum(radial, steps, period),
@@ -188,8 +192,11 @@ class Place:
             before = line  # to compare motions of one branch
         start = self._given(stored, before)
 
+        forces = []
+
         def spectrum(motion: Motion, count: int) -> Array:
             values = self.radial(motion, count)
+            forces.append(float(motion.force[self._late(motion, values, count), :, 0].max()))
             period = min(line.period, values.shape[0] // count)
             return np.abs(self.spectrum(values, count, period) - line.amplitudes)
 
@@ -205,12 +212,19 @@ class Place:
             _, model, numbers = meshes
             begin = start and tuple(np.where(np.array(numbers) >= 0, x[numbers], 0) for x in start)
             line = replace(line, by_mesh=spectrum(self.march(model, steps, before, begin), steps))
+        apart = sum(abs(force - line.peak_force) for force in forces)
+        line = replace(line, force_error=apart / line.peak_force if apart else 0.0)
         if checked and not wears:  # what another start wears is another history
             second = self.march(stored.model, steps, before, self._away(line.amplitude))
             other = self.radial(second, steps)
             if verdict_of(second, other, steps)[0] != UNSETTLED:
                 line = replace(line, other=half_range(other))
         return line
+
+    def _late(self, motion: Motion, radial: Array, steps: int) -> NDArray[np.bool_]:
+        """(ns,) whether a step belongs to the revolutions of the radial motion (m N, P)."""
+        since = motion.time[-1] - (radial.shape[0] / steps) * self.revolution
+        return np.asarray(motion.time > since)
 
     def march(
         self,

@@ -36,6 +36,7 @@ from fenicsrom.assess.jobs import run_jobs
 from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion, scales_of
 from fenicsrom.assess.studies.random_cases import random_cases
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion.motion import Motion
@@ -124,6 +125,13 @@ class Matrix:
     seconds: float
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[Note]:
+        """A note if runs are wrong or failed."""
+        wrong = self.count(Verdict.WRONG)
+        text = f"{wrong} of {counted(len(self.findings), 'run')} are silently wrong"
+        return [Note(NoteKind.ERROR, text)] if wrong else []
 
     def count(self, verdict: Verdict) -> int:
         """Number of runs with a verdict."""

@@ -15,9 +15,10 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.large_strains import equilibrium_warnings
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import fitted
-from fenicsrom.assess.errors.verdicts import estimate_errors
+from fenicsrom.assess.errors.verdicts import contact_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
+from fenicsrom.notes import Note, NoteKind, packed, unpacked
 from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -32,8 +33,9 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.variations import Axis
-from fenicsrom.words import brief
+from fenicsrom.words import brief, counted
 
+FEW = 8  # most runs that a note names
 DONE, DOUBTFUL, FAILED = "done", "doubtful", "failed"
 """Outcomes: all checks passed, a check did not pass, or there is no motion."""
 
@@ -83,6 +85,24 @@ class Sweep:
     seconds: float = 0.0
     interrupted: bool = False
     files: list[Path] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[Note]:
+        """For each kind of note and each quantity, the runs that have one."""
+        runs: dict[tuple[NoteKind, str], list[int]] = {}
+        for row in self.rows:
+            notes = unpacked(row.get("notes", ()))
+            for key in dict.fromkeys((note.kind, note.quantity) for note in notes):
+                runs.setdefault(key, []).append(row["run"])
+        return [
+            Note(
+                kind,
+                f"{kind.value}, in {counted(len(numbers), 'run')}: "
+                f"{', '.join(map(str, numbers[:FEW]))}{', ..' * (len(numbers) > FEW)}",
+                quantity=quantity,
+            )
+            for (kind, quantity), numbers in runs.items()
+        ]
 
     def with_outcome(self, *outcomes: str) -> list[dict[str, Any]]:
         """The rows with one of these outcomes."""
@@ -145,7 +165,8 @@ def row_of(run: SweepRun, found: Mapping[str, Any]) -> dict[str, Any]:
 
 def failure(error: Exception) -> dict[str, Any]:
     """The part of a row that tells of a run without a motion."""
-    return {"outcome": FAILED, "sentence": str(error)}
+    note = Note(NoteKind.FAILED, str(error))
+    return {"outcome": FAILED, "sentence": note, "notes": packed([note])}
 
 
 def keep(run: SweepRun, found: Mapping[str, Any]) -> None:
@@ -180,8 +201,8 @@ def model_of(path: Path, digest: str) -> StoredModel:
 def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
     """Integrate a model and measure its motion; a failed check makes the run doubtful.
 
-    The sentence holds the reason of the doubt and the warnings: of large strains in the
-    equilibrium, of buckling, and of points that stick all the time.
+    The notes are the reason of the doubt and the warnings: of large strains in the equilibrium, of
+    buckling, of points that stick all the time, and of doubtful contact forces.
     """
 
     def stop() -> bool:
@@ -193,8 +214,10 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     chosen = fitted(stored, motion, stop, warnings)
     if chosen is not None:
         stored, motion = chosen.stored, chosen.motion
-    found: dict[str, Any] = {"outcome": DONE, **_numbers(motion), "coordinates": stored.size}
+    found: dict[str, Any] = {"outcome": DONE, **_numbers(scene, motion), "coordinates": stored.size}
     warnings += multiplicity_warnings("reduced", motion)
+    if scene.period is not None and scene.time.steady_tolerance and not motion.steady:
+        warnings.append(Note(NoteKind.UNSETTLED, "the motion did not become periodic"))
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)
@@ -204,9 +227,10 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
         )
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
-        warnings.insert(0, str(error))
+        warnings.insert(0, Note(NoteKind.ERROR, str(error)))
+    warnings += contact_notes(scene, errors, motion)
     if warnings:
-        found["sentence"] = "; ".join(warnings)
+        found |= {"sentence": "; ".join(warnings), "notes": packed(warnings)}
     columns = {"step_error": "time step", "basis_error": "basis", "mesh_error": "mesh"}
     for column, cause in columns.items():
         if cause in errors:
@@ -215,7 +239,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     return found
 
 
-def _numbers(motion: Motion) -> dict[str, Any]:
+def _numbers(scene: Scene, motion: Motion) -> dict[str, Any]:
     """The numbers of a motion: amplitudes of the first contact point, or of the probe.
 
     The tangential amplitude is the amplitude of both directions together.
@@ -231,6 +255,9 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     else:
         axes = zip("xyz", first, strict=False)
         found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
+    if has_contact(motion) and scene.probe is not None and (probe := motion.at_probe()):
+        axes = zip("xyz", amplitude(probe), strict=False)
+        found |= {f"probe_amplitude_{axis}_m": float(value) for axis, value in axes}
     if motion.end is not None and motion.end.worn is not None:
         found["largest_worn_depth_m"] = float(np.max(motion.end.worn))
     search = {} if motion.search is None else search_summary(motion.search)

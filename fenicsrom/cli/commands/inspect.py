@@ -7,6 +7,7 @@ from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, command
 from fenicsrom.cli.output import target
 from fenicsrom.cli.printing import print_results
 from fenicsrom.cli.starting import inspected, positive
+from fenicsrom.notes import note_of
 
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 
@@ -30,7 +31,7 @@ def inspect(options: argparse.Namespace) -> int:
 
     density = positive(options.density, "--density")
     found = inspected(options)
-    warnings, files = list(found.warnings), []
+    warnings, files = [*map(note_of, found.warnings)], []
     if found.refusal is None:
         folder = target(options.output or f"out/{Path(options.mesh).stem}")
         picture = mesh_report.group_picture(found)

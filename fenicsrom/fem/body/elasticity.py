@@ -47,6 +47,7 @@ from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.scene import Scene
 
 CHUNK_BYTES = 50e6
@@ -95,12 +96,13 @@ class ElasticBody:
         self.mesh, self.source = mesh, scene.source
         self.geometry, self.material = scene.geometry, scene.material
         self.comm = mesh.domain.comm
-        self.warnings = list(mesh.warnings)
+        self.warnings = [*map(note_of, mesh.warnings)]
         if self.geometry.degree == 1:
-            self.warnings.append(
+            text = (
                 "linear elements lock in bending: frequencies may be several times too high (use "
                 "geometry.degree = 2)"
             )
+            self.warnings.append(Note(NoteKind.WARNING, text, "geometry.degree"))
         element = basix.ufl.element(
             "Lagrange", mesh.domain.basix_cell(), self.geometry.degree, shape=(self.dimension,)
         )
@@ -110,7 +112,8 @@ class ElasticBody:
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
         held = held_displacements(mesh, self.space, scene.supports, scene.source)
-        self.warnings += [held.apart] if held.apart else []
+        if held.apart:
+            self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
         self.clamped = held.unknowns[held.unknowns < self.local]

@@ -16,6 +16,7 @@ from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.mesh.mesh_data import NEAR
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Place, Region
 
 NO_SHARE = 1e-9
@@ -169,7 +170,8 @@ class Places:
             if name == "node":
                 reason = f"no node has the coordinates {list(wanted)}; {away}"
                 raise self._error(f"{key}.node", reason)
-            self._body.warnings.append(f"{body.source}: {key}.{name} = {list(wanted)}: {away}")
+            text = f"{body.source}: {key}.{name} = {list(wanted)}: {away}"
+            self._body.warnings.append(Note(NoteKind.WARNING, text, key))
         clamped = False
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):

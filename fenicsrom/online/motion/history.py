@@ -46,6 +46,7 @@ class History:
         newton_from: the time at which the periodic motion of Newton's method replaced the marched
             one, s, or None. The record at this time is that of the periodic motion. The sums (work
             and dissipated energies) go on; the state, and with it the stored energy, jumps.
+        probe: (ns, d) displacement of the probe in global axes, m; None if it is not known.
     """
 
     time: Array
@@ -61,6 +62,7 @@ class History:
     friction_dissipation: Array
     period: float | None = None
     newton_from: float | None = None
+    probe: Array | None = None
 
     def last_period(self) -> slice:
         """The steps of the last period, both ends included; without a period all steps."""
@@ -70,7 +72,7 @@ class History:
 HISTORY_ARRAYS: Mapping[str, str] = {
     KEYS.get(field.name, field.name): field.name
     for field in fields(History)
-    if field.name not in ("period", JUMP)
+    if field.name not in ("period", JUMP, "probe")
 }
 """The arrays of one model in `history.npz`, and the attribute of a `History` that each holds."""
 
@@ -128,5 +130,6 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
         values: dict[str, Any] = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
         jump = arrays.get(f"{name}_{JUMP}")
         newton_from = None if jump is None else float(jump)
-        found[name] = History(**values, period=period, newton_from=newton_from)
+        probe = arrays.get(f"{name}_probe")
+        found[name] = History(**values, period=period, newton_from=newton_from, probe=probe)
     return found

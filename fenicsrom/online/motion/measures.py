@@ -220,11 +220,10 @@ def peak_total_normal_force(motion: Motion) -> float:
     return float(motion.force[motion.last_period(), :, 0].sum(axis=1).max(initial=0.0))
 
 
-def friction_dissipation_per_period(motion: Motion) -> float:
-    """Energy dissipated by friction in the last period (or, if there is none, in all), J."""
-    if motion.period is None:
-        return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
-    begin, spent = motion.time[-1] - motion.period, motion.friction_dissipation
+def friction_dissipation_per_period(motion: Motion, since: float = 0.0) -> float:
+    """Energy dissipated by friction in the last period, J; arguments as `peak_normal_force`."""
+    begin = since if motion.period is None else motion.time[-1] - motion.period
+    spent = motion.friction_dissipation
     return float(spent[-1] - np.interp(begin, motion.time, spent))
 
 

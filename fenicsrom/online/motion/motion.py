@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -100,7 +100,16 @@ class Motion(History):
             numbers["coordinate_time"] = rows.time[-len(q) :]
         found = rows.displacement if rows.displacement.shape[1] else rows.probe[:, None, :]
         rubbed = rows.friction_dissipation
+        numbers["probe"] = rows.probe
         return cls(displacement=found, point_friction_dissipation=rubbed, **numbers)
+
+    def at_probe(self) -> Motion | None:
+        """The motion of the probe without the contact points; None if it is not known."""
+        if self.probe is None:
+            return None
+        contact = ("force", "mean_force", "gap", "state", "point_friction_dissipation")
+        nothing = {name: getattr(self, name)[:, :0] for name in contact}
+        return replace(self, displacement=self.probe[:, None, :], **nothing)
 
     @property
     def load_period(self) -> float | None:

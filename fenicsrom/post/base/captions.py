@@ -6,6 +6,7 @@ CAPTIONS = {
     "setup": "The body with its supports, loads and contact points.",
     "motion": "Displacement of the contact point or probe. Where the motion repeats, this is its "
     "last period. Lines that lie on each other agree.",
+    "probe": "Displacement of the probe, beside that of the contact points.",
     "spectra": "The motion over time, and its spectrum beside the natural frequencies (dashed).",
     "section": "One point for each period of the load. A motion that repeats gives a few points, a "
     "quasi-periodic one a closed curve.",

@@ -68,7 +68,7 @@ def not_drawn(names: Sequence[str], in_space: bool = False) -> Note | None:
     return Note(NoteKind.NOT_DRAWN, f"{listed} not drawn: {reason}")
 
 
-def draw_pictures(pictures: Sequence[Picture], folder: Path, notes: list[str]) -> list[Drawn]:
+def draw_pictures(pictures: Sequence[Picture], folder: Path, notes: list[Note]) -> list[Drawn]:
     """Draw and write pictures; a picture that cannot be drawn gives a warning.
 
     Args:
@@ -101,7 +101,7 @@ def draw_pictures(pictures: Sequence[Picture], folder: Path, notes: list[str]) -
 
 
 @contextmanager
-def softly(name: str, notes: list[str]) -> Iterator[None]:
+def softly(name: str, notes: list[Note]) -> Iterator[None]:
     """Turn an error in the drawing of a picture into a warning: the numbers are written.
 
     Raises:

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.notes import Verdict, verdict_of
+from fenicsrom.notes import Note, Verdict, verdict_of
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import Folded, html_report, write_report
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures
@@ -66,6 +66,7 @@ class Report:
         varied: keys of the scene that its heading leaves out.
         more_rows: rows of other CSV files, by the name of the file.
         quantities: what the user reads, each with its own judgement; see `Verdict`.
+        unjudged: what the user reads and no check judges.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Report:
     varied: Collection[str] = ()
     more_rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     quantities: Sequence[str] = ()
+    unjudged: Sequence[str] = ()
 
     @property
     def scene(self) -> Scene:
@@ -88,9 +90,9 @@ class Report:
         return scene
 
     @cached_property
-    def warnings(self) -> list[str]:
+    def warnings(self) -> list[Note]:
         """Warnings for the user; a picture that cannot be drawn adds one."""
-        warnings: list[str] = getattr(self.found, "warnings", [])
+        warnings: list[Note] = getattr(self.found, "warnings", [])
         return warnings
 
     def write_numbers(self, folder: Path) -> list[Path]:
@@ -159,6 +161,7 @@ class Report:
             failure_of(self.found),
             interrupted=interrupted,
             quantities=self.quantities,
+            unjudged=self.unjudged,
         )
 
     def plot(self) -> Figure:

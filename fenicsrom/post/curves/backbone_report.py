@@ -6,6 +6,7 @@ import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
+from fenicsrom.notes import AMPLITUDES, FREQUENCIES, PEAKS
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
@@ -149,6 +150,7 @@ def report(found: Backbone) -> Report:
         summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
         [AMPLITUDES_NOTE],
+        quantities=[FREQUENCIES, AMPLITUDES, *([PEAKS] if found.peaks else [])],
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
+from fenicsrom.notes import DEFLECTION, STABILITY
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
@@ -118,6 +119,7 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         rows(found),
         summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
+        quantities=[DEFLECTION, STABILITY],
     )
 
 

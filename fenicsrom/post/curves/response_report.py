@@ -9,6 +9,16 @@ from typing import Any, NamedTuple
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.response_results import Response, ResponseCurve, curve_title
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.notes import (
+    AMPLITUDES,
+    DISSIPATION,
+    EVENTS,
+    PEAK_FORCE,
+    PEAKS,
+    STABILITY,
+    Note,
+    NoteKind,
+)
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
@@ -42,7 +52,7 @@ CHECKS_NOTE = (
     "far it moves, relative to the value of the parameter."
 )
 """What the table of estimated errors holds."""
-PEAKS = "Peaks over a second number"
+PEAKS_HEADING = "Peaks over a second number"
 
 
 def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
@@ -72,7 +82,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         [
             Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
             Section("Special points", [response_tables.event_table(found)], keys=keys),
-            Section(PEAKS, [peaks], keys=keys, terminal=False),
+            Section(PEAKS_HEADING, [peaks], keys=keys, terminal=False),
             Section("Full model", [response_tables.full_table(found)], keys=keys),
             Section(
                 "Estimated errors",
@@ -87,7 +97,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         if found.interrupted
         else [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
-            *([Picture(PEAKS, "peaks.png", lambda: peak_figure(found))] if peaks else []),
+            *([Picture(PEAKS_HEADING, "peaks.png", lambda: peak_figure(found))] if peaks else []),
             *([states] if found.contacts else []),
             Picture(
                 "Floquet multipliers",
@@ -99,6 +109,12 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         ],
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
+        quantities=[
+            *(AMPLITUDES, STABILITY),
+            *([EVENTS] if found.contacts else []),
+            *([PEAKS] if peaks else []),
+        ],
+        unjudged=[PEAK_FORCE, DISSIPATION] if found.contacts else [],
     )
 
 
@@ -178,7 +194,8 @@ def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMoti
         try:
             motions[name] = _motion(found, stored, curve, point)
         except ConvergenceError as error:
-            found.warnings.append(f"the motion {name} was not written: {error}")
+            text = f"the motion {name} was not written: {error}"
+            found.warnings.append(Note(NoteKind.NOT_DRAWN, text, name))
     return motions
 
 

@@ -15,7 +15,6 @@ from fenicsrom.assess.curves.response_results import (
     joined_titles,
     judged_multiplier,
 )
-from fenicsrom.assess.curves.trust import LARGEST
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
 from fenicsrom.post.base.tables import named, table_of
@@ -90,7 +89,7 @@ def sentences(found: Response) -> list[str]:
                 f"{_places(found, unsure)}: half the time step finds another one; increase "
                 "time.steps_per_period."
             )
-        lines += [*_changes(curve), *_unknown_errors(curve)]
+        lines += _changes(curve)
         free = sum(point.free_sliders > 0 for point in points)
         if free:
             lines.append(
@@ -145,27 +144,6 @@ def _changes(curve: ResponseCurve) -> list[str]:
         most = max(elsewhere, default=here)
         more = f", and other amplitudes by at most {in_percent(most)}" if most > here else ""
         lines.append(f"{what} changes this amplitude by {in_percent(here)}{more}.")
-    return lines
-
-
-def _unknown_errors(curve: ResponseCurve) -> list[str]:
-    """Sentences on the estimates of errors that are unknown."""
-    compared = [check for check in curve.checks if check.compared]
-    lines = []
-    if curve.checks and curve.step_error is None:
-        lines.append(
-            "The change of this amplitude by half the time step is unknown: its motion was not "
-            "found."
-        )
-    if unknown := sum(check.unknown for check in compared):
-        largest = any(check.unknown and check.where == LARGEST for check in compared)
-        named = f", {'among them ' * (unknown > 1)}the one of the largest amplitude" * largest
-        lines.append(
-            f"The change by a richer basis is unknown at {unknown} of "
-            f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "
-            f"method did not find {'it' if unknown == 1 else 'them'}. "
-            "Next to a fold there may be none."
-        )
     return lines
 
 

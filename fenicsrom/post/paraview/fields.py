@@ -180,6 +180,10 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     if study.scene.contacts and solid.comm.rank == 0:
         places, arrays = contact_places(study.points), contact_arrays(study, motion, contacts)
         files.append(write_points(folder, "contact_points", times, places, arrays))
+        if study.scene.probe is not None and motion.probe is not None:
+            moved = in_space(motion.probe[frame_rows(motion)])[:, None, :]
+            place = solid.probe_position[None]
+            files.append(write_points(folder, "probe", times, place, {DISPLACEMENT: moved}))
     return files
 
 

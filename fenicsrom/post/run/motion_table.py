@@ -33,7 +33,10 @@ def response_note(motions: Mapping[str, Motion]) -> str:
 
 
 def response_rows(
-    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str]
+    motions: Mapping[str, Motion],
+    sizes: Mapping[str, int],
+    names: Sequence[str],
+    probes: Mapping[str, Motion],
 ) -> list[list[Any]]:
     """Compose the table of responses; the first row is the header.
 
@@ -45,6 +48,7 @@ def response_rows(
         motions: model name -> motion.
         sizes: model name -> number of unknowns.
         names: names of the directions.
+        probes: model name -> motion of the probe, where it stands beside contact points.
     """
     repeats = has_period(motions)
     work = "J per period" if repeats else "J"
@@ -55,6 +59,10 @@ def response_rows(
         row = {"model": name, "size": sizes.get(name)}
         row |= {f"{direction} mm": None for direction in names}
         row |= {f"{direction} mm": a for direction, a in zip(names, amplitudes, strict=False)}
+        if name in probes:
+            moved = in_order(response_summary(probes[name])["amplitude_m"])
+            texts = zip("xyz", millimetres(moved), strict=False)
+            row |= {f"probe {axis} mm": text for axis, text in texts}
         contact = {
             **{f"{state} %": f"{100.0 * part:.1f}" for state, part in found["fraction"].items()},
             "peak N": f"{found['peak_normal_force_N']:.5g}",
@@ -71,9 +79,9 @@ def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
     """State to which contact points the numbers of the table belong; None if there is no choice."""
     touching = {name: motion for name, motion in motions.items() if has_contact(motion)}
     count = max((motion.state.shape[1] for motion in touching.values()), default=0)
-    if count < 2 and (not touching or scene.probe is None):
+    if not touching or (count < 2 and scene.probe is None):
         return None
-    probe = ", not of the probe" if scene.probe is not None else ""
+    probe = " and of the probe" if scene.probe is not None else ""
     if count < 2:
         return f"Amplitudes are those of the contact point{probe}."
     hardest = {}

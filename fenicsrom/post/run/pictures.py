@@ -48,6 +48,7 @@ from fenicsrom.post.run.motion_figures import (
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
 from fenicsrom.post.run.run_up import run_up_pictures
+from fenicsrom.post.run.summary import probe_motions
 from fenicsrom.post.run.wear import plot_wear, plot_wear_over_time
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
@@ -65,6 +66,8 @@ def motion_pictures(found: Study | Rerun) -> list[Picture]:
     names, work = direction_names(found.scene, points), working(found.scene)
     first = next(iter(motions.values()))
     listed = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names))]
+    if probes := probe_motions(found):
+        listed.append(Picture("Motion of the probe", "probe.png", lambda: plot_motion(probes)))
     if first.period is None and first.time.size >= LEAST_SAMPLES:
         draw = partial(plot_transient, first, found.frequencies_hz, names)
         listed.append(Picture("Spectra", "spectra.png", draw))

@@ -23,7 +23,7 @@ from fenicsrom.post.run.motion_table import (
 )
 from fenicsrom.post.run.pictures import motion_pictures
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE, estimate_rows, run_sentences
-from fenicsrom.post.run.summary import quantities, write_numbers
+from fenicsrom.post.run.summary import probe_motions, quantities, unjudged, write_numbers
 from fenicsrom.records import Rerun, Study
 
 TURN = "The body: choose a shape, turn it with the mouse"
@@ -40,10 +40,12 @@ class RunReport(Report):
 def report(found: Study | Rerun) -> Report:
     """The report of a run: tables and sentences, and the pictures of the motion."""
     motions, names = found.motions, direction_names(found.scene, found.points)
-    errors = estimate_rows(found.errors, motions["reduced"], names) if found.errors else []
+    errors: list[list[Any]] = []
+    if found.errors:
+        errors = estimate_rows(found.scene, found.errors, motions["reduced"], names)
     left_out_table = table_of({"stage": line.key, "reason": line} for line in found.left_out)
     periods = PERIODS_NOTE if has_period(motions) else None
-    table = response_rows(motions, found.sizes, names)
+    table = response_rows(motions, found.sizes, names, probe_motions(found))
     sections = [
         Section("Motions", [table, points_note(motions, found.scene), periods], top=True),
         Section("Estimated errors", [errors]),
@@ -64,6 +66,7 @@ def report(found: Study | Rerun) -> Report:
         listed,
         _notes(found),
         quantities=quantities(found),
+        unjudged=unjudged(found),
     )
 
 

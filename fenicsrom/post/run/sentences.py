@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import Sized
+from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import (
-    has_contact,
     has_settled,
     misses_motion,
     out_of_reach,
@@ -53,13 +54,15 @@ ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
     "friction_dissipation_per_period": "dissipation",
 }
-UNJUDGED = (
+UNJUDGED = Note(
+    NoteKind.UNCHECKED,
     "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
-    "basis is not estimated; run the scene again to store them"
+    "basis is not estimated; run the scene again to store them",
 )
-UNJUDGED_MATRICES = (
+UNJUDGED_MATRICES = Note(
+    NoteKind.UNCHECKED,
     "the error due to the reduction of the superelement is not estimated: the program that wrote "
-    "its matrices knows what they leave out"
+    "its matrices knows what they leave out",
 )
 
 FASTER = "use the full model (reference.full = true), or a smaller basis by a larger basis.accuracy"
@@ -125,11 +128,12 @@ def support_sentence(run: Study | Rerun) -> str | None:
 
 
 def estimate_rows(
-    errors: Mapping[str, MotionErrors], motion: Motion, names: Sequence[str]
+    scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion, names: Sequence[str]
 ) -> list[list[Any]]:
     """Compose the table of the estimated errors of the reduced model; the first row is the header.
 
     Args:
+        scene: the scene.
         errors: as `Study.errors`.
         motion: the motion of the reduced model.
         names: names of the directions.
@@ -144,8 +148,8 @@ def estimate_rows(
         found.append(["frequency of the resonance", *shifts])
     for k, name in enumerate(names):
         found.append([f"{what}, {name}", *_ranges(errors, partial(_along, k))])
-    if has_contact(motion):
-        found.append(["peak normal force", *_ranges(errors, lambda e: e.peak_force)])
+    for quantity in contact_quantities(scene):
+        found.append([quantity, *_ranges(errors, attrgetter(CONTACT[quantity]))])
     return found
 
 
@@ -219,12 +223,13 @@ def range_sentence(stored: StoredModel) -> str | None:
     )
 
 
-def range_warnings(stored: StoredModel) -> list[str]:
+def range_warnings(stored: StoredModel) -> list[Note]:
     """Warn of a model for a range of speeds that is less accurate than its basis shall be."""
     sentence, accuracy = range_sentence(stored), stored.scene.basis.accuracy
     if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
         return []
-    return [f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"]
+    text = f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"
+    return [Note(NoteKind.ERROR, text, "rotation.speeds_rpm")]
 
 
 def resumed_sentence(motion: Motion) -> str | None:
@@ -295,7 +300,7 @@ def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
     return f"{said}: the reduced model is slower than the solid; {FASTER}."
 
 
-def step_sentence(reduced: float, full: float) -> str | None:
+def step_sentence(reduced: float, full: float) -> Note | None:
     """State that a time step of the reduced model takes longer than one of the full model.
 
     Args:
@@ -303,14 +308,15 @@ def step_sentence(reduced: float, full: float) -> str | None:
         full: seconds of a time step of the full model.
 
     Returns:
-        The sentence; None if the reduced model is faster.
+        The note; None if the reduced model is faster.
     """
     if reduced < full:
         return None
-    return (
+    text = (
         f"a time step of the reduced model takes {reduced:.2g} s, one of the full model "
         f"{full:.2g} s: the reduced model is slower than the solid; {FASTER}"
     )
+    return Note(NoteKind.REMARK, text, "basis")
 
 
 def size_sentence(found: Sized) -> str:
@@ -361,7 +367,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     return [sentence for sentence in told if sentence]
 
 
-def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
+def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[Note]:
     """Warn of what limits the meaning of a complete motion.
 
     Args:
@@ -373,13 +379,15 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
     end = float(motion.time[-1])
     for number, contact in enumerate(scene.contacts):
         if contact.approach and contact.approach[-1][0] > end * (1.0 + 1e-9):
-            found.append(
+            text = (
                 f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
                 f"surface still moves until {contact.approach[-1][0]:.6g} s"
             )
+            found.append(Note(NoteKind.UNSETTLED, text, f"contacts.{number}.approach"))
     asked = scene.period is not None and scene.time.steady_tolerance
     if not motion.steady and asked and not misses_motion(motion):  # the error says so
-        found.append(unsteady_sentence(name, motion, scene))
+        text = unsteady_sentence(name, motion, scene)
+        found.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return found
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.sizing import Sized
+from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities
 from fenicsrom.notes import (
     AMPLITUDES,
     DEFLECTION,
     FREQUENCIES,
-    PEAK_FORCE,
     STABILITY,
     STRESSES,
-    WEAR,
     verdict_of,
 )
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
@@ -28,7 +27,6 @@ from fenicsrom.online.motion.measures import (
     absolute_displacement,
     amplitudes,
     errors_percent,
-    has_contact,
     point_summaries,
     response_summary,
 )
@@ -37,6 +35,7 @@ from fenicsrom.online.motion.wear import worn_under_points
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.report import failure_of, told
 from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
 from fenicsrom.post.paraview.fields import contact_places
@@ -66,7 +65,12 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
     if found.unfinished is not None:
         model, reason = found.unfinished
         contents["unfinished"] = {"model": model, "reason": str(reason)}
-    judged = verdict_of(found.warnings, failure_of(found), quantities=quantities(found))
+    judged = verdict_of(
+        found.warnings,
+        failure_of(found),
+        quantities=quantities(found),
+        unjudged=unjudged(found),
+    )
     contents |= told(judged, found.warnings)
     contents["provenance"] = found.stored.provenance if isinstance(found, Rerun) else provenance()
     return contents
@@ -77,14 +81,17 @@ def quantities(found: Study | Rerun) -> list[str]:
     reduced = found.motions.get("reduced")
     read = {
         AMPLITUDES: bool(found.motions),
-        PEAK_FORCE: reduced is not None and has_contact(reduced),
+        **dict.fromkeys(contact_quantities(found.scene), bool(found.motions)),
         STABILITY: reduced is not None and reduced.search is not None,
-        WEAR: bool(found.motions) and found.scene.wears,
         FREQUENCIES: found.frequencies_hz.size > 0,
         DEFLECTION: isinstance(found, Study) and found.deflection is not None,
-        STRESSES: found.stresses is not None,
     }
     return [name for name, is_read in read.items() if is_read]
+
+
+def unjudged(found: Study | Rerun) -> list[str]:
+    """The quantities of a run that a user reads, and whose errors are not estimated."""
+    return [] if found.stresses is None else [STRESSES]
 
 
 def _of_stages(study: Study) -> dict[str, Any]:
@@ -146,12 +153,14 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
 
     Returns:
         By the causes "time step", "basis" and "mesh": the error of the amplitudes (root mean
-        squares of a motion that does not settle). "peak force by the CAUSE" is the error of the
-        largest normal force, and "directions by the CAUSE" lists the errors of the amplitudes by
-        direction. Near a resonance (`fenicsrom.assess.errors.resonance`), "frequency by the CAUSE"
-        is the error of its frequency, and "at the frequency of the loads by the CAUSE" that of the
-        amplitude there. Where sliders are free, "from rest by the CAUSE" is the error of the
-        amplitudes against the other model's own run from rest.
+        squares of a motion that does not settle). "directions by the CAUSE" lists those by
+        direction. "probe", "peak force", "dissipation" and "worn by the CAUSE" are the errors of
+        the amplitudes of [probe] beside contact points, of the largest normal force, of the
+        dissipated energy and of the largest worn depth. Near a resonance
+        (`fenicsrom.assess.errors.resonance`), "frequency by the CAUSE" is the error of its
+        frequency, and "at the frequency of the loads by the CAUSE" that of the amplitude there.
+        Where sliders are free, "from rest by the CAUSE" is the error of the amplitudes against the
+        other model's own run from rest.
     """
 
     def percent(value: float) -> float | None:
@@ -159,7 +168,9 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
 
     found: dict[str, Any] = {name: percent(error.amplitude) for name, error in errors.items()}
     for name, error in errors.items():
-        found[f"peak force by the {name}"] = percent(error.peak_force)
+        for attribute in CONTACT.values():
+            key = f"{attribute.replace('_', ' ')} by the {name}"
+            found[key] = percent(getattr(error, attribute))
         found[f"directions by the {name}"] = [percent(value) for value in error.directions]
         if error.from_rest is not None:
             found[f"from rest by the {name}"] = percent(error.from_rest.amplitude)
@@ -193,6 +204,14 @@ def size_summary(found: Sized | None) -> dict[str, Any]:
     }
 
 
+def probe_motions(found: Study | Rerun) -> dict[str, Motion]:
+    """The motions of [probe] where they stand beside those of contact points."""
+    if found.scene.probe is None or not found.scene.contacts:
+        return {}
+    pairs = ((name, motion.at_probe()) for name, motion in found.motions.items())
+    return {name: motion for name, motion in pairs if motion is not None}
+
+
 def motions_summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the responses of all models, and the errors of the reduced against the full model."""
     response = {name: response_summary(motion) for name, motion in found.motions.items()}
@@ -201,6 +220,8 @@ def motions_summary(found: Study | Rerun) -> dict[str, Any]:
             pairs = zip(contact_places(found.points), point_summaries(motion), strict=True)
             listed = [{"position_m": position, **point} for position, point in pairs]
             response[name]["points"] = listed
+    for name, motion in probe_motions(found).items():
+        response[name]["probe_amplitude_m"] = in_order(amplitudes(motion))
     errors = errors_of(found.motions)
     return {"response": response} | ({"error_percent": errors} if errors else {})
 
@@ -244,6 +265,7 @@ def write_history(
     replaced the marched motion by the periodic one, where it did. If the supports of the scene
     move, `MODEL_support_displacement` (ns, d) is their displacement in global axes, and
     `MODEL_absolute_displacement` is the sum of this displacement and of `MODEL_displacement`.
+    With contact, `MODEL_probe` (ns, d) is the displacement of [probe] in global axes, m.
     With abradable layers, `MODEL_worn_depth` (ns, P) is that in front of each point, m.
 
     Raises:
@@ -257,6 +279,8 @@ def write_history(
     for name, motion in motions.items():
         if motion.newton_from is not None:
             arrays[f"{name}_{JUMP}"] = np.array(motion.newton_from)
+        if scene is not None and scene.contacts and scene.probe and motion.probe is not None:
+            arrays[f"{name}_probe"] = motion.probe
         if scene is not None and points is not None and moves_supports(scene):
             d = scene.geometry.dimension
             moved = support_displacement(scene.loads, motion.time, d)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.rotation.campbell import Campbell
+from fenicsrom.notes import CRITICAL, FREQUENCIES
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
@@ -206,4 +207,5 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         [dict(zip(columns, map(float, row), strict=True)) for row in numbers],
         summary(found),
         [Picture("Campbell diagram", "campbell.png", lambda: figure(found)), *more],
+        quantities=[FREQUENCIES, CRITICAL],
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
-from fenicsrom.notes import TRUSTED, VERDICTS, Verdict
+from fenicsrom.notes import TRUSTED, VERDICTS, Note, Verdict
 from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.origin import SCENE_FILE
@@ -102,7 +102,8 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
     found = [outcome(folder, folder.name if unique else str(folder)) for folder in folders]
     output.mkdir(parents=True, exist_ok=True)
     warnings = [f"{one.name}: {line}" for one in found for line in one.summary.get("warnings", ())]
-    drawn = draw_pictures(_pictures(found), output, warnings)
+    undrawn: list[Note] = []
+    drawn = draw_pictures(_pictures(found), output, undrawn)
     results, differing = results_table(found), differences(found)
     sections: list[tuple[str, list[Any]]] = [
         ("Results", [results, *drawn[:1]]),
@@ -110,7 +111,9 @@ def write(folders: Sequence[Path], output: Path) -> tuple[str, list[Path]]:
         *((picture.heading, [picture]) for picture in drawn[1:]),
     ]
     title = f"Comparison of {', '.join(one.name for one in found)}"
-    page = write_report(output / "report.html", title, sections, _verdict(found), warnings)
+    page = write_report(
+        output / "report.html", title, sections, _verdict(found), [*warnings, *undrawn]
+    )
     return text_table(results, 2), [page, *(picture.path for picture in drawn)]
 
 

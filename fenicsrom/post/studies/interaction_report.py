@@ -10,6 +10,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
 from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, WEARING, Line
 from fenicsrom.files import atomic_write
+from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
@@ -73,6 +74,7 @@ def rows(found: InteractionMap) -> list[dict[str, Any]]:
                 "verdict": line.verdict,
                 "period_revolutions": line.period or None,
                 **{f"{name}_error": error for name, error in _errors(line).items()},
+                "peak_force_error": line.force_error if line.errors.size else None,
                 "other_amplitude_m": other,
                 **wear_row(found, line),
                 **{f"mode_{k + 1}_free_hz": float(f) for k, f in enumerate(line.free_hz)},
@@ -279,7 +281,8 @@ def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
         OSError: the file cannot be written.
     """
     if (reason := missing_module("h5py")) is not None:
-        found.warnings.append(f"{path.name} was not written: {reason}.")
+        text = f"{path.name} was not written: {reason}."
+        found.warnings.append(Note(NoteKind.NOT_DRAWN, text, path.name))
         return []
     import h5py  # type: ignore[import-untyped]
 
@@ -322,4 +325,5 @@ def report(found: InteractionMap) -> Report:
         pictures,
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
         more_rows={"map_wear.csv": profile_rows(found)} if around else {},
+        quantities=[AMPLITUDES, PEAK_FORCE, *([WEAR] if found.rings else [])],
     )

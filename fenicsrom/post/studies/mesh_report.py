@@ -8,6 +8,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.inspection import Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, Physics
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture, softly
 from fenicsrom.post.base.tables import table_of, text_table
@@ -118,7 +119,7 @@ def group_picture(found: Inspection) -> Picture:
     return Picture("Mesh", "mesh.png", lambda: group_figure(*_drawn(found)), in_space=True)
 
 
-def write_group_page(found: Inspection, folder: Path, notes: list[str]) -> list[Path]:
+def write_group_page(found: Inspection, folder: Path, notes: list[Note]) -> list[Path]:
     """Write the page of a body in space to turn, or a note why it cannot be written.
 
     Raises:
@@ -127,7 +128,7 @@ def write_group_page(found: Inspection, folder: Path, notes: list[str]) -> list[
     if found.geometry.dimension != 3:
         return []
     if reason := missing_module("k3d", "pyvista"):
-        notes.append(f"{PAGE} was not written: {reason}")
+        notes.append(Note(NoteKind.NOT_DRAWN, f"{PAGE} was not written: {reason}", PAGE))
         return []
     with softly(PAGE, notes):
         return [write_text(folder / PAGE, group_page(*_drawn(found)))]

@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.verdicts import contact_quantities
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.notes import AMPLITUDES
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import Figure, line_styles, new_panels, styled
@@ -43,6 +45,10 @@ COLUMNS = (
     Column("amplitude_x_m", 1e3, "x mm", "amplitude in x, mm"),
     Column("amplitude_y_m", 1e3, "y mm", "amplitude in y, mm"),
     Column("amplitude_z_m", 1e3, "z mm", "amplitude in z, mm"),
+    *(
+        Column(f"probe_amplitude_{k}_m", 1e3, f"probe {k} mm", f"amplitude of the probe in {k}, mm")
+        for k in "xyz"
+    ),
     Column("peak_normal_force_N", 1.0, "peak N", "largest normal force, N"),
     Column("largest_multiplier", 1.0, "largest Floquet multiplier", ""),
 )
@@ -122,10 +128,14 @@ def report(found: Sweep) -> Report:
             Section("Doubtful and failed runs, and warnings", remarks(found)),
             Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
         ],
-        [{names.get(key, key): value for key, value in row.items()} for row in found.rows],
+        [
+            {names.get(key, key): value for key, value in row.items() if key != "notes"}
+            for row in found.rows
+        ],
         summary(found),
         [Picture("Results", "sweep.png", lambda: figure(found))] if drawn else [],
         varied=keys,
+        quantities=[AMPLITUDES, *contact_quantities(found.scene)],
     )
 
 
