@@ -3,7 +3,7 @@
     abaqus    .inp of Abaqus and CalculiX
     nastran   .bdf, .nas, .dat
     ansys     .cdb, and .dat or .inp with NBLOCK
-    vtk       .vtu, .vtk
+    meshio    .vtu, .vtk and other files of ParaView, .xdmf, .med, Exodus, and more
 
 `fem.mesh.gmsh_files` puts a `MeshFile` into gmsh, whatever its format was. Nothing here needs
 gmsh or dolfinx. A file is refused if a part of it that changes the mesh cannot be read; all other
@@ -23,11 +23,11 @@ from fenicsrom.formats.abaqus import read_abaqus
 from fenicsrom.formats.ansys import read_ansys
 from fenicsrom.formats.division import divided
 from fenicsrom.formats.mesh_file import Block, MeshFile
+from fenicsrom.formats.meshio_file import MODULES, read_meshio
 from fenicsrom.formats.missing_nodes import complete
 from fenicsrom.formats.nastran import read_nastran
 from fenicsrom.formats.parts import sorted_elements
 from fenicsrom.formats.text import reading
-from fenicsrom.formats.vtk import read_vtk
 
 READERS = {
     "abaqus": read_abaqus,
@@ -42,8 +42,7 @@ SUFFIXES = {
     ".nas": "nastran",
     ".dat": "nastran",
     ".cdb": "ansys",
-    ".vtu": "vtk",
-    ".vtk": "vtk",
+    **dict.fromkeys(MODULES, "meshio"),
 }
 """Formats by the suffix of the file; `_format` looks at the content as well."""
 
@@ -53,16 +52,16 @@ def read(path: Path) -> MeshFile:
 
     Returns:
         The mesh; for a finite-element model the cells of the highest dimension and the facets that
-        name groups, for a VTK file everything that it holds.
+        name groups, for a file that meshio reads everything that it holds.
 
     Raises:
         SceneError: the file cannot be read, has no cells, or has content that changes the mesh and
             is not supported.
     """
     form = _format(path)
-    if form == "vtk":
-        mesh = read_vtk(path)
-        if not mesh.blocks:
+    if form == "meshio":
+        mesh = read_meshio(path)
+        if max((block.shape.dimension for block in mesh.blocks), default=0) < 2:
             raise refuse(path, "the file has no cells; write the file with its mesh")
         mesh = divided(mesh)
     else:

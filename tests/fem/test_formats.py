@@ -24,6 +24,7 @@ from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.post.paraview.vtk import Attached, Grid, write_vtu
 from fenicsrom.scene import Geometry, Plane, Region, Scene, parse_scene
 from fenicsrom.scene.reading.paths import shared_meshes
 
@@ -415,6 +416,82 @@ def test_missing_meshio_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "meshio", None)
     with refusal(ErrorKind.DEPENDENCY, file="two.vtu", names="meshio"):
         read(path)
+
+
+WEDGE = """# vtk DataFile Version 3.0
+one quadratic wedge
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 15 double
+0 0 0 1 0 0 0 1 0 0 0 1 1 0 1 0 1 1
+0.5 0 0 0.5 0.5 0 0 0.5 0
+0.5 0 1 0.5 0.5 1 0 0.5 1
+0 0 0.5 1 0 0.5 0 1 0.5
+CELLS 1 16
+15 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14
+CELL_TYPES 1
+26
+"""
+
+
+def test_quadratic_wedge_is_read(tmp_path: Path) -> None:
+    (tmp_path / "wedge.vtk").write_text(WEDGE)
+    mesh = read(tmp_path / "wedge.vtk")
+    assert integral(mesh, 1.0) == pytest.approx(0.5) and "3 tetrahedra" in mesh.warnings[0]
+
+
+FIELDS = {
+    ".xdmf": "part",
+    ".med": "cell_tags",
+    ".mesh": "medit:ref",
+    ".vol": "netgen:index",
+    ".su2": "su2:tag",
+    ".avs": "avsucd:material",
+}
+"""The integer field of groups in each format that only meshio reads."""
+
+
+@pytest.mark.parametrize("suffix", FIELDS)
+def test_fields_of_other_formats_become_groups(suffix: str, tmp_path: Path) -> None:
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    cells = [("hexahedron", [[0, 4, 6, 2, 1, 5, 7, 3]]), ("quad", [[0, 1, 3, 2]])]
+    path, field = tmp_path / f"cube{suffix}", FIELDS[suffix]
+    tags = [-1, -2] if suffix == ".med" else [1, 7]
+    cube = meshio.Mesh(corners.astype(float), cells, cell_data={field: [[tag] for tag in tags]})
+    cube.cell_data[field] = [np.array(values) for values in cube.cell_data[field]]
+    cube.cell_tags = {-1: ["inner"], -2: ["x0"]}
+    cube.write(path)
+    mesh = read(path)
+    name = "x0" if suffix == ".med" else f"{field}:7"
+    assert integral(mesh, 1.0) == pytest.approx(1.0)
+    assert integral(mesh, 1.0, mesh.surface(name)) == pytest.approx(1.0)
+
+
+def test_file_of_paraview_with_texts_and_flags_is_read(tmp_path: Path) -> None:
+    """meshio reads neither the texts nor the raw arrays of these files."""
+    pyvista = pytest.importorskip("pyvista")
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    cells, points = np.array([[0, 4, 6, 2, 1, 5, 7, 3]]), corners.astype(float)
+    held = (points[:, 0] < 0.5).astype(np.int8)
+    written = Grid(points, cells, int(pyvista.CellType.HEXAHEDRON))
+    write_vtu(tmp_path / "own.vtu", written, Attached({"held": held}, notes={"unit": "in m"}))
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, points)
+    grid.point_data["held"], grid.field_data["unit"] = held, ["in m"]
+    grid.cell_data["flag"] = np.array([True])
+    grid.save(tmp_path / "theirs.vtu")
+    pyvista.MultiBlock([grid.extract_surface(algorithm=None), grid]).save(tmp_path / "both.vtm")
+    for name in ("own.vtu", "theirs.vtu", "both.vtm"):
+        mesh = read(tmp_path / name)
+        assert integral(mesh, 1.0, mesh.surface("held")) == pytest.approx(1.0)
+
+
+def test_missing_package_of_a_format_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "netCDF4", None)
+    (tmp_path / "part.e").write_text("CDF")
+    with refusal(ErrorKind.DEPENDENCY, file="part.e", names="netCDF4"):
+        read(tmp_path / "part.e")
 
 
 def test_doubled_nodes_warn_and_leave_pieces(tmp_path: Path) -> None:
