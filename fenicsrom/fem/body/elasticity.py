@@ -38,6 +38,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form
@@ -45,8 +46,8 @@ from fenicsrom.fem.base.linalg import add_to_diagonal
 from fenicsrom.fem.base.quadrature import quadrature_degree
 from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
-from fenicsrom.fem.body.supports import Slanted, conditions, held_displacements
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
+from fenicsrom.fem.mesh.mesh_data import ROUNDING, Mesh
 from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.scene import Scene
 
@@ -114,6 +115,8 @@ class ElasticBody:
         held = held_displacements(mesh, self.space, scene.supports, scene.source)
         if held.apart:
             self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
+        if mesh.sector is not None and not self._holds(held, *mesh.sector.places):
+            self.warnings.append(mesh.sector.note)
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
         self.clamped = held.unknowns[held.unknowns < self.local]
@@ -127,6 +130,16 @@ class ElasticBody:
         self._compile_forms()
         self.inertia = Inertia(self)
         self._turning = scene.rotation
+
+    def _holds(self, held: Held, *faces: Array) -> bool:
+        """Whether supports hold most corners (n, 3) of each face in a direction. Collective."""
+        nodes = np.union1d(held.unknowns // self.dimension, held.nodes)
+        x, near = self.space.tabulate_dof_coordinates()[nodes], ROUNDING * self.mesh.extent()
+        for places in faces:
+            touched = cKDTree(x).query(places)[0] <= near if len(x) else np.zeros(len(places), bool)
+            if np.mean(np.any(self.comm.allgather(touched), axis=0)) < 0.5:
+                return False
+        return True
 
     @property
     def extent(self) -> float:

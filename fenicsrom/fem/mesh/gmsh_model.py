@@ -26,6 +26,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     model_nodes,
     straight_places,
 )
+from fenicsrom.fem.mesh.sector import Sector, find_sector
 from fenicsrom.formats.mesh_file import unsupported
 from fenicsrom.formats.shapes import SHAPES, distinct, facet_kind
 from fenicsrom.formats.shapes import STRAIGHT as STRAIGHT_KINDS
@@ -56,6 +57,7 @@ class CleanModel:
         warnings: sentences for the user.
         node_sets: names of the node groups that are node sets alone.
         glued: names of the faces of a CAD file along which bodies are glued.
+        sector: set if the body is one sector of a disk.
     """
 
     facet_groups: dict[str, tuple[int, ...]]
@@ -65,6 +67,7 @@ class CleanModel:
     warnings: tuple[str, ...]
     node_sets: frozenset[str] = frozenset()
     glued: Collection[str] = ()
+    sector: Sector | None = None
 
 
 def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:
@@ -100,8 +103,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     corners = np.unique(cells[:, :vertices])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
+    boundary = boundary_facets(gmsh, d, in_cells[SOLID], given)
     if sets:
-        boundary = boundary_facets(gmsh, d, in_cells[SOLID], given)
         rows = _facets_of_sets(boundary, SHAPES[facet].nodes, sets) | rows
     facets, facet_tags, facet_groups = _combine(rows)
     sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in facet_groups.items()}
@@ -127,7 +130,10 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     }
     curves = group_entities(gmsh, source, 1) if d == 3 else {}
     alone = frozenset(sets.keys() - curves.keys())
-    return CleanModel(facet_groups, cell_groups, sizes, found, warnings, alone)
+    sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
+    sector = find_sector(points, sides) if d == 3 else None
+    of = facet_groups, cell_groups, sizes, found, warnings
+    return CleanModel(*of, alone, sector=sector)
 
 
 def _solid_cells(

@@ -15,6 +15,7 @@ from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.gmsh_queries import boundary_facets, elements_of, model_nodes, straight_kind
+from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
 from fenicsrom.scene import Geometry
@@ -79,6 +80,7 @@ class Inspection:
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.
         physics: materials, supports, masses and loads of a finite-element model.
+        sector: set if the body is one sector of a disk.
     """
 
     path: Path
@@ -99,6 +101,7 @@ class Inspection:
     boundary: Ints | None = None
     refusal: SceneError | None = None
     physics: Physics = field(default_factory=Physics)
+    sector: Sector | None = None
 
     @property
     def extent(self) -> float:
@@ -228,6 +231,7 @@ def _described(
     tags = np.concatenate(gmsh.model.mesh.getElements(d)[1])
     quality = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minSICN"))
     low, high = _pieces(cells, points[:, :d])
+    said = () if clean.sector is None else (clean.sector.note,)
     return replace(
         found,
         pieces=len(low),
@@ -235,9 +239,10 @@ def _described(
         quality=float(quality.min()),
         worst=points[cells[quality.argmin()]].mean(axis=0),
         groups=tuple(groups),
-        warnings=(*warnings, *clean.warnings, *filter(None, [apart(low, high)])),
+        warnings=(*warnings, *clean.warnings, *filter(None, [apart(low, high)]), *said),
         points=points,
         boundary=np.searchsorted(numbers, shown),
+        sector=clean.sector,
     )
 
 

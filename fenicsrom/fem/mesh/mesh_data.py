@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.scene import Region
 from fenicsrom.words import brief
 
@@ -46,6 +47,7 @@ class Mesh:
         node_sets: names of the node groups that are node sets of the file. Where the numbers of a
             contact are those of its nodes, each of their nodes counts as one, on an edge too.
         glued: names of the faces of a CAD file along which bodies are glued.
+        sector: set if the body is one sector of a disk.
     """
 
     domain: dolfinx.mesh.Mesh
@@ -58,6 +60,7 @@ class Mesh:
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
     node_sets: frozenset[str] = frozenset()
     glued: Collection[str] = ()
+    sector: Sector | None = None
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""

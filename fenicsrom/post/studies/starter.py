@@ -217,6 +217,7 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
     d = found.geometry.dimension
     most = len(found.boundary) // 2  # larger groups are probably the whole boundary
     facets = [group for group in found.groups if group.kind == "facets" and group.number <= most]
+    facets = [group for group in facets if not _is_cut(found, group)]
     likely = [group for group in facets if CLAMPED.search(group.name)]
     others = [group.name for group in facets]
     lines = ["[[supports]] # clamps a part of the boundary"]
@@ -236,6 +237,11 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
     elif likely:
         lines.append(f"group = {toml(likely[0].name)}")
         others.remove(likely[0].name)
+    elif found.sector is not None and facets:
+        assert found.points is not None
+        near = {g.name: found.sector.distances(found.points[g.members]).mean() for g in facets}
+        others.remove(bore := min(near, key=lambda name: near[name]))
+        lines.append(f"group = {toml(bore)} # next to the axis")
     elif plane := _end_plane(found):
         point, normal = plane
         lines.append(f"plane = {{ point = {point}, normal = {normal} }} # an end of the body")
@@ -271,11 +277,22 @@ def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:
     d, low, high = found.geometry.dimension, found.low, found.high
     for axis in np.argsort(-(high - low), kind="stable"):
         for end in (low[axis], high[axis]):
+            cut = () if found.sector is None else found.sector.places
+            if any(np.ptp([*places[:, axis], end]) <= ON_PLANE * found.extent for places in cut):
+                continue
             if _facets_at(found, int(axis), float(end)):
                 point = [0.0] * d
                 point[axis] = float(f"{end:.12g}") if abs(end) > ON_PLANE * found.extent else 0.0
                 return point, [float(k == axis) for k in range(d)]
     return None
+
+
+def _is_cut(found: Inspection, group: Group) -> bool:
+    """Whether a group of facets lies on a cut face of a sector."""
+    if found.sector is None or found.points is None or group.members is None:
+        return False
+    corners = found.points[np.asarray(group.members)].reshape(-1, 3)
+    return bool(found.sector.are_cut(corners).all(axis=1).any())
 
 
 def _facets_at(found: Inspection, axis: int, end: float) -> bool:

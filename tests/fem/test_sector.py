@@ -1,0 +1,113 @@
+"""Bodies that are one sector of a disk are seen, said, and not clamped at a cut face."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("meshio")
+pytest.importorskip("dolfinx")
+import meshio
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.sector import Sector, find_sector
+from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
+from fenicsrom.formats.shapes import distinct, facets_of
+from fenicsrom.post.studies.starter import starter_scene
+from fenicsrom.scene import parse_scene
+
+HEXAHEDRON = 5
+
+
+def grid(n: tuple[int, int, int]) -> tuple[Any, Any]:
+    """Places in a unit cube and hexahedra of a structured mesh."""
+    number = np.arange((n[0] + 1) * (n[1] + 1) * (n[2] + 1)).reshape([k + 1 for k in n])
+    places = np.stack(np.meshgrid(*(np.linspace(0, 1, k + 1) for k in n), indexing="ij"), -1)
+    at = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    rows = [number[i : i + n[0], j : j + n[1], k : k + n[2]].ravel() for i, j, k in at]
+    return places.reshape(-1, 3), np.stack(rows, axis=1)
+
+
+def ring(degrees: float, inner: float = 0.06) -> tuple[Any, Any]:
+    """A part of a ring about z, 0.15 m wide at the outside and 20 mm thick."""
+    at, cells = grid((3, 2, 1))
+    r, angle = inner + (0.15 - inner) * at[:, 0], np.radians(degrees) * at[:, 1]
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.02 * at[:, 2]]), cells
+
+
+def found(points: Any, cells: Any) -> Sector | None:
+    """The sector of a mesh of hexahedra."""
+    sides = facets_of(HEXAHEDRON, cells).reshape(-1, 4)
+    first, _, count = distinct(sides)
+    return find_sector(points, sides[first[count == 1]])
+
+
+@pytest.mark.parametrize("number", [3, 5, 24, 60])
+def test_sector_is_found_about_any_axis(number: int) -> None:
+    points, cells = ring(360.0 / number)
+    turn, move = Rotation.from_rotvec([0.4, -1.1, 0.3]), np.array([0.3, 0.1, -0.2])
+    sector = found(turn.apply(points) + move, cells)
+    assert sector is not None and sector.number == number
+    assert abs(sector.axis @ turn.apply([0.0, 0.0, 1.0])) == pytest.approx(1.0)
+    assert sector.distances(move) == pytest.approx(0.0, abs=1e-9)
+
+
+def bars() -> dict[str, tuple[Any, Any]]:
+    """Bodies that are no sector of a disk with a bore."""
+    box, cells = grid((4, 2, 2))
+    hexagon = np.array([(np.cos(k * np.pi / 3), np.sin(k * np.pi / 3)) for k in range(6)])
+    rows = [(0, 1, 2, 3), (0, 3, 4, 5)]
+    prism = np.array([(*p, z) for z in (0.0, 3.0) for p in hexagon])
+    return {
+        "square bar": (box * [4.0, 1.0, 1.0], cells),
+        "hexagonal bar": (prism, np.array([[*row, *(k + 6 for k in row)] for row in rows])),
+        "no whole number": ring(33.0),
+        "pie": ring(30.0, inner=1e-7),
+        "wall of a tube": ring(180.0),
+    }
+
+
+@pytest.mark.parametrize("name", bars())
+def test_other_bodies_are_no_sector(name: str) -> None:
+    assert found(*bars()[name]) is None
+
+
+def written(path: Path) -> Path:
+    """A mesh file of one of 24 sectors with the groups left, right and bore."""
+    points, cells = ring(15.0)
+    angle, radius = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+    fields = {
+        "right": angle < 1e-9,
+        "left": angle > np.radians(15.0) - 1e-9,
+        "bore": radius < 0.061,
+    }
+    data = {name: marks.astype(int) for name, marks in fields.items()}
+    meshio.Mesh(points, [("hexahedron", cells)], point_data=data).write(path)
+    return path
+
+
+def test_inspection_names_the_sector_and_init_clamps_no_cut_face(tmp_path: Path) -> None:
+    mesh = inspect(written(tmp_path / "sector.vtu"))
+    assert any("one of 24 sectors" in warning for warning in mesh.warnings)
+    assert tomllib.loads(starter_scene(mesh, tmp_path))["supports"] == [{"group": "bore"}]
+
+
+@pytest.mark.parametrize(("held", "is_warned"), [(["bore"], True), (["left", "right"], False)])
+def test_run_warns_of_a_sector_with_free_cut_faces(
+    held: list[str], is_warned: bool, tmp_path: Path
+) -> None:
+    table = {
+        "geometry": {"mesh": written(tmp_path / "sector.vtu").name, "dimension": 3},
+        "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
+        "supports": [{"group": name} for name in held],
+    }
+    scene = parse_scene(table, "scene", tmp_path, unloaded=True)
+    body = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), UNDEFORMED)
+    assert any("one of 24 sectors" in text for text in body.warnings) == is_warned
