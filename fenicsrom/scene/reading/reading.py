@@ -25,7 +25,10 @@ from fenicsrom.scene.reading.overrides import Overrides, override_table
 from fenicsrom.scene.reading.paths import shared_meshes
 from fenicsrom.scene.reading.units import scene_in_si
 
-MESHES = ".geo .msh .unv .step .stp .inp .bdf .nas .dat .cdb .vtu .vtk".split()
+MESHES = (
+    ".geo .msh .unv .step .stp .inp .bdf .nas .dat .cdb .vtu .vtk .pvtu .pvd .vtm .vtp "
+    ".xdmf .xmf .e .exo .ex2 .med .mesh .meshb .vol .su2 .avs"
+).split()
 """Suffixes of the files that `fenicsrom init` takes."""
 
 
