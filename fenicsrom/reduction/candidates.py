@@ -6,16 +6,22 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
 
 whose first n coordinates are those of the basis R. The candidates W are the next normal and
 interface modes, the static deflections under the loads (attachment modes), the static deflections
-under the inertia forces of these deflections, and combinations of the modal derivatives that the
-basis lacks. These derivatives include those of the next modes. At every motion of the reduced
-model, the projected force of the larger model contains the residual Wᵀ r of the full equations as a
-polynomial. No mesh is therefore needed to judge a stored model
-(`fenicsrom.assess.errors.estimates.basis_errors`).
+under the inertia forces of the deflections under loads and contact forces, and combinations of the
+modal derivatives that the basis lacks. These derivatives include those of the next modes. At every
+motion of the reduced model, the projected force of the larger model contains the residual Wᵀ r of
+the full equations as a polynomial. No mesh is therefore needed to judge a stored model
+(`fenicsrom.assess.errors.estimates.basis_errors`). What no candidate holds,
+`fenicsrom.assess.errors.judge` finds where there is a mesh.
 
-The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
-directions in which none of the next modes moves, such as the axis of a slender body. This term is
-computed from the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes would hide
-it.
+The response to a load or a contact force p in powers of ω² is
+
+    K⁻¹ p + ω² K⁻¹ M K⁻¹ p + ω⁴ (K⁻¹ M)² K⁻¹ p + ...                                            (2)
+
+These vectors (load-dependent Ritz vectors: Wilson, Yuan and Dickens 1982) combine the modes by
+their share in the load and in the contact, the lowest first. They move in directions in which none
+of the next modes moves, such as the axis of a slender body that is pushed along it or hits a stop.
+They are computed from the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes
+would hide the others.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
 weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Where
@@ -77,6 +83,12 @@ LOAD_DERIVATIVES = 15
 COMBINATIONS = 8
 """Largest number of combinations of these derivatives. Their energies fall fast."""
 
+INERTIA_LINEAR, INERTIA_NONLINEAR = 12, 6
+"""Largest numbers of deflections under inertia forces of deflections, the candidates (2)."""
+
+INDEPENDENT = 1e-3
+"""Smaller independent parts of a vector, relative to it in the energy norm, are rounding."""
+
 
 def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:
     """The larger model of (1).
@@ -116,10 +128,18 @@ def extended_basis(structure: Structure, options: Basis, found: Reduction) -> Re
         return build_basis(structure, modes, block, [*basis.labels[basis.masters :], *labels])
 
     plain = extended()
-    moved = plain.vectors[:, [k for k, label in enumerate(plain.labels) if label[-1] in "LA"]]
-    vectors.append(modes.inverse.solve(structure.mass_times(moved)))
-    labels += [f"{k + 1}B" for k in range(moved.shape[1])]
-    plain = extended()
+    normal = np.concatenate([modes.normal, more.normal[:, count:]], axis=1)
+    static = [k for k, label in enumerate(plain.labels) if k < masters or label[-1] in "LA"]
+    deflections = plain.vectors[:, static]
+    deflections = deflections - normal @ structure.mass_inner(normal, deflections)
+    known, most = 0, INERTIA_NONLINEAR if structure.geometrically_nonlinear else INERTIA_LINEAR
+    while deflections.shape[1] and known < most:
+        moved = _moved_by_inertia(structure, modes, plain, deflections)
+        vectors.append(moved[:, : most - known])
+        labels += [f"{known + k + 1}B" for k in range(vectors[-1].shape[1])]
+        known += vectors[-1].shape[1]
+        before, plain = plain.size, extended()
+        deflections = plain.vectors[:, before:]
     if not structure.geometrically_nonlinear:
         return plain
     further = derivatives.further
@@ -134,6 +154,27 @@ def extended_basis(structure: Structure, options: Basis, found: Reduction) -> Re
     vectors = [plain.vectors[:, basis.size :], combined]
     labels = [*plain.labels[basis.size :], *names]
     return extended()
+
+
+def _moved_by_inertia(
+    structure: Structure, modes: ComponentModes, basis: ReducedBasis, deflections: Array
+) -> Array:
+    """Static deflections (local, j) under the inertia forces of deflections, outside of a basis.
+
+    Those with the largest independent part come first.
+
+    Args:
+        structure: the structure.
+        modes: the component modes of the basis.
+        basis: the basis.
+        deflections: (local, k).
+    """
+    found = modes.inverse.solve(structure.mass_times(deflections))
+    energies = np.sum(found * structure.stiffness_times(found), axis=0)
+    sizes = np.sqrt(np.abs(structure.comm.allreduce(energies)))
+    found = found / np.where(sizes > 0.0, sizes, 1.0)
+    moved, independent = combinations(structure, modes, basis, found)
+    return moved[:, independent > INDEPENDENT**2]
 
 
 def missing_derivatives(
