@@ -16,7 +16,10 @@ this axis is
     share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (2)
 
 The largest share counts. If it is above `LOAD_SHARE`, the static response K⁻¹ p (an attachment
-mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis.
+mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis. A linear
+basis always holds the static responses (`LINEAR_SHARE`): there a coordinate costs little. The cost
+of a nonlinear one grows with the fourth power of its coordinates; smaller shares are candidates
+(`fenicsrom.reduction.candidates`).
 """
 
 from dataclasses import dataclass
@@ -29,6 +32,9 @@ from fenicsrom.reduction.protocols import Structure
 
 LOAD_SHARE = 0.05
 """Largest share of a static response that may be left out; the accepted error by the basis."""
+
+LINEAR_SHARE = 1e-6
+"""The same in a linear model: smaller shares are rounding."""
 
 LOAD_PART = 0.05
 """A load acts along an axis if its part along this axis has this size, relative to the load.
@@ -82,6 +88,7 @@ def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVe
     Returns:
         The responses to add. A response that earlier ones contain is not added again.
     """
+    limit = LOAD_SHARE if structure.geometrically_nonlinear else LINEAR_SHARE
     labels: list[str] = []
     shares: dict[str, float] = {}
     chosen: list[int] = []
@@ -90,7 +97,7 @@ def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVe
         label = f"{number + 1}L"
         vectors = np.concatenate([basis, responses[:, chosen]], axis=1)
         shares[label] = _share_left_out(structure, vectors, load, responses[:, [column]])
-        if shares[label] > LOAD_SHARE:
+        if shares[label] > limit:
             chosen.append(column)
             labels.append(label)
     return LoadVectors(tuple(labels), responses[:, chosen], shares)

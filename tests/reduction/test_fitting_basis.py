@@ -160,6 +160,15 @@ def test_oblique_load_adds_its_static_response() -> None:
     assert abs(axial @ exact) < 1e-3 * abs(across @ exact)
 
 
+def test_linear_basis_always_holds_the_static_response() -> None:
+    """The modes hold nearly all of a transverse load; a nonlinear basis accepts that."""
+    linear = "geometrically_nonlinear=false"
+    (structure, modes), (_, nonlinear) = modes_of(linear, **OPEN), modes_of(**OPEN)
+    assert modes.loads.labels == ("1L",) and nonlinear.loads.labels == ()
+    load = structure.load_vectors[:, [0]]
+    np.testing.assert_allclose(structure.stiffness @ modes.loads.vectors, load, atol=1e-6)
+
+
 def test_share_left_out_is_the_static_error_of_the_projection() -> None:
     structure, modes = modes_of("basis.modes=1", **OPEN)
     load = structure.load_vectors[:, 0]
