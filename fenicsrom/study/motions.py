@@ -109,6 +109,21 @@ def _settled(study: Study, full: Motion) -> Motion:
     return found
 
 
+def see_residual(run: Run) -> None:
+    """Let the residual of the full equations along the motion judge the basis. Collective."""
+    from fenicsrom.assess.errors.sizing import judge_of
+    from fenicsrom.post.run.summary import stored_model
+
+    study, motion = run.study, run.study.motions["reduced"]
+    if study.judge is not None:  # from the cache, without its motion
+        study.judge = judge_of(study.judge.stored, motion)
+        return
+    from fenicsrom.assess.errors.judge import judge_with_residual
+
+    stored = stored_model(study)
+    study.judge = judge_with_residual(study.solid, study.modes, study.extended, stored, motion)
+
+
 def fit_size(run: Run) -> None:
     """Let the reduced model take coordinates until its basis is accurate enough. Collective."""
     from fenicsrom.assess.errors.sizing import fitted
@@ -118,7 +133,7 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
+    study.sized = found = fitted(stored, motion, run.stop, study.warnings, study.judge)
     if found is not None and found.stored is not stored:
         resize(study, found.stored)
         study.motions["reduced"] = found.motion
@@ -215,11 +230,14 @@ def check(study: Study) -> None:
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
+    from fenicsrom.assess.errors.estimates import basis_errors
     from fenicsrom.assess.errors.verdicts import contact_notes, estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
     name, scene, motions = "", found.scene, found.motions
     basis = None if found.sized is None else found.sized.errors
+    if basis is None and found.judge is not None:
+        basis = basis_errors(motions["reduced"], found.judge.motion)
     try:
         for name in motions:
             check_energy(motions[name])

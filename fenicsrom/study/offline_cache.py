@@ -1,9 +1,10 @@
 """Offline results in the cache: nothing is computed twice.
 
-Two archives belong to a scene. One holds the equilibrium and the component modes, the other the
-selection, the derivatives, the basis and the reduced models; `fenicsrom.study.offline_key` says
-what each depends on. A run that finds both builds no mesh and no solid, unless it draws the body or
-runs the full model. A run that finds the first one only, because its loads or its friction select
+Three archives belong to a scene. One holds the equilibrium and the component modes, one the
+selection, the derivatives, the basis and the reduced models, and one the larger model that has seen
+the residual of the full equations along the motion; `fenicsrom.study.offline_key` says what each
+depends on. A run that finds them builds no mesh and no solid, unless it draws the body or runs the
+full model. A run that finds the first one only, because its loads or its friction select
 other derivatives, computes no equilibrium and no modes. The results are the same to the last digit.
 
 Only runs on one rank use the cache: the arrays of several ranks belong to one partition of a mesh.
@@ -42,7 +43,10 @@ MODEL_STAGES = (
     "finer elements",
     "stress points",
 )
-"""The stages whose results each archive holds."""
+"""The stages whose results the first two archives hold."""
+
+RESIDUAL = "residual"
+"""The stage whose larger model the third archive holds. It finds the motion of this model again."""
 
 BODY = MODES_STAGES[:2]
 """The stages of the body, which a later stage may need in spite of their known results."""
@@ -72,16 +76,16 @@ class Late:
 
 
 class OfflineCache:
-    """The two archives of a scene.
+    """The archives of a scene.
 
     Attributes:
         reused: names of the stages whose results were read.
     """
 
-    def __init__(self, run: Run, folder: Path, keys: tuple[str, str]):
-        """Store the run, the folder and the hashes of both archives."""
+    def __init__(self, run: Run, folder: Path, keys: tuple[str, str, str]):
+        """Store the run, the folder and the hashes of the archives."""
         self._run, self._folder, self._keys = run, folder, keys
-        self._warned = 0
+        self._warned, self._judged = 0, False
         self._last = "stress points" if with_stresses(run.study.scene) else "finer elements"
         self.reused: tuple[str, ...] = ()
 
@@ -93,6 +97,7 @@ class OfflineCache:
         self._warned = len(self._run.study.warnings)
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
+            self._judged = self._read(2, _read_judge)
         building.check_size(self._run.study)
         listed = offline_stages(self._run.study.scene, modes_only=False)
         names = [one.name for one in listed if one.needed and self.has(one.name)]
@@ -111,6 +116,8 @@ class OfflineCache:
             self._write(0, _modes_contents(self._run))
         elif stage == self._last:
             self._write(1, _model_contents(self._run, self._warned))
+        elif stage == RESIDUAL and not self._judged:
+            self._write(2, _judge_contents(self._run))
 
     def _read(self, which: int, take: Callable[[Run, Any, Any], None]) -> bool:
         """Take the contents of an archive into the record; False if it is missing or damaged."""
@@ -258,6 +265,23 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     study.mesh_check = MeshCheck(**header["mesh_check"])
     study.warnings.extend(unpacked(header["warnings"]))
     building.note_selection(study)
+
+
+def _judge_contents(run: Run) -> Contents:
+    """The archive of the larger model that has seen the residual."""
+    from fenicsrom.online.store.archive import model_contents
+
+    return model_contents(run.study.judge.stored)
+
+
+def _read_judge(run: Run, header: Any, arrays: Any) -> None:
+    """Take the larger model that has seen the residual into the record, without its motion."""
+    from fenicsrom.assess.errors.sizing import Judge
+    from fenicsrom.online.store.archive import model_of_contents
+
+    scene = run.study.scene
+    stored = model_of_contents(Path(scene.source), header, arrays).with_scene(scene)
+    run.study.judge = Judge(stored, None)
 
 
 def _build(run: Run, scene: Scene, body: str) -> Solid:

@@ -71,8 +71,16 @@ def model_table(scene: Scene) -> dict[str, Any]:
     return table
 
 
-def keys_of(scene: Scene) -> tuple[str, str] | None:
-    """The hashes of `modes_table` and of both tables; None if the mesh file reads other files.
+def motion_table(scene: Scene) -> dict[str, Any]:
+    """The values on which the motion depends, besides `modes_table` and `model_table`."""
+    whole = scene_table(scene)
+    return {name: whole.get(name) for name in ("loads", "contacts", "material", "time", "basis")}
+
+
+def keys_of(scene: Scene) -> tuple[str, str, str] | None:
+    """The hashes of `modes_table`, with `model_table`, and with `motion_table`.
+
+    None if the mesh file reads other files.
 
     Raises:
         OSError: the mesh file cannot be read.
@@ -83,7 +91,8 @@ def keys_of(scene: Scene) -> tuple[str, str] | None:
     modes = modes_table(scene)
     modes["geometry"] = {**modes["geometry"], "mesh": mesh}
     modes["suffix"] = scene.geometry.mesh.suffix
-    return key_of(modes), key_of([modes, model_table(scene)])
+    model = model_table(scene)
+    return key_of(modes), key_of([modes, model]), key_of([modes, model, motion_table(scene)])
 
 
 def _shape(load: Load) -> Any:

@@ -53,11 +53,13 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     full_reason = f"reference.full is {toml_value(full)}"
     beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
     scheme = f"time.scheme is {scene.time.scheme}"
+    unseen = "what the full equations ask for and no candidate holds judges the basis, too"
     checked = "energy balance, time step, basis and mesh"
     listed = [
         *offline_stages(scene, modes_only),
         moved("beam check", beam, beam_reason, lambda run: motions.check_beam(run.study)),
         moved("reduced motion", True, scheme, _motion_of("reduced"), (newton_item(scene),)),
+        moved("residual", True, unseen, motions.see_residual),
         moved("size", basis.adapts, size_reason(scene), motions.fit_size),
         moved("mode comparison", full, full_reason, lambda run: motions.compare_modes(run.study)),
         moved("full motion", full, full_reason, _motion_of("full")),

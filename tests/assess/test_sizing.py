@@ -91,6 +91,16 @@ def test_model_takes_the_coordinates_with_the_largest_energies() -> None:
     assert distances(run(stored), whole).largest > 0.01
 
 
+def test_motion_that_judged_a_smaller_model_has_the_order_of_the_larger_one() -> None:
+    found = fit(stored_with())
+    assert found.other is not None and found.stored.labels == ("1V", "3V", "2V", "5V")
+    assert found.stored.candidates is not None
+    again = nested_motion(found.stored.candidates, found.stored.scene, found.motion)
+    assert again is not None
+    ours, new = (candidate_energies(found.stored, other) for other in (found.other, again))
+    assert list(ours) == list(new) and ours == pytest.approx(new, rel=1e-3)
+
+
 def test_energies_of_coordinates_are_those_of_the_larger_motion() -> None:
     stored = stored_with()
     other = run(stored.resized(10))

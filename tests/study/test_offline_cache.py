@@ -202,7 +202,7 @@ def test_every_key_of_the_schema_that_matters_changes_the_hashes(
         variant = changed(scene, path.split("."))
         new = keys_of(variant)
         assert new is not None
-        modes, model = (a != b for a, b in zip(found, new, strict=True))
+        modes, model = (a != b for a, b in zip(found[:2], new[:2], strict=True))
         assert modes != within(path, ONLINE | MOTION | PROJECTED), path
         online = ONLINE if derivatives == "mmi-nls" else ONLINE | MOTION
         assert model != within(path, online), path
@@ -227,6 +227,7 @@ def test_time_integration_of_the_selecting_motion_changes_its_hash(
         assert found is not None and new is not None
         assert new[0] == found[0] or "response" in override
         assert (new[1] == found[1]) == same, override
+        assert new[2] != found[2]  # another motion has another residual
 
 
 def test_program_options_and_mesh_file_change_the_hashes(
@@ -386,9 +387,10 @@ def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
         "contacts.0.friction=0.2",
         "material.mass_damping=7",
     )
-    found = run(other)
-    assert found.solid._made is None
+    found = run(other)  # the body is made again for the residual along the other motion
+    assert not {"modes", "reduction"} & found.seconds.keys()
     assert_equal_runs(run(other, fresh=True), found)
+    assert run(other).solid._made is None
 
 
 def test_damaged_archive_is_computed_again(folder: Path) -> None:
@@ -401,9 +403,10 @@ def test_damaged_archive_is_computed_again(folder: Path) -> None:
         path.write_bytes(content[: middle // 2] if k else damaged)
         again = run(scene)
         assert_equal_runs(first, again)
-        assert "reduction" in again.seconds
+        assert "reduction" in again.seconds or again.solid._made is not None
         assert len(path.read_bytes()) == len(content)
-    assert "reduction" not in run(scene).seconds
+    last = run(scene)
+    assert "reduction" not in last.seconds and last.solid._made is None
 
 
 def test_switched_off_cache_keeps_nothing(

@@ -100,6 +100,7 @@ WORK = {
     "fenicsrom.reduction.candidates.extended_basis": "candidates",
     "fenicsrom.reduction.projection.project": "reduction",
     "fenicsrom.fem.solid.finer.FinerSolid": "finer elements",
+    "fenicsrom.assess.errors.judge.judge_with_residual": "residual",
     "fenicsrom.assess.errors.sizing.fitted": "size",
     "fenicsrom.fem.solid.reaction_rows.reaction_table": "stress points",
     "fenicsrom.assess.errors.mode_agreement.mode_agreement": "mode comparison",

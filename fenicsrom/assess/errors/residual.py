@@ -14,6 +14,7 @@ how well the two norms rank the bases.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.full.full import full_model
@@ -22,6 +23,9 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import no_state
 from fenicsrom.online.step.step import step_coefficients, write_residual
+from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.modes import ComponentModes
+from fenicsrom.reduction.principal import combinations
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene
 
@@ -48,7 +52,7 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
     first = motion.time.size - count
     state = no_state(vectors.shape[0], 0, 1)
     trial, found = state.trial, []
-    for k in np.unique(np.linspace(0, count - 2, INSTANTS).round().astype(int)):
+    for k in _instants(motion):
         state.q[:] = vectors @ motion.coordinates[k]
         state.v[:] = vectors @ motion.velocity[k]
         state.a[:] = vectors @ motion.acceleration[k]
@@ -57,8 +61,10 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         trial.inertia_offset[:] = at.inertia_v * state.v + at.inertia_a * state.a
         trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
         trial.external_force[:] += plan.alpha_f * model.load(time[k])
+        model.set_interval(time[k], time[k])
         if plan.start_weight:
             state.elastic_force[:] = model.elastic_at(state.q)[0]
+        model.set_interval(time[k], time[k + 1])
         elastic, _ = model.elastic_over_step(
             state.elastic_force, state.q, trial.dq, plan.start_weight, plan.points, plan.weights
         )
@@ -66,6 +72,37 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         force = motion.mean_force[first + k + 1].reshape(-1)
         found.append(trial.residual + body.contact_rows.T @ force)
     return np.array(found).T
+
+
+def _instants(motion: Motion) -> NDArray[np.int64]:
+    """The steps of the last period, by their starts, at which the residual is taken."""
+    assert motion.coordinate_time is not None
+    last = motion.coordinate_time.size - 2
+    return np.unique(np.linspace(0, last, INSTANTS).round().astype(np.int64))
+
+
+def unseen(
+    body: Structure, modes: ComponentModes, basis: ReducedBasis, motion: Motion, scene: Scene
+) -> tuple[Array, Array]:
+    """Static responses K^-1 r to the residuals along a motion, outside of the basis of the motion.
+
+    Args:
+        body: the solid or the beam.
+        modes: its component modes.
+        basis: the basis of the motion.
+        motion: the motion, with the coordinates of its last period.
+        scene: the scene of the motion.
+
+    Returns:
+        The principal responses (local, k), the largest elastic energy first, and the square roots
+        of these energies (k,), relative to the mean elastic energy of the motion.
+    """
+    found = modes.inverse.solve(residuals(body, basis.vectors, motion, scene))
+    vectors, energies = combinations(body, modes, basis, found / np.sqrt(found.shape[1]))
+    assert motion.coordinates is not None
+    moved = basis.vectors @ motion.coordinates[_instants(motion)].T
+    energy = np.mean(np.diag(body.inner(moved, body.stiffness_times(moved))))
+    return vectors, np.sqrt(energies / energy) if energy > 0.0 else np.zeros(energies.size)
 
 
 def indicators(
