@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -43,7 +44,9 @@ RADIUS = 300.0  # m
 GAP, LOBE, SPRING, FRICTION, DAMPING = 2e-4, 2.5e-4, 1e6, 0.15, 6.0
 
 
-def two_modes(*changes: str, damping: float = DAMPING, **contact: Any) -> StoredModel:
+def two_modes(
+    *changes: str, damping: float = DAMPING, radial: Array = RADIAL, **contact: Any
+) -> StoredModel:
     """The model for a range of speeds; `contact` gives other keys than a gap."""
     scene = beam_scene(
         2,
@@ -85,7 +88,7 @@ def two_modes(*changes: str, damping: float = DAMPING, **contact: Any) -> Stored
         np.array([[RADIUS, 0.0]]),
         np.eye(2)[None],
     )
-    rows = np.array([RADIAL, TANGENTIAL])
+    rows = np.array([radial, TANGENTIAL])
     model = reduced_model(
         mass=np.eye(2),
         damping=damping,
@@ -268,6 +271,22 @@ def test_coexisting_motions_are_flagged() -> None:
     assert any("3000 rpm: another start leads to another motion" in one for one in found.warnings)
 
 
+@pytest.mark.parametrize("first", [0.0, 1e-13, -1e-13])
+def test_other_start_of_a_straight_blade_is_as_large_as_its_motion(first: float) -> None:
+    """The first mode moves the tip along the casing, and away from it by rounding at most."""
+    stored = two_modes(radial=np.array([first, 2.0]), damping=60.0)
+    line = mapped(stored, "[6000, 8999]", "map.steady='newton'").lines[0]
+    assert line.verdict == "period" and line.contact > 0.0
+    assert line.other == pytest.approx(line.amplitude, rel=1e-3) and not line.coexists
+
+
+def test_body_at_rest_is_steady_and_without_errors() -> None:
+    """Nothing touches, and the load of 1e-9 N moves the tip by less than rounding of 300 m."""
+    line = mapped(two_modes(gap=2.0), "[6000, 8999]", "map.revolutions=10").lines[0]
+    assert (line.verdict, line.period) == ("period", 1)
+    assert line.errors.max() < 1e-3 and not line.coexists
+
+
 @pytest.mark.slow
 def test_motion_that_rings_on_is_the_periodic_one_to_which_it_tends() -> None:
     """A march of hardly damped modes changes from revolution to revolution, as a torus does."""
@@ -284,7 +303,7 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     noise = np.random.default_rng(1).standard_normal(turns.size)
 
     def verdict(x: Array) -> tuple[str, int]:
-        return verdict_of_last(x[:, None], steps)
+        return verdict_of_last(x[:, None], steps, 1e-9)
 
     two = np.cos(4.0 * np.pi * turns)
     assert verdict(two) == ("period", 1)
@@ -292,6 +311,7 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     assert verdict(two + 0.3 * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)) == ("torus", 0)
     assert verdict(two + 0.3 * noise) == ("not periodic", 0)
     assert verdict(two * np.exp(-0.01 * turns)) == ("not settled", 0)
+    assert verdict(1e-12 * noise) == ("period", 1)  # rounding of a body at rest
     decaying = np.exp(-0.05 * turns) * np.cos(2.0 * np.pi * np.sqrt(2.0) * turns)
     assert verdict(two + 0.1 * decaying) == ("not settled", 0)
 
@@ -316,6 +336,18 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert other.reused == 0
     names = {path.name for path in tmp_path.iterdir()}
     assert {"map.csv", "map.json", "map.h5", "report.html"} <= names
+
+
+@pytest.mark.parametrize("damage", [lambda x: x[:200], lambda x: b"", lambda x: x[:-30]])
+def test_map_does_not_continue_from_a_damaged_file(
+    tmp_path: Path, damage: Callable[[bytes], bytes]
+) -> None:
+    stored, few = two_modes("output.pictures=false"), ("map.revolutions=10",)
+    mapped(stored, "[2000, 2100]", *few, folder=tmp_path)
+    file = max((tmp_path / LINES).glob("*.npz"))
+    file.write_bytes(damage(file.read_bytes()))
+    with refusal(ErrorKind.FORMAT, "", file.name):
+        mapped(stored, "[2000, 2100]", *few, folder=tmp_path, resume=True)
 
 
 @pytest.mark.parametrize(

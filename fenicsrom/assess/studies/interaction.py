@@ -30,7 +30,7 @@ from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
 from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.files import atomic_write
+from fenicsrom.files import read_archive, write_archive
 from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.rings import Ring, rings_of
@@ -40,6 +40,7 @@ from fenicsrom.scene.checks.curve_checks import beside_speed
 from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
+FORMAT, EARLIER = "fenicsrom map 1", "fenicsrom map"
 CHECKED = 10  # every so many speeds the errors are estimated
 COST = 7  # of a speed whose errors are estimated, in others
 FEW = 6  # most speeds that a note lists
@@ -206,7 +207,7 @@ def interaction_map(
         comm: MPI communicator.
 
     Raises:
-        SceneError: as `map_speeds`.
+        SceneError: as `map_speeds`, or a file of an earlier map is damaged.
         OSError: a file cannot be written.
     """
     begin = clock.perf_counter()
@@ -300,20 +301,22 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> Line | Exceptio
         line = replace(place.line(job.checked, job.before), seconds=clock.process_time() - begin)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         return error
-    with atomic_write(job.file) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{entry.name: getattr(line, entry.name) for entry in fields(Line)})
+    arrays = {entry.name: np.asarray(getattr(line, entry.name)) for entry in fields(Line)}
+    write_archive(job.file, {"format": FORMAT}, arrays)
     return line
 
 
 def _kept(job: _Job) -> Line | None:
-    """The line that the file of a job keeps, with its checks if it has them; None without one."""
+    """The line that the file of a job keeps, with its checks if it has them; None without one.
+
+    Raises:
+        SceneError: the file is damaged, or of another version of the program.
+    """
     for found in (replace(job, checked=True), job):
-        try:
-            with np.load(found.file, allow_pickle=False) as file:
-                arrays = {entry.name: file[entry.name] for entry in fields(Line)}
-        except (OSError, ValueError, KeyError):
-            continue
-        return Line(**{key: value if value.ndim else value.item() for key, value in arrays.items()})
+        if found.file.exists():
+            with read_archive(found.file, "a speed of a map", FORMAT, EARLIER) as (_, arrays):
+                values = {key: x if x.ndim else x.item() for key, x in arrays.items()}
+                return Line(**values)
     return None
 
 

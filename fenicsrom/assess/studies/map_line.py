@@ -29,7 +29,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.surfaces import CYLINDER, penetration
+from fenicsrom.online.contact.surfaces import CYLINDER, Contacts, penetration
+from fenicsrom.online.model.pencil import roots
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
@@ -46,7 +47,10 @@ SETTLED = 0.05  # largest change of the root mean square between the halves of t
 DECAYS = 0.9  # change from revolution to revolution, of the halves, below which it decays
 LINES, BINS = 12, 2  # a torus has its energy in so many lines, each of so many bins to each side
 REST = 0.01  # largest part of the energy of a torus that is not in its lines
-AWAY = 3.0  # the other start is so many times the amplitude away from the surface
+AWAY = 3.0  # the other start is so many times as large as the motion
+TINY = 1e-300
+HALVINGS = 10  # so often is another start halved that is not possible
+ROUNDING = 1e-9  # smaller motions, relative to the distance from the axis of rotation, are none
 STEADY = 1e-4  # relative change of a period in which a motion repeats, with Newton's method
 LATE = 4  # revolutions in which Newton's method tries to end a march that does not repeat
 STEPS = 300  # steps per revolution where the scene gives none
@@ -77,7 +81,9 @@ class Line:
         by_mesh: (k,) differences with finer elements; (0,) unchecked, or unknown.
         worn: (nodes,) worn depth of abradable layers at the end, m; (0,) without layers.
         worn_by_step: (nodes,) difference of the worn depth with half the step, m.
-        other: amplitude of the motion from the other start, m; nan unchecked or not settled.
+        other: amplitude of the motion from the other start, m; nan unchecked, not settled, or
+            without a possible start.
+        resolved: the smallest amplitude that is no rounding, m.
         seconds: CPU time.
         force_error: estimated error of the largest normal force by the step and the basis, relative
             to this force; 0 unchecked.
@@ -100,16 +106,21 @@ class Line:
     worn: Array
     worn_by_step: Array
     other: float
+    resolved: float
     seconds: float
     end: Array
     force_error: float = 0.0
 
     @property
+    def largest(self) -> float:
+        """The amplitude that errors are relative to: the largest one, or the smallest resolved."""
+        return max(float(self.amplitudes.max(initial=0.0)), self.resolved)
+
+    @property
     def errors(self) -> Array:
         """(k,) estimated errors relative to the largest amplitude of the line; (0,) unchecked."""
-        largest = max(float(self.amplitudes.max(initial=0.0)), 1e-300)
         known = [found for found in (self.by_basis, self.by_step, self.by_mesh) if found.size]
-        return np.asarray(sum(known, np.zeros(known[0].size if known else 0)) / largest)
+        return np.asarray(sum(known, np.zeros(known[0].size if known else 0)) / self.largest)
 
     @property
     def worn_errors(self) -> Array:
@@ -120,7 +131,8 @@ class Line:
     def coexists(self) -> bool:
         """Whether another start leads to another motion."""
         sizes = self.other, self.amplitude
-        return self.verdict != UNSETTLED and abs(sizes[0] - sizes[1]) > APART * max(sizes)
+        least = max(APART * max(sizes), self.resolved)
+        return self.verdict != UNSETTLED and abs(sizes[0] - sizes[1]) > least
 
 
 class Place:
@@ -136,6 +148,8 @@ class Place:
         self.contacts = Problem.of(self.stored.model, self.scene).contacts
         if self.table.clearance == "at speed":
             self.contacts = self.contacts._replace(radius=self._radii())
+        arms = self.stored.model.points.position - np.array(scene.rotation.point)
+        self.resolved = ROUNDING * float(np.linalg.norm(arms, axis=1).max())
 
     def _radii(self) -> Array:
         """Radii (P,) with which each contact has its gap at speed instead of at rest, m."""
@@ -161,7 +175,7 @@ class Place:
         model, steps, nothing = self.stored.model, steps_of(self.scene), np.zeros(0)
         motion = self.march(model, steps, before, self._given(self.stored, before))
         radial = self.radial(motion, steps)
-        verdict, period = verdict_of(motion, radial, steps)
+        verdict, period = verdict_of(motion, radial, steps, self.resolved)
         late = self._late(motion, radial, steps)
         line = Line(
             self.speed_rpm,
@@ -172,21 +186,29 @@ class Place:
             self._clearance(motion.gap[late]),
             verdict,
             period,
-            self.frequencies(model.mass, model.elastic.stiffness),
-            self.frequencies(model.mass, model.elastic.stiffness + self._contact_stiffness()),
+            self.frequencies(model.elastic.stiffness),
+            self.frequencies(model.elastic.stiffness + self._contact_stiffness()),
             nothing,
             nothing,
             nothing,
             worn_by(motion),
             nothing,
             np.nan,
+            self.resolved,
             0.0,
             self._end(motion),
         )
-        return self._compared(line, checked, before)
+        return self._compared(line, checked, before, float(motion.kinetic[late].max()))
 
-    def _compared(self, line: Line, checked: bool, before: Line | None) -> Line:
-        """A line with its estimated errors, and with the amplitude from another start."""
+    def _compared(self, line: Line, checked: bool, before: Line | None, energy: float) -> Line:
+        """A line with its estimated errors, and with the amplitude from another start.
+
+        Args:
+            line: the line.
+            checked: as `line`.
+            before: as `line`.
+            energy: largest kinetic energy of its motion, J.
+        """
         steps, wears, stored = steps_of(self.scene), self.scene.wears, self.stored
         if self.table.steady == "newton" and not wears:
             before = line  # to compare motions of one branch
@@ -213,11 +235,14 @@ class Place:
             begin = start and tuple(np.where(np.array(numbers) >= 0, x[numbers], 0) for x in start)
             line = replace(line, by_mesh=spectrum(self.march(model, steps, before, begin), steps))
         apart = sum(abs(force - line.peak_force) for force in forces)
-        line = replace(line, force_error=apart / line.peak_force if apart else 0.0)
-        if checked and not wears:  # what another start wears is another history
-            second = self.march(stored.model, steps, before, self._away(line.amplitude))
+        line = replace(line, force_error=apart / max(line.peak_force, TINY))
+        if not checked or wears:  # what another start wears is another history
+            return line
+        contacts = self._problem(stored.model, steps, before).contacts
+        if (away := self._away(contacts, line, energy)) is not None:
+            second = self.march(stored.model, steps, before, away)
             other = self.radial(second, steps)
-            if verdict_of(second, other, steps)[0] != UNSETTLED:
+            if verdict_of(second, other, steps, self.resolved)[0] != UNSETTLED:
                 line = replace(line, other=half_range(other))
         return line
 
@@ -243,6 +268,19 @@ class Place:
             before: the line from which it continues, with its layers.
             start: displacement and velocity (n,); None starts at rest.
         """
+        problem = self._problem(model, steps, before)
+        motion = integrate(problem, start=start, stop=self.stop)
+        verdict, period = verdict_of(motion, self.radial(motion, steps), steps, self.resolved)
+        if self.table.steady == "newton" or (verdict not in (TORUS, OTHER) and period < 2):
+            return motion
+        time = problem.time.changed(periods=LATE, steady="newton", steady_tolerance=STEADY)
+        assert motion.end is not None
+        problem = problem.settled().with_own_wear(motion.end.worn)._replace(time=time)
+        exact = integrate(problem, start=end_of(motion), stop=self.stop)
+        return exact if exact.steady else motion
+
+    def _problem(self, model: ReducedModel, steps: int, before: Line | None) -> Problem:
+        """What a march of a model computes; arguments as `march`."""
         time = self.scene.time.changed(
             periods=self.table.revolutions,
             steady=self.table.steady,
@@ -250,17 +288,7 @@ class Place:
             steps_per_period=steps,
         )
         problem = Problem(model, self.contacts, time, self.revolution)
-        if before is not None:
-            problem = problem.settled().with_own_wear(before.worn)
-        motion = integrate(problem, start=start, stop=self.stop)
-        verdict, period = verdict_of(motion, self.radial(motion, steps), steps)
-        if time.steady == "newton" or (verdict not in (TORUS, OTHER) and period < 2):
-            return motion
-        time = time.changed(periods=LATE, steady="newton", steady_tolerance=STEADY)
-        assert motion.end is not None
-        problem = problem.settled().with_own_wear(motion.end.worn)._replace(time=time)
-        exact = integrate(problem, start=end_of(motion), stop=self.stop)
-        return exact if exact.steady else motion
+        return problem if before is None else problem.settled().with_own_wear(before.worn)
 
     def radial(self, motion: Motion, steps: int) -> Array:
         """The motion (m N, P) of the points along their normals at equal instants, m.
@@ -297,11 +325,13 @@ class Place:
         found[0] = 0.0  # the mean is no motion
         return np.asarray(found.max(axis=1))
 
-    def frequencies(self, mass: Array, stiffness: Array) -> Array:
-        """The natural frequencies (v,) of the normal modes, zero where unstable, Hz."""
-        squares = np.sort(scipy.linalg.eigvals(stiffness, mass).real)
-        count = self.stored.frequencies_hz.size
-        return np.asarray(np.sqrt(np.maximum(squares[:count], 0.0)) / (2.0 * np.pi))
+    def frequencies(self, stiffness: Array) -> Array:
+        """The natural frequencies (v,) of the normal modes, zero where they do not swing, Hz."""
+        model, n = self.stored.model, stiffness.shape[0]
+        velocity = model.velocity_matrix
+        found = roots(model.mass, 0.5 * (velocity - velocity.T), stiffness)
+        swings = np.sort(found.imag)[n:]  # one of each pair
+        return np.asarray(swings[: self.stored.frequencies_hz.size] / (2.0 * np.pi))
 
     def _contact_stiffness(self) -> Array:
         """(n, n) sum_p k_n (b_p - mu t_p) b_p^T of the module docstring."""
@@ -329,13 +359,42 @@ class Place:
         nearest = float(gaps[:, given > 0.0].min())
         return 1.0 - nearest / float(given[given > 0.0].min())
 
-    def _away(self, amplitude: float) -> tuple[Array, Array]:
-        """Another start: at rest in the first mode, away from the surface."""
-        model, count = self.stored.model, self.contacts.side.size
-        shape = scipy.linalg.eigh(model.elastic.stiffness, model.mass, subset_by_index=(0, 0))[1]
-        moved = (model.contact_rows @ shape[:, 0]).reshape(count, -1)[:, 0]
+    def _away(self, contacts: Contacts, line: Line, energy: float) -> tuple[Array, Array] | None:
+        """Another possible start: at rest in the first mode, away from the surface; or None.
+
+        Along the normals it is `AWAY` times as large as the motion, but it has no more energy than
+        a motion that is so many times larger: the first mode of a straight blade moves its tip
+        along the surface, and away from it by rounding only. A start is possible if no point is
+        deeper in its surface than in the equilibrium, and if it has the energy of a linear body at
+        most: a body that is bent or squeezed too far has much more.
+
+        Args:
+            contacts: the contacts at the start of the march.
+            line: the motion.
+            energy: its largest kinetic energy, J.
+        """
+        model, allowed = self.stored.model, AWAY**2 * energy
+        squares, shapes = scipy.linalg.eigh(model.elastic.stiffness, model.mass)
+        stable, rest = np.flatnonzero(squares > 0.0), np.zeros(squares.size)
+        if not stable.size:
+            return None
+        shape = shapes[:, stable[0]] * np.sqrt(2.0 * allowed / squares[stable[0]])
+        moved = (model.contact_rows @ shape).reshape(contacts.side.size, -1)[:, 0]
         far = moved[np.argmax(np.abs(moved))]
-        return -AWAY * amplitude / far * shape[:, 0], np.zeros(shape.shape[0])
+        shape *= -np.copysign(min(1.0, AWAY * line.amplitude / max(abs(far), TINY)), far)
+        least = np.maximum(self._depths(contacts, rest), 0.0)
+        for part in 0.5 ** np.arange(HALVINGS):
+            for q in (part * shape, -part * shape):
+                fits = np.all(self._depths(contacts, q) <= least)
+                stored = model.elastic_at(q)[1] - model.elastic.force @ q
+                if fits and stored <= (1.0 + ROUNDING) * allowed:
+                    return q, rest
+        return None
+
+    def _depths(self, contacts: Contacts, q: Array) -> Array:
+        """Depth (P,) of each contact point in its surface at the start of a march, m."""
+        x = self.stored.model.contact_displacement(q).reshape(contacts.side.size, -1)
+        return np.array([penetration(contacts, p, at, 0.0) for p, at in enumerate(x)])
 
     def _given(self, stored: StoredModel, before: Line | None) -> tuple[Array, Array] | None:
         """The end of a line in the coordinates of a model at this speed; None without a line."""
@@ -375,20 +434,22 @@ def half_range(radial: Array) -> float:
     return float(np.ptp(radial, axis=0).max() / 2.0)
 
 
-def verdict_of(motion: Motion, radial: Array, steps: int) -> tuple[str, int]:
+def verdict_of(motion: Motion, radial: Array, steps: int, resolved: float) -> tuple[str, int]:
     """The verdict on a motion, and its period; see `Line`."""
     assert motion.end is not None
     if motion.end.wearing:
         return WEARING, 0
     if motion.steady:
         return PERIOD, radial.shape[0] // steps
-    return verdict_of_last(radial, steps)
+    return verdict_of_last(radial, steps, resolved)
 
 
-def verdict_of_last(radial: Array, steps: int) -> tuple[str, int]:
+def verdict_of_last(radial: Array, steps: int, resolved: float) -> tuple[str, int]:
     """The verdict on the last revolutions (m N, P), of N steps each, and their period."""
     count = radial.shape[0] // steps
-    size = max(float(np.ptp(radial, axis=0).max()), 1e-300)
+    size = float(np.ptp(radial, axis=0).max())
+    if size <= resolved:
+        return PERIOD, 1  # at rest
     for period in range(1, count // 2 + 1):
         late, before = radial[period * steps :], radial[: -period * steps]
         if np.abs(late - before).max() <= REPEATS * size:

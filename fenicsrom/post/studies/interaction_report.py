@@ -40,9 +40,8 @@ CURVES = (
 
 def _errors(line: Line) -> dict[str, float | None]:
     """The largest errors of a line by their causes, relative; None unchecked."""
-    largest = max(float(line.amplitudes.max()), 1e-300)
     found = {"basis": line.by_basis, "step": line.by_step, "mesh": line.by_mesh}
-    return {name: float(e.max()) / largest if e.size else None for name, e in found.items()}
+    return {name: float(e.max()) / line.largest if e.size else None for name, e in found.items()}
 
 
 def _judged(line: Line) -> str:
