@@ -51,7 +51,8 @@ class ViscousDamping:
             reason = f"{ratios.size} damped modes are too many: the body has {structure.free} "
             raise refuse(structure.source, f"{reason}unknowns", ErrorKind.RANGE, "damping.ratios")
         squares, modes = structure.eigenmodes(structure.factor, ratios.size)
-        sizes = np.sqrt(2.0 * ratios * np.sqrt(squares))
+        # above a critical speed some of the squares are negative
+        sizes = np.sqrt(2.0 * ratios * np.sqrt(np.abs(squares)))
         self.modes = modes[:, ratios > 0.0] * sizes[ratios > 0.0]
         self.modal = structure.mass_times(self.modes)
 

@@ -256,7 +256,8 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
     free = structure.free - (0 if rubin else m)
     omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
-    if np.any(omega_squared <= 0.0):
+    # of a body with Coriolis forces the whole pencil was judged (`fem.equilibrium.buckling`)
+    if structure.gyroscopic is None and np.any(omega_squared <= 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
         number = counted(int(np.sum(omega_squared <= 0)), "mode")
         structure.warnings.append(Note(NoteKind.UNSTABLE, f"{what}: omega^2 < 0 of {number}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ from scipy.integrate import solve_ivp
 from support import beam_scene, make_solid
 
 import fenicsrom
+from fenicsrom.notes import NoteKind, note_of
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.scene import Scene, parse_scene
 from fenicsrom.scene.reading.step_size import with_time
 
 LENGTH, HEIGHT, YOUNG = 2.54, 0.0254, 207e9
@@ -47,9 +50,9 @@ def test_tip_mass_at_speed_vibrates_as_on_a_string_with_bending_stiffness() -> N
     assert flap > 3.0 * still  # the tension counts
 
 
-def shaft(speed: float, alpha: float, *overrides: str) -> Any:
-    """A square cantilever that turns about its own axis at a speed in rad/s, stored."""
-    scene = beam_scene(
+def turning(speed: float, alpha: float, *overrides: str) -> Scene:
+    """A square cantilever that turns about its own axis at a speed in rad/s."""
+    return beam_scene(
         3,
         (
             "geometry.parameters.elements_along=10",
@@ -61,7 +64,11 @@ def shaft(speed: float, alpha: float, *overrides: str) -> Any:
         rotation={"speed_rpm": speed * RPM, "axis": [1.0, 0.0, 0.0], "coriolis": True},
         basis={"modes": 2, "derivatives": "none"},
     )
-    return fenicsrom.build_model(scene)
+
+
+def shaft(speed: float, alpha: float, *overrides: str) -> Any:
+    """The model of `turning`."""
+    return fenicsrom.build_model(turning(speed, alpha, *overrides))
 
 
 def test_damping_that_turns_with_the_shaft_destabilises_it_at_its_critical_speed() -> None:
@@ -116,3 +123,84 @@ def test_motion_with_coriolis_force_equals_that_of_another_integrator() -> None:
     assert errors[-1] < 1e-3
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.1)
+
+
+DISK = """// A square shaft along x with a square disk; both ends are clamped.
+y[] = {-0.06, -0.012, 0.012, 0.06};
+For i In {0:3}
+  For j In {0:3}
+    Point(1 + 4*i + j) = {0.2, y[i], y[j]};
+  EndFor
+EndFor
+For i In {0:3}
+  For j In {0:2}
+    Line(101 + 3*i + j) = {1 + 4*i + j, 2 + 4*i + j};
+    Line(201 + 3*i + j) = {1 + 4*j + i, 5 + 4*j + i};
+  EndFor
+EndFor
+For i In {0:2}
+  For j In {0:2}
+    k = 1 + 3*i + j;
+    Curve Loop(k) = {101 + 3*i + j, 201 + 3*(j + 1) + i, -(104 + 3*i + j), -(201 + 3*j + i)};
+    Plane Surface(k) = {k};
+  EndFor
+EndFor
+Transfinite Curve {101:112, 201:212} = 2;
+Transfinite Surface {1:9};
+disk[] = Extrude {0.02, 0, 0} { Surface{5, 1, 2, 3, 4, 6, 7, 8, 9}; Layers{1}; };
+one[] = Extrude {-0.2, 0, 0} { Surface{5}; Layers{3}; };
+two[] = Extrude {0.38, 0, 0} { Surface{disk[0]}; Layers{5}; };
+Physical Volume("solid") = {1:11};
+Physical Surface("left") = {one[0]};
+Physical Surface("right") = {two[0]};
+"""
+
+
+def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
+    tmp_path: Path,
+) -> None:
+    """CalculiX 2.20, *COMPLEX FREQUENCY, CORIOLIS after *FREQUENCY (20 modes) and *STATIC with
+    CENTRIF, on the same 102 straight C3D10. The critical speed is 14,500 rpm; above it the two
+    lowest eigenvalues of the stiffness are negative. The scene has no loads and no times."""
+    (tmp_path / "shaft.geo").write_text(DISK)
+    scene = parse_scene(
+        {
+            "geometry": {"mesh": "shaft.geo", "dimension": 3, "cells": "simplex"},
+            "material": {"young": 2.1e11, "poisson": 0.3, "density": 7850.0},
+            "supports": [{"group": "left"}, {"group": "right"}],
+            "rotation": {"speed_rpm": 6000.0, "axis": [1.0, 0.0, 0.0], "coriolis": True},
+            "campbell": {"speeds_rpm": [0.0, 6000.0, 18000.0], "modes": 6},
+        },
+        "shaft",
+        tmp_path,
+        unloaded=True,
+    )
+    found = fenicsrom.campbell(scene)
+    below, above = np.sort(found.frequencies_hz[1:], axis=1)
+    np.testing.assert_allclose(
+        below, [140.7670, 337.9701, 394.0870, 712.8684, 884.1972, 1383.683], rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        above, [56.38711, 394.0273, 535.0263, 537.7668, 1049.880, 1297.942], rtol=1e-3
+    )
+    assert found.mac.min() > 0.9  # a mesh splits the pairs at rest by 1.3 %
+    doubts = ("unstable", "swapped", "lost", "whirl")
+    assert not [text for text in found.warnings if any(word in text for word in doubts)]
+
+
+def test_shaft_above_its_critical_speed_whirls_by_damping_only() -> None:
+    """The growth in a revolution is that of the closed form of the test above."""
+    omega = np.sqrt(shaft(0.0, 0.0).model.elastic.stiffness[0, 0])
+    speed = 1.3 * omega
+    held = make_solid(turning(speed, 0.0))
+    assert held.unstable == 0 and not held.warnings
+    alpha = 0.4
+    solid = make_solid(turning(speed, alpha))
+    half = 0.5 * alpha + 1j * speed
+    rate = (-half + np.sqrt(half**2 - omega**2 + speed**2)).real
+    (told,) = solid.warnings
+    assert solid.unstable == 2 and note_of(told).kind is NoteKind.UNSTABLE
+    growth = float(told.split("grows by ")[1].split(" %")[0])
+    assert growth == pytest.approx(100.0 * np.expm1(rate * 2.0 * np.pi / speed), rel=0.02)
+    still = make_solid(turning(speed, 0.0, "rotation.coriolis=false"))
+    assert still.unstable == 2 and "rotation.coriolis" in still.warnings[0]

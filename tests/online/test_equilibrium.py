@@ -224,3 +224,23 @@ def test_contact_without_preload_keeps_beam_at_rest() -> None:
         )
         np.testing.assert_allclose(q, [moved, 0.0], atol=1e-14)
         assert buckled == 0
+
+
+@pytest.mark.parametrize(
+    ("coriolis", "spring", "count"), [(True, 0.01, 0), (False, 0.01, 2), (True, 0.5, 1)]
+)
+def test_rotor_above_its_critical_speed_is_held_by_the_coriolis_force(
+    coriolis: bool, spring: float, count: int
+) -> None:
+    """A disk on a round shaft at 1.2 times its critical speed of 1 rad/s, and two higher modes. A
+    contact spring that turns with the disk and is stiff enough for one direction lets it fall in
+    the other one."""
+    speed = 1.2
+    stiffness = np.diag([1.0 - speed**2, 1.0 - speed**2, 30.0, 50.0])
+    velocity = np.zeros((4, 4))
+    velocity[1, 0], velocity[0, 1] = 2.0 * speed, -2.0 * speed
+    model = linear_model(np.eye(4), stiffness, masters=2)
+    model = model._replace(velocity_matrix=velocity if coriolis else np.zeros((0, 0)))
+    contacts = one_contact(preload=1.0, normal_stiffness=spring)
+    problem = statics._Statics(Problem(model, contacts, None, None))
+    assert problem.unstable(np.zeros(4)) == count

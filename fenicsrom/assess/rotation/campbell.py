@@ -31,7 +31,12 @@ from fenicsrom.assess.rotation.critical_speeds import (
 )
 from fenicsrom.assess.rotation.mode_names import mode_names
 from fenicsrom.assess.rotation.range_body import RangeBody, range_body
-from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
+from fenicsrom.assess.rotation.rotating_modes import (
+    Shapes,
+    follow,
+    have_passed_zero,
+    modes_at_speed,
+)
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import CRITICAL, FREQUENCIES, Note, NoteKind
 from fenicsrom.online.stress.deformation import Deformation
@@ -182,6 +187,12 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         body=body,
     )
     found.warnings += _warnings(found)
+    if tracked.passed is not None and scene.damped:
+        text = (
+            f"at {tracked.passed:g} rpm the body turns above a critical speed, where a mode has 0 "
+            "Hz in the turning frame: damping that turns with the body makes this mode whirl"
+        )
+        found.warnings.append(Note(NoteKind.UNSTABLE, text))
     states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
     found.warnings += strain_warnings(list(states))
     _find_critical_speeds(found, solid, tracked)
@@ -255,14 +266,17 @@ class _Tracked:
         self.deformations: list[Deformation] = []
         self.changes: list[float] = []
         self.shapes: list[Shapes] = []
+        self.passed: float | None = None  # the first speed above a critical one, rev/min
 
-    def add(self, solid: Solid | RangeBody) -> None:
+    def add(self, solid: Solid | RangeBody, speed_rpm: float) -> None:
         """Add the modes of the body at its present speed.
 
         Raises:
             ConvergenceError, AccuracyError: as in `modes_at_speed`.
         """
         values, vectors, change = modes_at_speed(solid, self.count)
+        if self.passed is None and have_passed_zero(solid, values, vectors):
+            self.passed = speed_rpm
         common: Array = np.ones(self.count)
         if self.shapes:
             before = self.squares[-1], self.shapes[-1]
@@ -299,7 +313,7 @@ class _Tracked:
             try:
                 if k:
                     solid.spin(np.pi / 30.0 * float(speed))
-                self.add(solid)
+                self.add(solid, float(speed))
             except (ConvergenceError, AccuracyError) as error:
                 if not k:
                     raise
@@ -364,9 +378,12 @@ def _warnings(found: Campbell) -> list[Note]:
             warnings.append(Note(NoteKind.WARNING, text, quantity=FREQUENCIES))
         unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
         if unstable.size:
+            rotation = found.scene.rotation
+            held = rotation is None or rotation.coriolis
+            what = "the equilibrium is unstable"
             text = (
                 f"mode {mode + 1} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: "
-                "the equilibrium is unstable"
+                + (what if held else f"without the Coriolis force, which may hold it, {what}")
             )
             warnings.append(Note(NoteKind.UNSTABLE, text))
     return warnings

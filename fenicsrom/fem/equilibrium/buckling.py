@@ -24,6 +24,10 @@ those of
 A real negative one is divergence, as in buckling; a pair of complex ones is flutter. The lowest are
 found by Galerkin's method with the modes Φ of the symmetric part and their corrections K_s⁻¹ K_a Φ.
 Source: Bolotin, Nonconservative Problems of the Theory of Elastic Stability, 1963.
+
+Coriolis forces may hold an equilibrium whose stiffness has negative eigenvalues, as that of a shaft
+above its critical speed. There the roots of the whole pencil decide (`online.model.pencil`), by
+Galerkin's method with Φ and K⁻¹ G Φ.
 """
 
 from typing import Any
@@ -36,8 +40,14 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.model.pencil import growing
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.reduction.projection import COUPLING
+from fenicsrom.reduction.basis import extended_space
+from fenicsrom.reduction.projection import (
+    COUPLING,
+    projected_gyroscopic,
+    projected_velocity_matrix,
+)
 from fenicsrom.words import counted
 
 PUSH = 1e-3
@@ -91,6 +101,14 @@ def check_stability(body: Any) -> int:
         unstable = check_coupling(body, negative_eigenvalues(body.stiffness))
     if not unstable:
         return 0
+    if body.gyroscopic is not None and (whirling := _whirling(body, unstable)) is not None:
+        return whirling
+    if body.rotation is not None and body.gyroscopic is None:
+        _warn(
+            body,
+            "rotation.coriolis = false leaves out the Coriolis forces, which hold a shaft above "
+            "its critical speed: set it to true to judge whether the body is stable",
+        )
     directions = counted(unstable, "direction")
     if body.points.contact.size:
         _warn(
@@ -118,6 +136,40 @@ def check_stability(body: Any) -> int:
         "symmetric body has a second one on the other side",
     )
     return unstable
+
+
+def _whirling(body: Any, negative: int) -> int | None:
+    """Number of growing roots of an equilibrium that Coriolis forces hold. Collective.
+
+    Damping that turns with the body may make it whirl; this gives a warning.
+
+    Args:
+        body: the body in its equilibrium.
+        negative: number of negative eigenvalues of its stiffness.
+
+    Returns:
+        None if the Coriolis forces do not hold the equilibrium, or if its modes were not found.
+    """
+    try:
+        modes = body.eigenmodes(body.factor, min(negative + MODES, body.free - 1))[1]
+    except (ConvergenceError, AccuracyError):
+        return None
+    moved = body.factor.solve(body.gyroscopic_times(modes))
+    space = extended_space(body.mass_inner, modes, moved)
+    mass, stiffness = np.eye(space.shape[1]), body.inner(space, body.stiffness_times(space))
+    if growing(mass, projected_gyroscopic(body, space), stiffness).size:
+        return None
+    damped = body.mass_damping * mass + projected_velocity_matrix(body, space)
+    found = growing(mass, damped, stiffness)
+    if found.size:
+        turn = 2.0 * np.pi / abs(body.rotation.omega)
+        _warn(
+            body,
+            "the body turns above a critical speed, and damping that turns with it makes it whirl: "
+            f"a small whirl grows by {100.0 * np.expm1(found[0].real * turn):.2g} % in a "
+            "revolution; damping by bearings that stand still is not part of the model",
+        )
+    return int(found.size)
 
 
 def check_snap(body: Any, linear: Array) -> None:

@@ -13,7 +13,7 @@ from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
 from fenicsrom.online.contact.turning import history_of
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.keys.excitation import surface_spin, surface_turns
+from fenicsrom.scene.keys.schema import surface_spin, surface_turns
 from fenicsrom.scene.keys.unit_system import LENGTHS
 
 NO_DIRECTION = 1e-3

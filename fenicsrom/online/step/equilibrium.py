@@ -8,11 +8,13 @@ model is then displaced along its softest direction and follows
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
 downhill in its energy, with tau short enough for the unstable direction to grow, to the buckled
-equilibrium.
+equilibrium. Where Coriolis forces act, negative eigenvalues of the stiffness prove nothing: the
+whole pencil of the softest directions decides (`online.model.pencil`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ from fenicsrom.online.contact.state import (
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.loads import largest
+from fenicsrom.online.model.pencil import growing
 from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton
 
@@ -43,6 +46,8 @@ SMALLEST_PART = 1e-4  # smallest load step, as a part of the contacts' pressure
 BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to the deflection
 DOWNHILL_STEPS = 400
 INVERSE_ITERATIONS = 8
+SOFTEST = 8  # further directions in which the whole pencil is judged
+DEPENDENT = 1e-8  # a direction is left out if its independent part, relative to its norm, is less
 
 
 def equilibrium(problem: Problem) -> tuple[Array, int]:
@@ -161,12 +166,13 @@ class _Statics:
         return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
-        """Number of negative eigenvalues of the stiffness with the contacts that touch.
+        """Number of directions in which the equilibrium q (n,) is unstable.
 
-        With the springs S = B sqrt(k) n, the inertia of the matrix [[K, S], [S^T, -I]] is the sum
-        of those of K and -(I + S^T K^-1 S), and of those of -I and K + S S^T (Haynsworth 1968,
-        Linear Algebra and its Applications 1, 73-81). So neg(K + S S^T) = neg(K) - neg(I + S^T
-        K^-1 S).
+        They are the negative eigenvalues of the stiffness with the contacts that touch, unless
+        Coriolis forces hold the body. With the springs S = B sqrt(k) n, the inertia of the matrix
+        [[K, S], [S^T, -I]] is the sum of those of K and -(I + S^T K^-1 S), and of those of -I and
+        K + S S^T (Haynsworth 1968, Linear Algebra and its Applications 1, 73-81). So
+        neg(K + S S^T) = neg(K) - neg(I + S^T K^-1 S).
         """
         tangent = self._tangent(q)
         found: int = self.model.negative_directions(tangent)
@@ -178,7 +184,63 @@ class _Statics:
             found -= negative_eigenvalues(
                 np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
             )
-        return found
+        return 0 if found and self._held_by_coriolis(q, found) else found
+
+    def _held_by_coriolis(self, q: Array, negative: int) -> bool:
+        """Whether no small motion about q (n,) grows without the damping.
+
+        Args:
+            q: the equilibrium.
+            negative: number of negative eigenvalues of its stiffness.
+        """
+        model = self.model
+        if not model.velocity_forces:
+            return False
+        solve = self._inverse(q)
+        random = np.random.default_rng(0)
+        block = [random.standard_normal(q.shape) for _ in range(negative + SOFTEST)]
+        for _ in range(INVERSE_ITERATIONS):
+            inertia = [model.mass_times(x).copy() for x in self._orthonormal(block)]
+            block = [solve(b) for b in inertia]
+        mass, velocity, stiffness = (
+            np.array([[model.dot(y, force) for force in forces] for y in block])
+            for forces in (
+                [model.mass_times(x).copy() for x in block],
+                [model.velocity_times(x).copy() for x in block],
+                inertia,
+            )
+        )
+        scale = 1.0 / np.sqrt(np.outer(mass.diagonal(), mass.diagonal()))
+        skew, symmetric = velocity - velocity.T, stiffness + stiffness.T
+        return not growing(scale * mass, 0.5 * scale * skew, 0.5 * scale * symmetric).size
+
+    def _orthonormal(self, block: list[Array]) -> list[Array]:
+        """The independent directions (n,) of a block, M-orthonormal."""
+        kept: list[Array] = []
+        for vector in block:
+            x = vector / np.sqrt(self.model.dot(vector, self.model.mass_times(vector)))
+            for _ in range(2):  # the second pass removes the rounding errors of the first
+                for y in kept:
+                    x = x - y * self.model.dot(y, self.model.mass_times(x))
+            size = np.sqrt(self.model.dot(x, self.model.mass_times(x)))
+            if size > DEPENDENT:
+                kept.append(x / size)
+        return kept
+
+    def _inverse(self, q: Array) -> Callable[[Array], Array]:
+        """The inverse of the stiffness at q (n,) with the contacts that touch, for forces (n,)."""
+        model, springs = self.model, self._springs(q)
+        rest = model.contact_displacement(np.zeros_like(q)).copy()
+
+        def solve(force: Array) -> Array:
+            y, unit, compliance = model.solve_effective(
+                0.0, 0.0, self._tangent(q), -force, self.scratch.directions
+            )
+            inner = np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
+            x = model.contact_displacement(y).copy() - rest
+            return np.asarray(y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x)))
+
+        return solve
 
     def _springs(self, q: Array) -> Array:
         """(m, closed) sqrt(k) n of each contact that touches at q."""
@@ -196,20 +258,13 @@ class _Statics:
         Returns:
             The direction (n,), and its eigenvalue in 1/s^2.
         """
-        model, zero = self.model, np.zeros_like(q)
-        springs = self._springs(q)
+        model, solve = self.model, self._inverse(q)
         rate = 0.0
         for _ in range(INVERSE_ITERATIONS):
             shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
             inertia = model.mass_times(shape).copy()
-            y, unit, compliance = model.solve_effective(
-                0.0, 0.0, self._tangent(q), -inertia, self.scratch.directions
-            )
-            inner = np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
-            x = model.contact_displacement(y).copy() - model.contact_displacement(zero)
-            new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
-            rate = 1.0 / model.dot(inertia, new)
-            shape = new
+            shape = solve(inertia)
+            rate = 1.0 / model.dot(inertia, shape)
         return shape / np.sqrt(model.dot(shape, model.mass_times(shape))), rate
 
     def downhill(self, q: Array) -> Array:

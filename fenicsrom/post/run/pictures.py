@@ -52,7 +52,7 @@ from fenicsrom.post.run.summary import probe_motions
 from fenicsrom.post.run.wear import plot_wear, plot_wear_over_time
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
-from fenicsrom.scene.keys.excitation import surface_spin
+from fenicsrom.scene.keys.schema import surface_spin
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 LEAST_SECTION = 20  # fewer periods make no section

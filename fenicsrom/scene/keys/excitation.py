@@ -25,7 +25,7 @@ from fenicsrom.scene.keys.loads import (
     Sweep,
     Table,
 )
-from fenicsrom.scene.keys.schema import Rotation, Scene, Surface
+from fenicsrom.scene.keys.schema import Rotation, Scene, Surface, surface_spin
 
 SMALL_SWING = 1e-3
 """Swings of a table below this part of its range are noise: they change the load by less."""
@@ -131,22 +131,6 @@ def highest_frequency(scene: Scene) -> float:
     if response is not None and response.parameter == "frequency" and scene.period is not None:
         scale = max(response.high * scene.period, 1.0)
     return scale * max(found)
-
-
-def surface_turns(surface: Surface, rotation: Rotation | None) -> float:
-    """The angle by which a surface turns for each radian of the body, as the body sees it."""
-    if surface.spin is not None or rotation is None or surface.kind == "sphere":
-        return 0.0
-    about = 1.0
-    if surface.axis is not None and rotation.axis is not None:
-        about = sum(a * b for a, b in zip(surface.axis, rotation.axis, strict=True))
-    return -about if abs(about) > 1.0 - 1e-9 else 0.0
-
-
-def surface_spin(surface: Surface, rotation: Rotation | None) -> float:
-    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
-    omega = 0.0 if rotation is None else rotation.omega
-    return (surface.spin or 0.0) + surface_turns(surface, rotation) * omega
 
 
 def _wave_period(surface: Surface, rotation: Rotation | None) -> float:

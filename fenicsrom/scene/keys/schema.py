@@ -251,6 +251,22 @@ class Rotation:
         return math.pi / 30.0 * self.speed_rpm
 
 
+def surface_turns(surface: Surface, rotation: Rotation | None) -> float:
+    """The angle by which a surface turns for each radian of the body, as the body sees it."""
+    if surface.spin is not None or rotation is None or surface.kind == "sphere":
+        return 0.0
+    about = 1.0
+    if surface.axis is not None and rotation.axis is not None:
+        about = sum(a * b for a, b in zip(surface.axis, rotation.axis, strict=True))
+    return -about if abs(about) > 1.0 - 1e-9 else 0.0
+
+
+def surface_spin(surface: Surface, rotation: Rotation | None) -> float:
+    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
+    omega = 0.0 if rotation is None else rotation.omega
+    return (surface.spin or 0.0) + surface_turns(surface, rotation) * omega
+
+
 METHODS = ("rubin", "craig-bampton")
 COMPARED = ("none", "principal", "mmi", "mmi-nls", "all")
 """Selections of derivatives that `fenicsrom compare` takes by default."""
@@ -525,17 +541,26 @@ class Scene:
 
     @property
     def period(self) -> float | None:
-        """Period of the excitation in s, that of the lowest frequency.
+        """Period of the excitation in s.
 
-        The period is None if no load is harmonic, if a load does not repeat, or if the speed of
-        rotation varies.
+        It is that of the lowest frequency of the loads. Where no load varies and no duration is
+        given, it is the time in which the surfaces with waves turn once. The period is None if
+        nothing repeats, if a load does not repeat, or if the speed of rotation varies.
         """
         if self.rotation is not None and self.rotation.history:
             return None
-        frequencies = [load.frequency for load in self.loads if load.frequency is not None]
-        if not frequencies or any(load.transient for load in self.loads):
+        if any(load.transient for load in self.loads):
             return None
-        return 1.0 / min(frequencies)
+        frequencies = [load.frequency for load in self.loads if load.frequency is not None]
+        if frequencies:
+            return 1.0 / min(frequencies)
+        spins = {
+            abs(surface_spin(contact.surface, self.rotation))
+            for contact in self.contacts
+            if contact.surface is not None and any(height for _, height, _ in contact.surface.waves)
+        }
+        turns = len(spins) == 1 and not isinstance(self.time.span, Duration)
+        return 2.0 * math.pi / max(spins) if turns and max(spins) > 0.0 else None
 
     @property
     def speeds_rpm(self) -> tuple[float, ...] | None:
@@ -559,6 +584,11 @@ class Scene:
     def viscous(self) -> bool:
         """Whether there is damping besides the mass-proportional one."""
         return self.damping.viscous or any(found.viscous for found in self.attachments)
+
+    @property
+    def damped(self) -> bool:
+        """Whether there is any damping."""
+        return self.viscous or self.material.mass_damping > 0.0
 
     @property
     def velocity_forces(self) -> bool:
