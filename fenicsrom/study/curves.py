@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import asking, log
 from fenicsrom.study.given import starts_from
@@ -121,7 +122,7 @@ def _curves(
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE
     if resume is not None and (resume / COORDINATES).exists():
-        labels = json.loads((resume / COORDINATES).read_text(encoding="utf-8"))
+        labels = _labels(resume / COORDINATES)
         if {*labels} <= {*source.stored.labels, *source.stored.further}:
             source = source.with_model(source.stored.resized(labels), folder)
     elif (size := source.stored.scene.basis.size) is not None:
@@ -180,6 +181,22 @@ def _keep(found: Response, again: Response, larger: StoredModel) -> None:
         f"basis.accuracy: their repetition with {larger.size} {reason}"
     )
     found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
+
+
+def _labels(path: Path) -> list[str]:
+    """The coordinates of the curves that a folder keeps.
+
+    Raises:
+        SceneError: the file is damaged.
+    """
+    try:
+        labels = json.loads(path.read_text(encoding="utf-8"))
+        if all(isinstance(label, str) for label in labels):
+            return list(labels)
+    except (OSError, ValueError, TypeError, RecursionError):
+        pass
+    reason = "is damaged: must be a list of the coordinates of the curves; begin without --resume"
+    raise refuse(path, reason, ErrorKind.FORMAT)
 
 
 @starts_from("StoredModel")

@@ -8,16 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, uncoupled
+from support import STOCKY, beam_scene, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.assess.errors import verdicts
 from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import load_start
 from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
+from fenicsrom.study.curves import COORDINATES, _labels
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
@@ -165,3 +167,13 @@ def test_resumed_run_keeps_the_coordinates_that_joined_its_basis(tmp_path: Path)
     path = tmp_path / "first" / "checkpoint.npz"
     again = study.run(scene, folder=tmp_path / "again", resume=path)
     assert again.basis is not None and again.basis.labels == first.basis.labels
+
+
+@pytest.mark.parametrize("content", [b"", b'["1V", "2', b"[1]", b"3", b"\xff", b"[" * 100_000])
+def test_damaged_labels_of_kept_curves_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / COORDINATES
+    path.write_bytes(content)
+    with refusal(ErrorKind.FORMAT, "", COORDINATES, "--resume"):
+        _labels(path)
+    path.write_text('["1V", "1V1V"]')
+    assert _labels(path) == ["1V", "1V1V"]

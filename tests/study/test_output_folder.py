@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support import refusal
@@ -254,6 +255,16 @@ def test_damaged_record_is_refused(tmp_path: Path, content: bytes) -> None:
     with refusal(ErrorKind.FORMAT, "", "provenance.json"):
         origin_table(tmp_path)
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("change", [{"state": None}, {"state": 3}, {"task": 3}, {"mesh": 3}])
+def test_record_without_an_entry_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    run(tmp_path, scene(), "report.html")
+    path = tmp_path / "provenance.json"
+    record = json.loads(path.read_text()) | change
+    path.write_text(json.dumps({k: v for k, v in record.items() if v or k not in change}))
+    with refusal(ErrorKind.FORMAT, "", "provenance.json", "is damaged"):
+        run(tmp_path, scene(), "report.html")
 
 
 KILLED = """

@@ -58,6 +58,14 @@ RESULTS = (
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
+ENTRIES: dict[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("state", "command", "working_folder", "began", "scene", "repeat"), str),
+    **dict.fromkeys(("mesh", "model", "resumed_from"), (dict, type(None))),
+    **dict.fromkeys(("results", "task"), (list, type(None))),
+    **{"ranks": int, "versions": dict, "overrides": list},
+}
+"""The entries of a record that the program reads, and their types."""
+
 TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{12}(\.\w+)?")  # of a killed run (`files.atomic_write`)
 
 
@@ -151,7 +159,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if not all(isinstance(record.get(name), kind) for name, kind in ENTRIES.items()):
+            raise TypeError
         names = [*(record["results"] or ()), *_copies(record["mesh"], record["model"])]
+        _items({**record, "commit": record.get("commit")})
     except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
         raise refuse(path, f"is damaged{ANOTHER}") from None
     for name in names:

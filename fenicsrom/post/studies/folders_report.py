@@ -14,6 +14,7 @@ import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import TRUSTED, VERDICTS, Note, Verdict
+from fenicsrom.online.motion.history import read_history
 from fenicsrom.post.base.directions import in_order
 from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.origin import SCENE_FILE
@@ -257,9 +258,8 @@ def motions_figure(found: Sequence[Outcome]) -> Figure:
     """Draw the reduced motions of runs over the time, at the point that moves most."""
     figure, (axis,) = new_panels(8.4, 4.0)
     for one, colour in zip(found, COLOURS * len(found), strict=False):
-        with np.load(one.folder / "history.npz") as history:
-            time, moved = history["reduced_time"], history["reduced_displacement"]
-        moved = moved.reshape(time.size, -1)
+        motion = read_history(one.folder / "history.npz")["reduced"]
+        time, moved = motion.time, motion.displacement.reshape(motion.time.size, -1)
         most = moved[:, int(np.argmax(np.ptp(moved, axis=0)))]
         axis.plot(time, 1e3 * most, color=colour, label=one.name)
     axis.set(xlabel="time, s", ylabel="displacement, mm")
