@@ -65,7 +65,9 @@ class _Seen:
     flexibility: Array
 
 
-def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
+def range_model(
+    structure: Any, options: Basis, speeds: Array, nominal: float | None = None
+) -> RangeModel:
     """The range model of a structure, with its errors between the speeds.
 
     Args:
@@ -73,6 +75,8 @@ def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
             it is unloaded.
         options: the options of the basis.
         speeds: (s,) speeds of the basis, ascending, rad/s.
+        nominal: the speed of the stiffness and the modes of the damping, rad/s; None takes the
+            last speed.
 
     Raises:
         ConvergenceError, AccuracyError: no equilibrium at a speed, or an inaccurate mode.
@@ -101,7 +105,7 @@ def range_model(structure: Any, options: Basis, speeds: Array) -> RangeModel:
         reason += "use fewer basis.modes, basis.masters or speeds"
         raise refuse(structure.source, reason, ErrorKind.RANGE, "rotation.speeds_rpm")
     log.info(f"  polynomial of {basis.size} coordinates ..")
-    return _projected(structure, basis, first, at, list(seen.values()))
+    return _projected(structure, basis, first, at, list(seen.values()), nominal)
 
 
 def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
@@ -119,7 +123,12 @@ def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: 
 
 
 def _projected(
-    structure: Any, basis: ReducedBasis, first: ComponentModes, at: list[_Seen], seen: list[_Seen]
+    structure: Any,
+    basis: ReducedBasis,
+    first: ComponentModes,
+    at: list[_Seen],
+    seen: list[_Seen],
+    nominal: float | None,
 ) -> RangeModel:
     """The range model on a basis, with its errors at the speeds between those of the basis."""
     r, frame = basis.vectors, structure.rotation
@@ -128,6 +137,8 @@ def _projected(
         coriolis /= frame.omega
     force = structure.inner(r, frame.unit_centrifugal_force[:, None])[:, 0]
     softening = structure.inner(r, frame.mass_times(r))
+    if nominal is not None and structure.viscous.acts:
+        structure.spin(nominal)
     structure.unload()
     model = project(structure, basis)
     known = np.concatenate([one.equilibrium for one in at], axis=1)

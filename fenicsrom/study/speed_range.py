@@ -51,10 +51,11 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     solid = solid_of(middle, mesh)
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
-    omegas = np.pi / 30.0 * np.array(speeds)
-    whole = range_model(solid, scene.basis, omegas)
+    assert scene.rotation is not None
+    given = np.pi / 30.0 * np.array(speeds), scene.rotation.omega
+    whole = range_model(solid, scene.basis, *given)
     log.info("the same of finer elements ..")
-    finer, unjudged = _finer(middle, solid, replace(scene.basis, modes=whole.modes), omegas)
+    finer, unjudged = _finer(middle, solid, replace(scene.basis, modes=whole.modes), *given)
     whole = replace(whole, finer=finer).under(load_histories=load_histories(scene))
     found = StoredModel(
         whole.model,
@@ -72,7 +73,7 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
 
 
 def _finer(
-    scene: Scene, solid: Solid, options: Basis, speeds: Array
+    scene: Scene, solid: Solid, options: Basis, speeds: Array, nominal: float
 ) -> tuple[RangeModel | None, str]:
     """The range model of finer elements, or why there is none; arguments as `range_model`."""
     from fenicsrom.fem.solid.finer import FinerSolid, too_large
@@ -82,7 +83,7 @@ def _finer(
         return None, reason
     try:
         finer = FinerSolid(scene, solid)
-        found = range_model(finer, options, speeds)
+        found = range_model(finer, options, speeds, nominal)
     except (AccuracyError, ConvergenceError, SceneError) as error:
         return None, str(error)
     finer.destroy()

@@ -695,6 +695,42 @@ def test_waves_of_turning_surface_repeat_in_the_period_of_the_loads(
         assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, key)
 
 
+TURNING = "rotation={speed_rpm=3000.0, point=[0, 0]}"
+LOBES = "contacts.0.surface.waves=[[2, 1e-5, 0]]"
+SPINNING = "contacts.0.surface={kind='cylinder', point=[0, 0], spin=100.0, waves=[[2, 1e-5, 0]]}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "period"),
+    [
+        ((TURNING, LOBES), 0.02),
+        ((TURNING, LOBES, "loads=[{group='tip', direction=[0, 1], force=1.0}]"), 0.02),
+        ((TURNING, LOBES, "time={duration=1.0, step=1e-4}"), None),
+        ((SPINNING,), 2.0 * math.pi / 100.0),
+    ],
+)
+def test_lobes_excite_a_scene_without_a_load_that_varies(
+    overrides: tuple[str, ...], period: float | None
+) -> None:
+    scene = parse(CASING, "loads=[]", "time={}", *overrides)
+    assert scene.period == pytest.approx(period)
+    assert scene.time.steps_per_period == (200 if period else None)
+
+
+def test_scene_without_waves_and_loads_needs_a_duration() -> None:
+    flat = "contacts.0.surface.waves=[[2, 0.0, 0]]"
+    assert refused(CASING, "loads=[]", "time={}", TURNING, flat)[1] == "time.duration"
+
+
+def test_scene_for_its_modes_needs_no_times() -> None:
+    impact = "loads=[{group='tip', direction=[0, 1], force=1.0, pulse={duration=0.1}}]"
+    table = override_table(tomllib.loads(CASING), ("time={}", impact), "test")
+    assert parse_scene(table, "test", None, unloaded=True).period is None
+    with pytest.raises(SceneError) as caught:
+        parse_scene(table, "test", None)
+    assert caught.value.key.startswith("time.")
+
+
 def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
     solid = {"mesh": "beam3d.geo", "dimension": 3}
     table: Any = tomllib.loads(CASING) | {"geometry": solid}

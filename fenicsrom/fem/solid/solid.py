@@ -431,7 +431,7 @@ class Solid(ElasticBody):
         return np.array(found[1:]).T
 
     def spin(self, omega: float) -> None:
-        """Set another angular velocity (rad/s); update the equilibrium, K, its factor and G.
+        """Set another angular velocity (rad/s); update the equilibrium, K, its factor, G and C.
 
         Raises:
             ConvergenceError: no equilibrium was found at this speed.
@@ -444,6 +444,7 @@ class Solid(ElasticBody):
         if self.gyroscopic is not None:
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
+        vars(self).pop("viscous", None)
 
     def load_moments(self, block: Array) -> Array:
         """The moment of each unit load about the axis of rotation, with the loads on supports.

@@ -27,10 +27,16 @@ from fenicsrom.scene.checks.curve_checks import (
 )
 from fenicsrom.scene.checks.material_checks import material_problems
 from fenicsrom.scene.keys import times
-from fenicsrom.scene.keys.excitation import surface_spin
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import Place, Region
-from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene, Surface
+from fenicsrom.scene.keys.schema import (
+    Contact,
+    Geometry,
+    Rotation,
+    Scene,
+    Surface,
+    surface_spin,
+)
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
@@ -43,7 +49,7 @@ REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 def problems(scene: Scene, unloaded: bool = False) -> Problems:
     """Yield the keys of a scene that do not agree with each other, in the order of the checks.
 
-    A scene that is `unloaded` may be without loads, contacts and probe.
+    A scene that is `unloaded` may be without loads, contacts, probe and times.
     """
     yield from _geometry_problems(scene.geometry)
     yield from _rotation_problems(scene)
@@ -70,7 +76,8 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
         what = "without contacts and without a load at a place"
         yield Problem("probe", f"must be a table in a scene {what}")
     yield from _basis_problems(scene)
-    yield from _time_problems(scene)
+    if not unloaded:
+        yield from _time_problems(scene)
     yield from response_problems(scene)
     yield from backbone_problems(scene)
     yield from statics_problems(scene)
@@ -320,8 +327,6 @@ def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Pr
         "basis.method": basis.method != "rubin",
         "basis.derivatives": basis.derivatives != "principal",
         "basis.elastic_force": basis.elastic_force != "polynomial",
-        "damping.stiffness": scene.damping.stiffness,
-        "damping.ratios": scene.damping.ratios,
         "output.stresses": scene.output.stresses != "none",
         "reference.full": scene.reference.full,
     }
@@ -423,14 +428,14 @@ def _duration_problems(scene: Scene) -> Problems:
 def _period_problems(scene: Scene) -> Problems:
     """Yield the problems of the times and frequencies of a scene with a period."""
     time = scene.time
-    why = "because the loads repeat"
+    why = "because the excitation repeats"
     if isinstance(time.span, times.Duration):
         yield Problem("time.duration", f"use periods, {why}")
     if isinstance(time.stepping, times.FixedStep | times.StepsPerRevolution):
         key = fields(time.stepping)[0].name
         yield Problem(f"time.{key}", f"use steps_per_period or tolerance, {why}")
     frequencies = [load.frequency for load in scene.loads]
-    lowest = min(frequency for frequency in frequencies if frequency is not None)
+    lowest = min(filter(None, frequencies), default=0.0)
     for index, frequency in enumerate(frequencies):
         if frequency is not None and abs(math.remainder(frequency, lowest)) > 1e-9 * lowest:
             allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"

@@ -113,7 +113,8 @@ class Damping:
     """Viscous damping besides the mass-proportional damping of [material].
 
     The damping matrix is C = α M + β K + Σ 2 ζ_k ω_k M φ_k φ_kᵀ M, where K is the stiffness at the
-    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised.
+    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised. A model
+    for a range of speeds has the C of `rotation.speed_rpm` at all speeds.
 
     Attributes:
         stiffness: factor β.
