@@ -81,7 +81,7 @@ def test_starter_scene_that_cannot_run_is_not_recommended(
 ) -> None:
     pytest.importorskip("dolfinx")
     path = nastran(tmp_path / "a.bdf", bulk)
-    task = ["--template", "rub", "--tip", "SPC 1 z"] if names == "contacts[0]" else []
+    task = ["--template", "stop", "--tip", "SPC 1 z"] if names == "contacts[0]" else []
     assert main(["init", str(path), *task]) == 2
     said = capsys.readouterr()
     assert names in said.err and "a.toml" in said.err

@@ -235,7 +235,7 @@ low, 1, 3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("template", ["response", "rub", "damper", "statics"])
+@pytest.mark.parametrize("template", ["response", "stop", "rub", "damper", "statics"])
 def test_starter_scene_of_a_deck_runs(
     tmp_path: Path, template: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -248,7 +248,10 @@ def test_starter_scene_of_a_deck_runs(
     assert (scene.material.young, scene.material.density) == (1.1e11, 4430.0)
     assert scene.supports == (Support(group="low"),) and scene.geometry.scale == 1e-3
     assert scene.damping.ratios == 0.01
-    if scene.contacts:
+    if template == "rub":
+        assert scene.rotation is not None and scene.rotation.axis != (0.0, 0.0, 1.0)
+        assert not scene.loads and scene.period == pytest.approx(60.0 / scene.rotation.speed_rpm)
+    elif scene.contacts:
         normal = np.array(scene.contacts[0].normal)
         assert abs(normal[2]) == pytest.approx(1.0) or template == "damper"
     command = "statics" if template == "statics" else "run"
@@ -256,6 +259,9 @@ def test_starter_scene_of_a_deck_runs(
     code = main([command, str(tmp_path / "bar.toml"), "--output", str(tmp_path / "out"), *quick])
     assert code == 0
     capsys.readouterr()
+    if template == "rub":
+        with np.load(tmp_path / "out" / "history.npz") as history:
+            assert history["reduced_force"].max() > 0.0
 
 
 def test_groups_for_root_and_tip_are_taken(tmp_path: Path) -> None:

@@ -437,7 +437,7 @@ def take(part: Part, folder: Path, finer: bool) -> dict[str, Any]:
     Path(scene).unlink(missing_ok=True)
     os.environ["FENICSROM_CACHE"] = str(folder / "cache")
     shutil.rmtree(folder / "cache", ignore_errors=True)
-    options = ("--template", "rub", *part.init, "--output", scene)
+    options = ("--template", "stop", *part.init, "--output", scene)
     found: dict[str, Any] = {"what": part.what, "failed": [], "told": [], "seconds": {}}
     for name in ("init", "modes", "run", "response", "export"):
         rest: tuple[str, ...] = ("--output", str(folder / f"{stem}_{name}"), *QUIET)

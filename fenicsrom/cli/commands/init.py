@@ -19,10 +19,10 @@ ROOT = Argument("--root", metavar="GROUP", help="group or number of the face to 
 TIP = Argument("--tip", metavar="GROUP", help="group or number of the face with load and contact")
 TEMPLATE = Argument(
     "--template",
-    choices=("response", "rub", "damper", "statics"),
+    choices=("response", "stop", "rub", "damper", "statics"),
     default="response",
-    help="task of the scene: a response at the first mode (default), with a stop that it rubs "
-    "against, with a friction damper, or a static load",
+    help="task of the scene: a response at the first mode (default), with a stop or with a "
+    "friction damper; a blade that turns and rubs a casing; or a static load",
 )
 
 
@@ -61,7 +61,7 @@ def init(options: argparse.Namespace) -> int:
     }
     text = starter_scene(found, path.parent, **settings)
     write_text(path, text)  # the path of the mesh is relative to its folder, which exists now
-    task = {"rub": "run", "damper": "run"}.get(options.template, options.template)
+    task = {"rub": "run", "stop": "run", "damper": "run"}.get(options.template, options.template)
     try:
         mode = _first_mode(text, path, options.tip)
         write_text(path, starter_scene(found, path.parent, **settings, mode=mode))

@@ -32,6 +32,21 @@ IMPACTS = 0.002
 STOP = 3.0
 """Stiffness of a stop, relative to the modal stiffness."""
 
+CASING = 100.0
+"""Stiffness of a casing, relative to the modal stiffness."""
+
+GAP, LOBE = 2e-4, 2.5e-4
+"""Gap of a casing and height of its lobes, relative to the extent of the body."""
+
+TIP_SPEED = 50.0
+"""Largest speed of a tip, m/s: it lengthens a blade of metal by much less than the gap."""
+
+RUB_STEPS = 600
+"""Steps in a revolution of a starter scene with a casing."""
+
+HUB = 0.5
+"""Distance of a blade's root from the axis, relative to the length of the blade."""
+
 SLIDING = 0.1
 """Cosine of the angle between motion and normal below which a point slides along a surface."""
 
@@ -115,7 +130,7 @@ def starter_scene(
         units: the units of the scene, and why; by default guessed.
         root: the group to clamp; by default what the file says, or a likely part.
         tip: the group where the load acts; by default the point that the first mode moves most.
-        template: "response", "rub", "damper" or "statics".
+        template: "response", "stop", "rub", "damper" or "statics".
         mode: the first mode; None for a scene without loads.
     """
     system, why = units or units_of(found, None)
@@ -159,7 +174,7 @@ def starter_scene(
 
 def _stiffness_damping(units: Units, mode: FirstMode | None, template: str) -> list[str]:
     """The damping of the modes above the first ones, without which impacts make them ring."""
-    if mode is None or template not in ("rub", "damper"):
+    if mode is None or template not in ("stop", "rub", "damper"):
         return []
     factor = _two_digits(units, "s", IMPACTS / (math.pi * mode.frequency))
     why = f"a damping ratio of {IMPACTS} at mode 1 that grows with the frequency"
@@ -370,6 +385,8 @@ def _task_lines(
             "last = 1.0 # factor on the static loads",
             "",
         ]
+    if template == "rub":
+        return _rub_lines(found, units, mode, place, point)
     lines = [
         "[[loads]] # harmonic: at the first frequency, in the direction in which mode 1 moves",
         place,
@@ -379,13 +396,60 @@ def _task_lines(
         f"frequency = {frequency} # Hz, of mode 1",
         "",
     ]
-    if template in ("rub", "damper"):
+    if template in ("stop", "damper"):
         lines += _contact_lines(found, units, mode, place, tip, template)
     return [
         *lines,
         "[response] # fenicsrom response SCENE",
         f"first = {0.9 * frequency:.5g} # Hz",
         f"last = {1.1 * frequency:.5g}",
+        "",
+    ]
+
+
+def _rub_lines(
+    found: Inspection, units: Units, mode: FirstMode, place: str, point: list[float]
+) -> list[str]:
+    """The tables of a blade that turns in an oval casing: the lobes excite it, without a load.
+
+    The blade points along the longest axis of its box, and its first mode moves it in the plane of
+    rotation. At a third of the first frequency, no engine order of two lobes meets the mode.
+    """
+    fastest = TIP_SPEED / (2.0 * math.pi * (1.0 + HUB) * mode.extent)
+    rate = min(mode.frequency / 3.0, fastest)
+    low, high = found.low, found.high
+    along = int(np.argmax(high - low))
+    outward = point[along] >= 0.5 * (low + high)[along]
+    root, length = (low if outward else high)[along], (high - low)[along]
+    centre = 0.5 * (low + high)
+    centre[along] = root + (-HUB if outward else HUB) * length
+    axis = [f"point = {[float(f'{x:.6g}') for x in centre]} # on the axis: check it"]
+    if found.geometry.dimension == 3:
+        across = np.abs(mode.direction)
+        across[along] = np.inf
+        unit = [float(k == int(np.argmin(across))) for k in range(3)]
+        axis = [f"axis = {unit} # check it", *axis]
+    return [
+        "[rotation]",
+        f"speed_rpm = {float(f'{60.0 * rate:.2g}'):g}",
+        *axis,
+        "coriolis = true",
+        "# speeds_rpm = [first, last] # one model for all speeds, for fenicsrom map",
+        "",
+        "[[contacts]] # an oval casing that stands still; its lobes excite the blade",
+        place,
+        _given(units, "gap", "m", GAP * mode.extent),
+        _given(units, "normal_stiffness", "N/m", CASING * mode.stiffness),
+        _given(units, "tangential_stiffness", "N/m", CASING * mode.stiffness),
+        f"friction = {FRICTION}",
+        "[contacts.surface]",
+        'kind = "cylinder"',
+        *axis,
+        f"waves = [[2, {_two_digits(units, 'm', LOBE * mode.extent)}, 0.0]] # two lobes: height "
+        f"in {units.length}",
+        "",
+        "[time]",
+        f"steps_per_period = {RUB_STEPS} # in a revolution",
         "",
     ]
 
