@@ -47,7 +47,8 @@ SETTLED = 0.05  # largest change of the root mean square between the halves of t
 DECAYS = 0.9  # change from revolution to revolution, of the halves, below which it decays
 LINES, BINS = 12, 2  # a torus has its energy in so many lines, each of so many bins to each side
 REST = 0.01  # largest part of the energy of a torus that is not in its lines
-AWAY = 3.0  # the other start is so many times as large as the motion
+AWAY = 3.0  # the other start is so many times as far from the surface as the motion
+ENERGY = 1e3  # largest energy of the other start, relative to the kinetic energy of the motion
 TINY = 1e-300
 HALVINGS = 10  # so often is another start halved that is not possible
 ROUNDING = 1e-9  # smaller motions, relative to the distance from the axis of rotation, are none
@@ -362,18 +363,18 @@ class Place:
     def _away(self, contacts: Contacts, line: Line, energy: float) -> tuple[Array, Array] | None:
         """Another possible start: at rest in the first mode, away from the surface; or None.
 
-        Along the normals it is `AWAY` times as large as the motion, but it has no more energy than
-        a motion that is so many times larger: the first mode of a straight blade moves its tip
-        along the surface, and away from it by rounding only. A start is possible if no point is
-        deeper in its surface than in the equilibrium, and if it has the energy of a linear body at
-        most: a body that is bent or squeezed too far has much more.
+        Along the normals it is `AWAY` times as large as the motion, but it has at most `ENERGY`
+        times the energy: the first mode of a straight blade moves its tip along the surface, and
+        away from it by rounding only. A start is possible if no point is deeper in its surface than
+        in the equilibrium, and if it keeps this limit of the energy as a nonlinear body: one that
+        is bent or squeezed too far has much more.
 
         Args:
             contacts: the contacts at the start of the march.
             line: the motion.
             energy: its largest kinetic energy, J.
         """
-        model, allowed = self.stored.model, AWAY**2 * energy
+        model, allowed = self.stored.model, ENERGY * energy
         squares, shapes = scipy.linalg.eigh(model.elastic.stiffness, model.mass)
         stable, rest = np.flatnonzero(squares > 0.0), np.zeros(squares.size)
         if not stable.size:

@@ -72,7 +72,7 @@ def energy_errors(motion: Motion, part: slice | None = None) -> EnergyErrors:
         work=float(np.max(np.abs(work - work[0]))),
         friction_gain=-float(np.sum(steps[steps < 0.0])),
         largest_friction_gain=-float(steps.min(initial=0.0)),
-        dissipated=float(np.sum(steps[steps > 0.0])) + damped,
+        dissipated=float(np.sum(steps[steps > 0.0])) + max(damped, 0.0),  # less is rounding
     )
 
 
