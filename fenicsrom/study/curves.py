@@ -94,7 +94,7 @@ def response(
     return found
 
 
-def _first_warnings(source: Source, found: Response | Backbone) -> list[str]:
+def _first_warnings(source: Source, found: Response | Backbone) -> list[Note]:
     """The warnings of the model and of its mesh, each once."""
     judged = found.mesh_check.warnings(found.scene)
     return list(dict.fromkeys([*source.warnings, *judged]))
