@@ -20,7 +20,13 @@ DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG of Linux
 
 
 def run() -> int:
-    """Run the command of `sys.argv` in a child process; return its exit code."""
+    """Run the command of `sys.argv` in a child process; return its exit code.
+
+    A program that uses MPI already, and runs the command by `runpy`, runs it itself: a child of it
+    would hang in MPI.
+    """
+    if "mpi4py.MPI" in sys.modules:
+        return main()
     signal.pthread_sigmask(signal.SIG_BLOCK, WORDS)  # until both processes have their handlers
     child = os.fork()
     if child == 0:
