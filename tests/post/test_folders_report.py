@@ -10,6 +10,7 @@ import pytest
 
 from fenicsrom.cli import main
 from fenicsrom.notes import verdict_of
+from fenicsrom.online.motion.history import HISTORY_ARRAYS
 from fenicsrom.post.base.report import told
 from fenicsrom.post.studies.folders_report import curves_figure, differences, outcome
 
@@ -35,9 +36,9 @@ def folders(tmp_path: Path) -> list[Path]:
     summary = {"response": {"reduced": motion}, **told(verdict_of([]), [])}
     (found[2] / "summary.json").write_text(json.dumps(summary))
     moved = np.array([[[0.0, 0.0]], [[0.001, 0.004]]])
-    np.savez(
-        found[2] / "history.npz", reduced_time=np.array([0.0, 1.0]), reduced_displacement=moved
-    )
+    arrays = {f"reduced_{key}": np.zeros(2) for key in HISTORY_ARRAYS}
+    arrays |= {"reduced_time": np.array([0.0, 1.0]), "reduced_displacement": moved}
+    np.savez(found[2] / "history.npz", **arrays)
     return found
 
 
