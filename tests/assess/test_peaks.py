@@ -128,7 +128,7 @@ def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Pat
         stopped = response(damper(), state=tmp_path)
     assert stopped.interrupted
     page = report(stopped)
-    assert page.verdict == "Incomplete: the computation was interrupted."
+    assert page.verdict.text == "Incomplete: the computation was interrupted."
     count = len(largest_peaks(stopped.curves[0].peaks))
     assert any(f"are incomplete: {count} values so far" in line for line in page.sentences)
     again = response(damper(), resume=tmp_path)

@@ -19,7 +19,7 @@ from test_response import DAMPING, HIGH, LOW, oscillator
 
 from fenicsrom.assess import jobs
 from fenicsrom.assess.curves import curve_progress
-from fenicsrom.assess.curves.curve_progress import CurveProgress
+from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.response import CLASSES, response
 from fenicsrom.assess.curves.response_files import curve_file
 from fenicsrom.assess.curves.response_results import Response
@@ -59,14 +59,16 @@ def assert_continued(again: Response, part: Response, whole: Response) -> None:
 
 def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
     """A run that is stopped when its curves have so many points together."""
-    count = 0
+    count, passed = 0, CurveWalk.passed
 
-    def stop() -> bool:
+    def counted(walk: CurveWalk) -> None:
         nonlocal count
         count += 1
-        return count > points
+        passed(walk)
 
-    found = response(stored, state=folder, stop=stop)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CurveWalk, "passed", counted)
+        found = response(stored, state=folder, stop=lambda: count >= points)
     assert found.interrupted
     return found
 
