@@ -85,6 +85,21 @@ class Note(str):
         return self.kind, str(self), self.key, self.curve, self.quantity
 
 
+SEVERITY = (
+    NoteKind.CUT_SHORT,
+    NoteKind.UNSETTLED,
+    NoteKind.UNSTABLE,
+    NoteKind.LAW,
+    NoteKind.IMPLAUSIBLE,
+    NoteKind.ERROR,
+    NoteKind.SEVERAL,
+    NoteKind.BASIS,
+    NoteKind.UNCHECKED,
+    NoteKind.WARNING,
+)
+"""The kinds that cast doubt, the worst one first: a verdict quotes the worst note."""
+
+
 def note_of(text: str) -> Note:
     """A note; a text without a kind casts doubt on all quantities."""
     return text if isinstance(text, Note) else Note(NoteKind.WARNING, text)
@@ -174,7 +189,7 @@ def verdict_of(
     if not doubts:
         of = f" about {_listed(list(quantities))}" if quantities else ""
         return Verdict(TRUSTED, f"no check found a reason for doubt{of}.{silent}", judged)
-    first = min(doubts, key=lambda note: note.quantity != "")  # what concerns all comes first
+    first = min(doubts, key=lambda note: (SEVERITY.index(note.kind), note.quantity != ""))
     names = dict.fromkeys(note.quantity for note in doubts)
     name = "" if "" in names else f"{_listed(list(names))}: "
     more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""

@@ -32,7 +32,7 @@ UNDRAWN = Note(NoteKind.NOT_DRAWN, "motion.gif was not drawn: no EGL", "motion.g
             "stability.",
         ),
         ([COARSE, COARSE], "Doubtful: coarse mesh."),
-        ([FORCE, COARSE], "Doubtful: coarse mesh, and 1 more warning."),
+        ([FORCE, COARSE], "Doubtful: its estimated error is 17 %, and 1 more warning."),
         (
             [FORCE],
             "Doubtful: peak normal force: its estimated error is 17 %. "

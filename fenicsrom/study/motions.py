@@ -231,7 +231,7 @@ def check(study: Study) -> None:
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
     from fenicsrom.assess.errors.estimates import basis_errors
-    from fenicsrom.assess.errors.verdicts import contact_notes, estimate_errors
+    from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
     name, scene, motions = "", found.scene, found.motions
@@ -245,7 +245,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
         estimate_errors(found.model, found.candidates, scene, motion, found.errors, basis, meshes)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
-    found.warnings.extend(contact_notes(scene, found.errors, motion))
+    found.warnings.extend(error_notes(scene, found.errors, motion))
     return None
 
 

@@ -115,12 +115,20 @@ def test_large_error_of_the_peak_force_casts_doubt_on_it_alone(
 ) -> None:
     _, scene, motion = struck(0.01, True)
     step, mesh = (estimates.MotionErrors(0.02, size, (0.02, 0.03)) for size in force)
-    (note,) = verdicts.contact_notes(scene, {"time step": step, "mesh": mesh}, motion)
+    (note,) = verdicts.error_notes(scene, {"time step": step, "mesh": mesh}, motion)
     assert said in note and note.quantity == PEAK_FORCE
     judged = verdict_of([note], quantities=[AMPLITUDES, *verdicts.contact_quantities(scene)])
     assert judged.kind == "doubtful" and judged.quantities[AMPLITUDES] == TRUSTED
     assert judged.quantities[PEAK_FORCE] == note
-    assert verdicts.contact_notes(scene, {"mesh": step._replace(peak_force=0.1)}, motion) == []
+    assert verdicts.error_notes(scene, {"mesh": step._replace(peak_force=0.1)}, motion) == []
+
+
+def test_amplitude_that_a_shifted_resonance_changes_is_doubtful() -> None:
+    _, scene, motion = struck(0.01, True)
+    shifted = estimates.MotionErrors(0.01, 0.0, (0.01, 0.01), shift=0.01, at_frequency=1.5)
+    (note,) = verdicts.error_notes(scene, {"mesh": shifted}, motion)
+    assert note.quantity == AMPLITUDES and "150 %" in note
+    assert verdicts.error_notes(scene, {"mesh": shifted._replace(at_frequency=0.05)}, motion) == []
 
 
 def test_estimates_of_probe_and_dissipation_follow_the_motions() -> None:

@@ -40,7 +40,7 @@ from fenicsrom.assess.errors.estimates import (
 )
 from fenicsrom.assess.errors.resonance import near_resonance
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.notes import DISSIPATION, PEAK_FORCE, PROBE, WEAR, Note, NoteKind
+from fenicsrom.notes import AMPLITUDES, DISSIPATION, PEAK_FORCE, PROBE, WEAR, Note, NoteKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import is_unsteady, misses_motion
 from fenicsrom.online.motion.motion import Motion
@@ -225,8 +225,11 @@ def contact_quantities(scene: Scene) -> list[str]:
     return [*probe, PEAK_FORCE, DISSIPATION, *worn]
 
 
-def contact_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion) -> list[Note]:
-    """Notes on the quantities of the contact whose estimated errors cast doubt on them.
+def error_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion) -> list[Note]:
+    """Notes on quantities whose estimated errors cast doubt on them, without a refusal.
+
+    These are the quantities of the contact, and near a resonance the amplitudes at the frequency of
+    the loads.
 
     Args:
         scene: the scene of the motion.
@@ -251,6 +254,19 @@ def contact_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Moti
                 f"casts no doubt); {' and '.join(REMEDIES[cause] for cause in large)} may lower it"
             )
             found.append(Note(NoteKind.ERROR, text, quantity=quantity))
+    steep = {
+        c: e.at_frequency for c, e in errors.items() if e.shift and not e.at_frequency <= allowed
+    }
+    if steep:
+        said = " and ".join(
+            f"{in_percent(size) if np.isfinite(size) else 'an unknown part'} by the {cause}"
+            for cause, size in steep.items()
+        )
+        text = (
+            f"near a resonance, the amplitude at this frequency of the loads may be wrong by "
+            f"{said}, because the resonance is shifted: read it together with the frequency"
+        )
+        found.append(Note(NoteKind.ERROR, text, quantity=AMPLITUDES))
     return found
 
 

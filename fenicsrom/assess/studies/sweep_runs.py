@@ -15,7 +15,7 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.large_strains import equilibrium_warnings
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
 from fenicsrom.assess.errors.sizing import fitted
-from fenicsrom.assess.errors.verdicts import contact_notes, estimate_errors
+from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
@@ -228,7 +228,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, Note(NoteKind.ERROR, str(error)))
-    warnings += contact_notes(scene, errors, motion)
+    warnings += error_notes(scene, errors, motion)
     if warnings:
         found |= {"sentence": "; ".join(warnings), "notes": packed(warnings)}
     columns = {"step_error": "time step", "basis_error": "basis", "mesh_error": "mesh"}

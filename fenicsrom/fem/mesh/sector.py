@@ -28,8 +28,11 @@ MOST_FACES = 40
 SAME = 1e-3
 """Accepted difference of two faces after the rotation, relative to the face."""
 
-WHOLE = 1e-3
-"""Accepted distance of the number of sectors from a whole number, relative to it."""
+WHOLE = 0.02
+"""Accepted distance of the number of sectors from a whole number."""
+
+MOST_SECTORS = 180
+"""More sectors are no disk: two faces of a tapered body are nearly parallel."""
 
 BORE = 1e-3
 """A body that comes nearer to the axis, relative to its extent, is no sector with a bore."""
@@ -128,7 +131,7 @@ def _between(
     if sine < SAME or angle < SAME:
         return None
     number = round(2.0 * np.pi / angle)
-    if number < 3 or abs(2.0 * np.pi / angle - number) > WHOLE * number:
+    if not 3 <= number <= MOST_SECTORS or abs(2.0 * np.pi / angle - number) > WHOLE:
         return None
     axis = axis / sine * np.sign(axis[np.abs(axis).argmax()])
     weights = [np.linalg.norm(areas[face], axis=1) for face in (a, b)]
