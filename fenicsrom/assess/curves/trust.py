@@ -495,13 +495,18 @@ def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | PeriodicMoti
     """The motion with half the time step at a point of a curve; None if it was not found.
 
     Half the step may change how a high mode rings, which no single correction bridges: then
-    bounded steps of Newton's method seek the motion.
+    bounded steps of Newton's method seek the motion. Next to a fold they may cross it, and what
+    they find then is the motion of the other branch.
     """
     shooting, path = _path(point, family, 2)
     s = shooting.scaled(point.z)
     if point.kind != FOLD:
         near = path.at_parameter(s, point.parameter, exact=False)
-        return near or _solved(shooting, s)
+        if near is not None:
+            return near
+        far = _solved(shooting, s)
+        crosses = far is not None and (far.verdict == FOLD) != (point.verdict == FOLD)
+        return None if crosses else far
     here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
