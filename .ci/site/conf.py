@@ -37,6 +37,7 @@ demos/tutorial
 demos/loads
 demos/contact
 demos/rotation
+demos/limits
 demos/time
 demos/curves
 demos/sweeps
