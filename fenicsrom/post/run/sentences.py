@@ -104,10 +104,11 @@ def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: Con
     return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
-def equilibrium_sentence(deflection: Array) -> str:
+def equilibrium_sentence(deflection: Array, scene: Scene) -> str:
     """State the displacement of the probe under the static loads."""
     components = named_millimetres("xyz", deflection, 6)
-    return f"Displacement of the probe in the static equilibrium: {components}."
+    without = ", without the contacts, which act in the motion" if scene.contacts else ""
+    return f"Displacement of the probe in the static equilibrium{without}: {components}."
 
 
 def support_sentence(run: Study | Rerun) -> str | None:
@@ -337,7 +338,9 @@ def size_sentence(found: Sized) -> str:
 
 def study_results(study: Study) -> list[str]:
     """State the equilibrium, the error due to the mesh, and the error against the full model."""
-    found = [] if study.deflection is None else [equilibrium_sentence(study.deflection)]
+    found = (
+        [] if study.deflection is None else [equilibrium_sentence(study.deflection, study.scene)]
+    )
     found += [] if study.mesh_check is None else [study.mesh_check.sentence()]
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors, study.scene, study.points))
