@@ -254,6 +254,6 @@ def test_errors_are_a_range_where_sliders_are_free(monkeypatch: pytest.MonkeyPat
     found = estimates.with_range(nearby, 1.5, model, scene, stuck)
     assert found.amplitude == 0.0 and found.from_rest is not None
     assert found.from_rest.amplitude == pytest.approx(1.5 * (1.0 - 1.0 / 1.02))
-    assert estimate_rows({"basis": found}, motion, ("x", "y"))[1][1] == "0 to 2.9"
+    assert estimate_rows(scene, {"basis": found}, motion, ("x", "y"))[1][1] == "0 to 2.9"
     search.free_sliders = 0
     assert estimates.with_range(nearby, 1.5, model, scene, stuck) == nearby
