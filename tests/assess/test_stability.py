@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support import beam_scene, oscillator, refusal
 
-from fenicsrom.assess.errors import estimates
+from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.assess.studies import stability
 from fenicsrom.assess.studies.stability import Case, Finding, Matrix, Verdict
 from fenicsrom.errors import ErrorKind, SceneError
@@ -128,6 +128,9 @@ def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.Monke
     slow = replace(motion, steady=False, displacement=fading * motion.displacement)
     assert verdict().verdict is Verdict.CONVERGED
     assert verdict(n160=scaled(runs[160], 1.1)).verdict is Verdict.WRONG
+    # near its resonance: the amplitude at the frequency of the loads does not refuse a run
+    assert verdict(n40=scaled(runs[40], 1.1)).verdict is Verdict.CONVERGED
+    monkeypatch.setattr(verdicts, "near_resonance", lambda errors, *_: errors)
     assert verdict(n40=scaled(runs[40], 1.1)).verdict is Verdict.REFUSED
     unsteady = {f"n{steps}": slow for steps in (80, 40, 160, 320, 640)}
     off = scaled(slow, 3.0)
