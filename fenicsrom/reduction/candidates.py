@@ -161,7 +161,8 @@ def _moved_by_inertia(
 ) -> Array:
     """Static deflections (local, j) under the inertia forces of deflections, outside of a basis.
 
-    Those with the largest independent part come first.
+    Those with the largest independent part come first. They depend on what the deflections span and
+    not on the axes of the contacts: combinations of the same energy are compared.
 
     Args:
         structure: the structure.
@@ -170,9 +171,12 @@ def _moved_by_inertia(
         deflections: (local, k).
     """
     found = modes.inverse.solve(structure.mass_times(deflections))
-    energies = np.sum(found * structure.stiffness_times(found), axis=0)
-    sizes = np.sqrt(np.abs(structure.comm.allreduce(energies)))
-    found = found / np.where(sizes > 0.0, sizes, 1.0)
+    gram = structure.inner(found, structure.stiffness_times(found))
+    sizes = np.sqrt(np.abs(np.diag(gram)))
+    sizes[sizes == 0.0] = 1.0
+    values, axes = np.linalg.eigh(gram / np.outer(sizes, sizes))
+    kept = values > INDEPENDENT**2
+    found = found @ (axes[:, kept] / np.sqrt(values[kept]) / sizes[:, None])
     moved, independent = combinations(structure, modes, basis, found)
     return moved[:, independent > INDEPENDENT**2]
 
