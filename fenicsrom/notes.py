@@ -29,19 +29,19 @@ STRESSES = "stresses and reactions"
 class NoteKind(Enum):
     """What a note is about."""
 
-    # kinds that cast doubt on results
-    WARNING = "a reason for doubt that no other kind describes"
-    IMPLAUSIBLE = "input that is most likely a mistake"
+    # kinds that cast doubt on results, the worst one first: a verdict quotes the worst note
+    FAILED = "a computation that failed"
+    CUT_SHORT = "an interrupt before the results were checked"
     APART = "pieces of a mesh that do not see each other"
+    UNSETTLED = "a motion that does not repeat"
     UNSTABLE = "the stability of an equilibrium"
     LAW = "a state in which the material law has no meaning"
-    BASIS = "loads that the modes of the basis do not follow"
+    IMPLAUSIBLE = "input that is most likely a mistake"
     ERROR = "an estimated error above its limit"
-    UNCHECKED = "an error that is not estimated"
-    FAILED = "a computation that failed"
-    UNSETTLED = "a motion that does not repeat"
     SEVERAL = "a motion beside which there are others"
-    CUT_SHORT = "an interrupt before the results were checked"
+    BASIS = "loads that the modes of the basis do not follow"
+    UNCHECKED = "an error that is not estimated"
+    WARNING = "a reason for doubt that no other kind describes"
     # kinds that do not
     REMARK = "what the user should know about right results"
     LEFT_OUT = "a stage that was not computed, with the reason"
@@ -83,21 +83,6 @@ class Note(str):
     def __getnewargs__(self) -> tuple[NoteKind, str, str, str, str]:  # type: ignore[override]
         """The arguments of a copy in another process."""
         return self.kind, str(self), self.key, self.curve, self.quantity
-
-
-SEVERITY = (
-    NoteKind.CUT_SHORT,
-    NoteKind.UNSETTLED,
-    NoteKind.UNSTABLE,
-    NoteKind.LAW,
-    NoteKind.IMPLAUSIBLE,
-    NoteKind.ERROR,
-    NoteKind.SEVERAL,
-    NoteKind.BASIS,
-    NoteKind.UNCHECKED,
-    NoteKind.WARNING,
-)
-"""The kinds that cast doubt, the worst one first: a verdict quotes the worst note."""
 
 
 def note_of(text: str) -> Note:
@@ -189,7 +174,8 @@ def verdict_of(
     if not doubts:
         of = f" about {_listed(list(quantities))}" if quantities else ""
         return Verdict(TRUSTED, f"no check found a reason for doubt{of}.{silent}", judged)
-    first = min(doubts, key=lambda note: (SEVERITY.index(note.kind), note.quantity != ""))
+    kinds = list(NoteKind)
+    first = min(doubts, key=lambda note: (kinds.index(note.kind), note.quantity != ""))
     names = dict.fromkeys(note.quantity for note in doubts)
     name = "" if "" in names else f"{_listed(list(names))}: "
     more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""

@@ -9,8 +9,9 @@ from support import beam_scene
 pytest.importorskip("dolfinx")
 
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_problem import family_of
-from fenicsrom.online.curves.curve import BIFURCATIONS
+from fenicsrom.assess.curves.response_problem import family_of, start_motion
+from fenicsrom.online.curves.continuation import follow
+from fenicsrom.online.curves.curve import BIFURCATIONS, UNSURE
 from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.study import build_model
 
@@ -37,11 +38,12 @@ def test_period_doubles_where_a_march_does_without_other_bifurcations() -> None:
             response={"first": 48.3, "last": 48.7},
         )
     )
-    (curve,) = response(stored).curves
+    family = family_of(stored)
+    curve = follow(family, start_motion(stored, family, 48.3), 48.3, (48.3, 48.7))
     (doubling,) = [point for point in curve.special if point.kind in BIFURCATIONS]
     assert doubling.kind == "period doubling"
     for share, doubled in ((-5e-4, False), (5e-4, True)):
-        shooting = Shooting(family_of(stored)((1.0 + share) * doubling.parameter))
+        shooting = Shooting(family((1.0 + share) * doubling.parameter))
         s, change = 1.001 * shooting.scaled(doubling.z), np.zeros((2, doubling.z.size))
         for _ in range(1500):
             found = shooting.march(s, derive=False)
@@ -49,3 +51,9 @@ def test_period_doubles_where_a_march_does_without_other_bifurcations() -> None:
             s, change = s + found[0], np.array([change[-1], found[0]])
         one, two = (np.linalg.norm(way) / np.linalg.norm(s) for way in (change[1], sum(change)))
         assert (one > 1e-2) == doubled and two < 1e-8
+    # half the time step finds all these motions stable: the doubling is not said to be found
+    (judged,) = response(stored).curves
+    assert not [point for point in judged.special if point.kind in BIFURCATIONS]
+    assert all(point.known_stability in ("stable", UNSURE) for point in judged.points)
+    assert all(point.denied == "stable" for point in judged.points if not point.stable)
+    assert judged.points[-1].denied

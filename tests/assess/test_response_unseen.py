@@ -11,11 +11,13 @@ from test_response_runs import assert_continued, interrupted
 
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.check_sentences import contradictions
+from fenicsrom.assess.curves.denials import Denials
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.assess.curves.response_problem import family_of, start_motion
 from fenicsrom.assess.curves.trust import checks
 from fenicsrom.online.curves.bifurcations import outside
-from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.continuation import Continuation, follow
+from fenicsrom.online.curves.curve import UNSURE
 from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel
@@ -84,9 +86,17 @@ def test_short_unstable_stretch_of_the_beam_is_found_with_the_default_steps() ->
     demo = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
     stored = build_model(read_scene(demo))
     changed = stored.with_overrides(["response.first=2.9", "response.last=3.6"])
-    (curve,) = response(changed).curves
+    family = family_of(changed)
+    start = start_motion(changed, family, 2.9)
+    curve = follow(family, start, 2.9, (2.9, 3.6))
     kinds = [point.kind for point in curve.special]
     assert kinds == ["first lift-off", "branch point", "branch point", "last lift-off"]
     ends = [point.parameter for point in curve.special if point.kind == "branch point"]
     assert ends == pytest.approx([3.239364, 3.240123], abs=2e-6)  # steps of 0.004 see them too
     assert len(curve.points) < 80
+    # half the time step has no such stretch between 3.19 and 3.29 Hz
+    piece = Piece(curve.points, curve.special)
+    Denials(family, lambda: None).apply([piece])
+    (denied,) = (point for point in piece.points if point.denied)
+    assert ends[0] < denied.parameter < ends[1] and denied.known_stability == UNSURE
+    assert [point.kind for point in piece.special] == ["first lift-off", "last lift-off"]
