@@ -82,6 +82,8 @@ def dissipative() -> Case:
     return case("generalised-alpha", damping=1.2)
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_motion_equals_a_long_march(dissipative: Case) -> None:
     found = dissipative.find()
     scene = dissipative.scene

@@ -170,6 +170,7 @@ def test_onsets_match_the_crossings() -> None:
     assert onsets[2, 4][1] == pytest.approx(8425.3, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_permanent_contact_converges_to_the_linear_response() -> None:
     """With a preload the contact never opens; the errors are those of the step, of second order."""
@@ -190,6 +191,7 @@ def test_permanent_contact_converges_to_the_linear_response() -> None:
     assert abs((4.0 * forces[1] - forces[0]) / 3.0) < 5e-4
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_map_that_goes_up_follows_the_motions_to_their_peaks() -> None:
     """Peaks of the exact motions, each from the state before, within 1 %."""
@@ -287,6 +289,7 @@ def test_body_at_rest_is_steady_and_without_errors() -> None:
     assert line.errors.max() < 1e-3 and not line.coexists
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_motion_that_rings_on_is_the_periodic_one_to_which_it_tends() -> None:
     """A march of hardly damped modes changes from revolution to revolution, as a torus does."""

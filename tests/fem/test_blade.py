@@ -614,6 +614,7 @@ def test_surface_with_other_normals_is_refused_by_stored_model() -> None:
         assert changed_key(made, blade("contacts.0.gap=0.0", f"contacts.0.{change}")) is None
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_demo_rubs_to_a_steady_state() -> None:
     """As the head of the demo says: two rubs per revolution with slip and lift-off, steady after

@@ -400,6 +400,7 @@ def test_model_of_one_speed_has_no_diagram_and_no_other_speed(tiny: Any) -> None
         fenicsrom.run(blade(*TINY))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_blade_of_the_demo_at_all_speeds_matches_the_solid() -> None:
     """Frequencies (Hz) and the probe (mm) of the solid of 3,672 unknowns, solved at each speed."""
@@ -562,6 +563,7 @@ def test_run_up_with_rub_and_wear_balances(tiny: tuple[StoredModel, Path]) -> No
     assert abs(found.balance) < 1e-9 * np.max(np.abs(works))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_run_up_with_rub_balances_and_writes_its_revolutions(
     tiny: tuple[StoredModel, Path], tmp_path: Path
@@ -627,6 +629,7 @@ def test_history_of_the_speed_names_what_it_needs() -> None:
         blade("rotation.history=[[0, 1500], [0.1, 2500]]")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     """Test D: the blade of the demo without contact, from 900 to 1500 rpm in 2 s, against another

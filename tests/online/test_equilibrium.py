@@ -184,6 +184,7 @@ def test_basis_about_straight_state_spans_buckled_state(models: dict[str, Any]) 
         assert np.linalg.norm(x - exact) < (1e-3 if ratio < 1.05 else 2e-4) * np.linalg.norm(exact)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_basis_that_misses_buckled_state_is_refused() -> None:
     """A soft beam far beyond its buckling load: no derivative is left out, but more modes give
