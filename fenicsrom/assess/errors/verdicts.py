@@ -245,29 +245,31 @@ def error_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion
         }
         large = {cause: size for cause, size in sizes.items() if not size <= allowed}
         if large:
-            said = " and ".join(
-                f"{in_percent(size) if np.isfinite(size) else 'unknown'} by the {cause}"
-                for cause, size in large.items()
-            )
             text = (
-                f"the estimated error of the {quantity} is {said} (at most {in_percent(allowed)} "
-                f"casts no doubt); {' and '.join(REMEDIES[cause] for cause in large)} may lower it"
+                f"the estimated error of the {quantity} is {_by_cause(large)} (at most "
+                f"{in_percent(allowed)} casts no doubt); "
+                f"{' and '.join(REMEDIES[cause] for cause in large)} may lower it"
             )
             found.append(Note(NoteKind.ERROR, text, quantity=quantity))
     steep = {
         c: e.at_frequency for c, e in errors.items() if e.shift and not e.at_frequency <= allowed
     }
     if steep:
-        said = " and ".join(
-            f"{in_percent(size) if np.isfinite(size) else 'an unknown part'} by the {cause}"
-            for cause, size in steep.items()
-        )
         text = (
-            f"near a resonance, the amplitude at this frequency of the loads may be wrong by "
-            f"{said}, because the resonance is shifted: read it together with the frequency"
+            "near a resonance, the estimated error of the amplitude at this frequency of the loads "
+            f"is {_by_cause(steep)}, because the resonance is shifted: read the amplitude together "
+            "with the frequency"
         )
         found.append(Note(NoteKind.ERROR, text, quantity=AMPLITUDES))
     return found
+
+
+def _by_cause(sizes: Mapping[str, float]) -> str:
+    """Errors in words, such as "17 % by the time step and unknown by the mesh"."""
+    return " and ".join(
+        f"{in_percent(size) if np.isfinite(size) else 'unknown'} by the {cause}"
+        for cause, size in sizes.items()
+    )
 
 
 def _step_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:
