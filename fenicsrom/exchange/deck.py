@@ -16,6 +16,7 @@ from typing import Any
 
 import basix
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -305,13 +306,23 @@ class _Nodes:
         return refuse(self._solid.source, reason, ErrorKind.CONFLICT, key)
 
     def mesh_file(self) -> MeshFile:
-        """The mesh with its groups; groups of facets and of nodes are groups of nodes."""
+        """The mesh with its groups; groups of facets and of nodes are groups of nodes.
+
+        A group that counts its nodes has the nodes of the file only.
+        """
         mesh, space = self._solid.mesh, self._solid.space
+        scalar = fem.functionspace(mesh.domain, ("Lagrange", self._solid.geometry.degree))
+
+        def nodes_of(name: str) -> NDArray[np.int64]:
+            if mesh.unit_lengths(name) < 2:
+                return self._number[mesh.nodes(name, space)]
+            return self._number[np.flatnonzero(mesh.node_counts(name, scalar))]
+
         groups = {}
         for name in mesh.cell_groups:
             groups[name] = np.zeros(len(self._cells), dtype=bool)
             groups[name][mesh.cells(name)] = True
         names = dict.fromkeys((*mesh.facet_groups, *mesh.node_groups))
-        numbers = {name: self._number[mesh.nodes(name, space)] for name in names}
+        numbers = {name: nodes_of(name) for name in names}
         nodes = {name: found[found >= 0] for name, found in numbers.items()}
         return MeshFile(self._x[self._kept], (Block(self._kind, self._cells, groups),), nodes)

@@ -146,20 +146,50 @@ DECK = """*NODE
 """
 
 
+TETRAHEDRON = """*NODE
+1, 0, 0, 0
+2, 20, 0, 0
+3, 0, 20, 0
+4, 0, 0, 20
+5, 10, 0, 0
+6, 10, 10, 0
+7, 0, 10, 0
+8, 0, 0, 10
+9, 10, 0, 10
+10, 0, 10, 10
+*ELEMENT, TYPE=C3D10
+1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+*NSET, NSET=root
+1, 2, 3, 5, 6, 7
+*NSET, NSET=edge
+1, 4, 8
+*NSET, NSET=ends
+1, 4
+*NSET, NSET=face
+1, 2, 4, 5, 8, 9
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
-    ("group", "unit", "total"),
-    [("edge", "node", 3 * 2e4), ("face", "mm² of facets", 100 * 2e4)],
+    ("deck", "group", "unit", "total"),
+    [
+        (DECK, "edge", "node", 2 * 2e4),
+        (DECK, "face", "mm² of facets", 100 * 2e4),
+        (TETRAHEDRON, "edge", "node", 3 * 2e4),
+        (TETRAHEDRON, "ends", "node", 2 * 2e4),
+    ],
 )
 def test_node_set_of_a_deck_has_the_stiffness_of_its_nodes_unless_it_is_a_face(
-    tmp_path: Path, group: str, unit: str, total: float
+    tmp_path: Path, deck: str, group: str, unit: str, total: float, degree: int
 ) -> None:
-    (tmp_path / "bar.inp").write_text(DECK)
+    (tmp_path / "bar.inp").write_text(deck)
     contact = {"group": group, "at": "nodes", "normal": [0.0, 0.0, 1.0], "friction": 0.1}
     contact |= {"normal_stiffness": 20.0, "tangential_stiffness": 5.0}
     scene = make_scene(
         folder=tmp_path,
         units={"length": "mm", "mass": "t"},
-        geometry={"mesh": "bar.inp", "dimension": 3},
+        geometry={"mesh": "bar.inp", "dimension": 3, "degree": degree},
         material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
         supports=[{"group": "root"}],
         attachments=[{"group": group, "stiffness_per_area": 20.0}],

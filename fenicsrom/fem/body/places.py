@@ -245,7 +245,7 @@ class Places:
                 weights.x.array[nodes] += shares * np.linalg.norm(x[nodes[1]] - x[nodes[0]])
             weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         else:
-            weights.x.array[body.mesh.nodes(region, scalar)] = 1.0
+            weights.x.array[:] = body.mesh.node_counts(region, scalar)
         mine = weights.x.array[:local]
         total = body.comm.allreduce(float(mine.sum()))
         return mine / total, np.asarray(body.comm.allreduce(mine @ x[:local])) / total, float(total)

@@ -58,6 +58,7 @@ class CleanModel:
         node_sets: names of the node groups that are node sets alone.
         glued: names of the faces of a CAD file along which bodies are glued.
         sector: set if the body is one sector of a disk.
+        has_middles: whether the cells of the file have nodes in the middle of their edges.
     """
 
     facet_groups: dict[str, tuple[int, ...]]
@@ -68,6 +69,7 @@ class CleanModel:
     node_sets: frozenset[str] = frozenset()
     glued: Collection[str] = ()
     sector: Sector | None = None
+    has_middles: bool = False
 
 
 def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:
@@ -133,7 +135,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
     sector = find_sector(points, sides) if d == 3 else None
     of = facet_groups, cell_groups, sizes, found, warnings
-    return CleanModel(*of, alone, sector=sector)
+    return CleanModel(*of, alone, sector=sector, has_middles=given != kind)
 
 
 def _solid_cells(

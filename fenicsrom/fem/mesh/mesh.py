@@ -274,7 +274,8 @@ def _distributed(
     facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
     nodes = _local_node_groups(clean.nodes, domain)
     found = domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings
-    return Mesh(*found, nodes, clean.node_sets, clean.glued, clean.sector)
+    of = clean.node_sets, clean.glued, clean.sector, clean.has_middles
+    return Mesh(*found, nodes, *of)
 
 
 def _local_node_groups(

@@ -48,6 +48,7 @@ class Mesh:
             contact are those of its nodes, each of their nodes counts as one, on an edge too.
         glued: names of the faces of a CAD file along which bodies are glued.
         sector: set if the body is one sector of a disk.
+        has_middles: whether the cells of the file have nodes in the middle of their edges.
     """
 
     domain: dolfinx.mesh.Mesh
@@ -61,6 +62,7 @@ class Mesh:
     node_sets: frozenset[str] = frozenset()
     glued: Collection[str] = ()
     sector: Sector | None = None
+    has_middles: bool = False
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
@@ -229,6 +231,36 @@ class Mesh:
             topology.create_connectivity(dimension, topology.dim)
             found.append(fem.locate_dofs_topological(space, dimension, entities.astype(np.int32)))
         return np.unique(np.concatenate(found))
+
+    def node_counts(self, where: str | Region, space: fem.FunctionSpace) -> Floats:
+        """Give how many nodes of the file each node of a space stands for. Collective.
+
+        A node in the middle of an edge is shared equally by the nodes inside the edge or, with
+        elements of degree 1, by its ends. Nodes that the file does not have count as zero.
+
+        Args:
+            where: a node group, or a region of the scene that names one.
+            space: a scalar Lagrange space.
+
+        Returns:
+            Counts of the local nodes, ghosts included; their sum is that of the group at any
+            degree.
+
+        Raises:
+            SceneError: the mesh has no such group.
+        """
+        found, dofmap = self.entities(where), space.dofmap
+        counts = fem.Function(space, dtype=np.float64)
+        if self.has_middles:
+            for cell, side in self.sides(1, found.get(1, np.empty(0, dtype=np.int32))):
+                inside = dofmap.dof_layout.entity_dofs(1, side)
+                inside = inside or dofmap.dof_layout.entity_closure_dofs(1, side)
+                counts.x.array[dofmap.cell_dofs(cell)[inside]] += 1.0 / len(inside)
+            counts.x.scatter_reverse(dolfinx.la.InsertMode.add)
+            counts.x.scatter_forward()
+        self.domain.topology.create_connectivity(0, self.domain.topology.dim)
+        counts.x.array[fem.locate_dofs_topological(space, 0, found[0].astype(np.int32))] += 1.0
+        return np.asarray(counts.x.array)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Give the lowest and the highest coordinates in m, shape (3,), over all ranks."""
