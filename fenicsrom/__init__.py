@@ -22,19 +22,17 @@ if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full.full import FullModel
     from fenicsrom.fem.mesh.inspection import inspect
-    from fenicsrom.fem.mesh.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
-    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.mesh.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.solid.solid import Solid, build_solid, solid_of
     from fenicsrom.online.model.matrices import ModelArrays, model_arrays
     from fenicsrom.online.model.model import ReducedModel
-    from fenicsrom.online.motion.history import History, read_history
     from fenicsrom.online.motion.measures import amplitudes, contact_fractions
-    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.motion.motion import History, Motion, read_history
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-    from fenicsrom.post.base.report import Report
+    from fenicsrom.post.base.page import Report
     from fenicsrom.post.reports import report
-    from fenicsrom.post.run.body_pictures import view
+    from fenicsrom.post.run.pictures import view
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce

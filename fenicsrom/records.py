@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.reduction.selection import Selection
+from fenicsrom.reduction.derivatives import Selection
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
+    from fenicsrom.assess.errors.comparisons import MeshCheck, ModeAgreement
     from fenicsrom.assess.errors.estimates import MotionErrors
-    from fenicsrom.assess.errors.mesh_check import MeshCheck
-    from fenicsrom.assess.errors.mode_agreement import ModeAgreement
     from fenicsrom.assess.errors.sizing import Judge, Sized
     from fenicsrom.assess.rotation.run_up import RunUp
     from fenicsrom.notes import Note
@@ -24,9 +23,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.online.stress.deformation import Deformation
-    from fenicsrom.online.stress.recovery import Recovery
-    from fenicsrom.online.stress.stress_peaks import Stresses
+    from fenicsrom.online.stress.reactions import Recovery, Stresses
+    from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives

@@ -33,7 +33,7 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynom
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.progress import log
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction.basis import strain_products
 from fenicsrom.scene import Basis, Material, Scene, Time, override_table, parse_scene
 
 Array = NDArray[np.float64]

@@ -27,10 +27,10 @@ from fenicsrom.assess.studies.sweep_runs import Sweep, digest_of
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.matrices import UNITS, full_tensors
 from fenicsrom.online.model.polynomial import elastic_force, elastic_polynomial
-from fenicsrom.online.motion.history import HISTORY_ARRAYS
+from fenicsrom.online.motion.motion import HISTORY_ARRAYS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.records import Rerun
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction.basis import strain_products
 
 PACKAGE = Path(fenicsrom.__file__).parent
 ROOT = PACKAGE.parent

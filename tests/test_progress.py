@@ -12,7 +12,7 @@ import pytest
 from support import heard
 
 from fenicsrom import progress as working
-from fenicsrom.assess.curves import curve_progress
+from fenicsrom.assess.curves import pieces as curve_progress
 from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import CLEAR, refuse
 from fenicsrom.online.kernels.compilation import Compilations

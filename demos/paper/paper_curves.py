@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from paper_cases import Table, body, scene
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.full_points import add_full_points
+from fenicsrom.assess.curves.checks import add_full_points
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_results import Response, judged_multiplier
+from fenicsrom.assess.curves.results import Response, judged_multiplier
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel

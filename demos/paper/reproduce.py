@@ -34,7 +34,7 @@ from fenicsrom.fem.full.full import full_model
 from fenicsrom.files import atomic_write
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.base.style import COLOURS, line_styles, new_figure, styled
-from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.base.tables import write_figure
 from fenicsrom.post.run import figures
 from fenicsrom.scene import scene_heading
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.exchange.op4 import write_op4
-from fenicsrom.reduction.timoshenko import TimoshenkoBeam
+from fenicsrom.reduction.beam import TimoshenkoBeam
 from fenicsrom.scene import BeamSection, Material
 
 SECTION = BeamSection(length=2.54, height=0.0254, width=0.0254, elements=20, load_at=0.7)

@@ -98,7 +98,7 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
     """Say how to go on after an interrupt."""
-    from fenicsrom.online.store.checkpoints import holds_motion
+    from fenicsrom.online.store.store import holds_motion
     from fenicsrom.post.base.origin import MODEL
 
     state = STATES.get(options.name)

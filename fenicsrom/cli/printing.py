@@ -13,7 +13,7 @@ from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import printable
 from fenicsrom.progress import log
 from fenicsrom.scene import Scene, scene_heading
-from fenicsrom.scene.reading.units import units_sentence
+from fenicsrom.scene.reading.overrides import units_sentence
 
 
 def progress(line: str) -> None:
@@ -95,7 +95,7 @@ def finish(found: Any, comm: Any) -> int:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: the error that ended the computation.
     """
-    from fenicsrom.post.base.report import failure_of
+    from fenicsrom.post.base.page import failure_of
     from fenicsrom.post.reports import report
 
     if found.files and (comm is None or comm.rank == 0):

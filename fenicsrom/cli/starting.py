@@ -48,7 +48,7 @@ def workers(options: argparse.Namespace) -> Iterator[Workers]:
         SceneError: `distributed` is not installed, or there is no scheduler at the address.
     """
     from fenicsrom.assess.jobs import available_cores
-    from fenicsrom.post.base.optional import missing_module
+    from fenicsrom.post.base.style import missing_module
 
     address = getattr(options, "scheduler", None)
     if address is None:
@@ -97,7 +97,7 @@ def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Sce
 
 def ranks() -> Any:
     """Give the communicator of all ranks; None where mpi4py is not installed."""
-    from fenicsrom.post.base.optional import missing_module
+    from fenicsrom.post.base.style import missing_module
 
     return None if missing_module("mpi4py") else all_ranks()
 

@@ -23,7 +23,7 @@ from fenicsrom.exchange.matrix_set import (
     dense,
     matrix_set,
 )
-from fenicsrom.formats.text import content_of
+from fenicsrom.formats.collector import content_of
 
 PARTS = {"stiffness": "STIF", "mass": "MASS", "damping": "DMPV"}
 """The word in the name of the file of each matrix."""

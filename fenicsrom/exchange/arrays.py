@@ -26,7 +26,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import refuse
 from fenicsrom.exchange.matrix_set import MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
-from fenicsrom.formats.text import content_of
+from fenicsrom.formats.collector import content_of
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.matrices import UNITS, ModelArrays
 from fenicsrom.online.store.archive import StoredModel

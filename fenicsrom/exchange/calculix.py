@@ -21,7 +21,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.formats.mesh_file import Ints, MeshFile
 from fenicsrom.formats.shapes import SHAPES, from_vtk
-from fenicsrom.online.stress.elasticity_tensor import axes
+from fenicsrom.online.stress.stress import axes
 from fenicsrom.scene import Elasticity
 
 ELEMENTS = {

@@ -28,8 +28,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, Solid
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
-from fenicsrom.online.model.loads import factors
-from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.online.model.loads import factors, histories_of
 from fenicsrom.scene import Region, Scene, scene_heading
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 

@@ -20,7 +20,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import refuse
 from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set
 from fenicsrom.files import atomic_write
-from fenicsrom.formats.text import content_of
+from fenicsrom.formats.collector import content_of
 from fenicsrom.words import counted
 
 FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")

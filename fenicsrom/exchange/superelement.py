@@ -30,15 +30,15 @@ from fenicsrom.exchange.arrays import read_mat, read_npz
 from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
-from fenicsrom.formats.text import reading
+from fenicsrom.formats.collector import reading
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
-from fenicsrom.online.kernels.symmetric import scaled
+from fenicsrom.online.kernels.dense import scaled
 from fenicsrom.online.model.loads import of_loads
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import SUPERELEMENT, StoredModel
-from fenicsrom.online.store.provenance import provenance
+from fenicsrom.online.store.store import provenance
 from fenicsrom.scene import Place, Region, Scene
 from fenicsrom.scene.reading.superelement import InterfaceNode, SuperelementScene
 

@@ -21,13 +21,11 @@ import numpy as np
 from fenicsrom.errors import refuse
 from fenicsrom.formats.abaqus import read_abaqus
 from fenicsrom.formats.ansys import read_ansys
-from fenicsrom.formats.division import divided
+from fenicsrom.formats.cells import complete, divided, sorted_elements
+from fenicsrom.formats.collector import reading
 from fenicsrom.formats.mesh_file import Block, MeshFile
 from fenicsrom.formats.meshio_file import MODULES, read_meshio
-from fenicsrom.formats.missing_nodes import complete
 from fenicsrom.formats.nastran import read_nastran
-from fenicsrom.formats.parts import sorted_elements
-from fenicsrom.formats.text import reading
 
 READERS = {
     "abaqus": read_abaqus,

@@ -13,18 +13,23 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.abaqus_assembly import assembled, placed
-from fenicsrom.formats.abaqus_elements import is_axisymmetric, kind_of, refused
-from fenicsrom.formats.abaqus_keywords import Keyword, fields, read_keywords
 from fenicsrom.formats.abaqus_physics import TAKEN_ELEMENTS, with_physics
 from fenicsrom.formats.abaqus_sets import (
     OF_ELEMENTS,
     Entry,
+    Keyword,
     Part,
     Side,
     add_to_set,
+    assembled,
+    fields,
+    is_axisymmetric,
+    kind_of,
     known_name,
+    placed,
+    read_keywords,
     read_set,
+    refused,
 )
 from fenicsrom.formats.mesh_file import Floats, MeshFile, unsupported
 from fenicsrom.formats.shapes import SHAPES

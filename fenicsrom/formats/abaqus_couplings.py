@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenicsrom.formats.abaqus_keywords import Keyword
-from fenicsrom.formats.abaqus_sets import OF_ELEMENTS
+from fenicsrom.formats.abaqus_sets import OF_ELEMENTS, Keyword
 from fenicsrom.formats.couplings import Couplings
 from fenicsrom.formats.mesh_file import Floats, Ints
 

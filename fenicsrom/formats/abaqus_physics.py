@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenicsrom.formats.abaqus_couplings import KEYWORDS, Reader
-from fenicsrom.formats.abaqus_keywords import Keyword, fields
-from fenicsrom.formats.abaqus_sets import Resolver, by_block
+from fenicsrom.formats.abaqus_sets import Keyword, Resolver, by_block, fields
+from fenicsrom.formats.cells import faces
 from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
-from fenicsrom.formats.parts import faces
 from fenicsrom.formats.reasons import said
 from fenicsrom.words import counted
 

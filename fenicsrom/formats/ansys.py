@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.collector import Collector
+from fenicsrom.formats.cells import with_middles
+from fenicsrom.formats.collector import Collector, numbers_between, read_lines
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
-from fenicsrom.formats.missing_nodes import with_middles
 from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import from_vtk
-from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted
 
 SOLIDS = {45, 185, 64, 95, 186, 92, 187, 285, 72, 73, 5, 62}

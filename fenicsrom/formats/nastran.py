@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import refuse
+from fenicsrom.formats.cells import with_middles
 from fenicsrom.formats.mesh_file import (
     Block,
     Floats,
@@ -19,7 +20,6 @@ from fenicsrom.formats.mesh_file import (
     MeshFile,
     unsupported,
 )
-from fenicsrom.formats.missing_nodes import with_middles
 from fenicsrom.formats.nastran_cards import Card, read_cards
 from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS

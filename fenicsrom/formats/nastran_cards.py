@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fenicsrom.errors import refuse
-from fenicsrom.formats.text import included, read_lines
+from fenicsrom.formats.collector import included, read_lines
 
 
 @dataclass(frozen=True)

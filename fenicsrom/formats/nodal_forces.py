@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from fenicsrom.formats.cells import faces
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Floats, Ints
-from fenicsrom.formats.parts import faces
 from fenicsrom.formats.shapes import distinct
 
 MOST_TABLES = 20

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from fenicsrom.post.base.report import Report
+from fenicsrom.post.base.page import Report
 
 
 def report(found: Any) -> Report:

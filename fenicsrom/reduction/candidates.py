@@ -24,7 +24,7 @@ They are computed from the part of K⁻¹ p that is orthogonal to the modes, bec
 would hide the others.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
-weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Where
+weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.derivatives.combinations`). Where
 derivatives are taken along principal directions, the next combinations are candidates too.
 
 A load whose static response K⁻¹ p joins the basis, such as an axial one, changes the stiffness of
@@ -46,13 +46,10 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, SceneError
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
-from fenicsrom.reduction.derivatives import all_pairs, split
+from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
+from fenicsrom.reduction.derivatives import Selection, all_pairs, combinations, split
 from fenicsrom.reduction.modes import ComponentModes, component_modes
-from fenicsrom.reduction.principal import combinations
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import (
     Derivatives,
     Directions,

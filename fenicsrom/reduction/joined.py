@@ -25,11 +25,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.progress import log
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.basis import ReducedBasis, build_basis, project, projected_gyroscopic
 from fenicsrom.reduction.candidates import NEXT_MODES
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes
-from fenicsrom.reduction.projection import project, projected_gyroscopic
 from fenicsrom.scene import Basis
 
 DEPENDENCE = 1e-5

@@ -26,24 +26,282 @@ With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highes
 scene excites (`fenicsrom.scene.keys.excitation`), and the next one, but at least `LEAST_MODES`. A
 mode above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
 response. The responses of the modes that are left out are therefore small and nearly static.
+
+The masters: the directions of the contact forces for which static modes are computed.
+
+With a few contact points, all their directions are masters. With many points, interface modes take
+their place: the eigenvectors of the contact flexibility Bᵀ K⁻¹ B with the largest eigenvalues.
+
+Static responses to loads that the modes of a basis leave out.
+
+A load p that varies slowly moves the structure by K⁻¹ p. The static response within a basis R does
+only a part of the work of K⁻¹ p. The share of the work that the basis leaves out is
+
+    share = 1 − pᵀ R (Rᵀ K R)⁻¹ Rᵀ p / (pᵀ K⁻¹ p).    (1)
+
+The share is the relative error of the displacement at the load, in the direction of the load. It is
+also the square of the relative error of the response in the energy norm. The lowest modes of a
+slender body bend it. An axial load does no work on these modes, and its share is 1.
+
+An oblique load does nearly all its work by bending, so that (1) does not see its axial part. With
+the part pₐ of the load along the axis a, the relative error of the displacement at the load along
+this axis is
+
+    share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (2)
+
+The largest share counts. If it is above `LOAD_SHARE`, the static response K⁻¹ p (an attachment
+mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis. A linear
+basis always holds the static responses (`LINEAR_SHARE`): there a coordinate costs little. The cost
+of a nonlinear one grows with the fourth power of its coordinates; smaller shares are candidates
+(`fenicsrom.reduction.candidates`).
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.online.kernels.symmetric import scaled_condition
-from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
-from fenicsrom.reduction.masters import master_directions
+from fenicsrom.online.kernels.dense import scaled, scaled_condition
+from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.words import brief, counted
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+INDEPENDENCE = 1e-12
+"""Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
+
+DEPENDENT = 1e-11
+"""A contact coordinate depends on others if the part of its flexibility that is its own, relative
+to all of it, is smaller."""
+
+IMMOBILE = 1e-14
+"""A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
+
+DIRECT_DIRECTIONS = 60
+"""With more contact directions, an iterative method finds the interface modes."""
+
+GUARD_VECTORS = 4
+"""Vectors of a block beyond the wanted ones, so that the last wanted ones converge sooner."""
+
+INTERFACE_TOLERANCE = 1e-10
+"""Largest residual of an interface mode, relative to the largest eigenvalue.
+
+The eigenvalues have the square of this error.
+"""
+
+
+def master_directions(structure: Structure, masters: str | int) -> tuple[Array, Array]:
+    """Give the master directions W of the contact forces and their attachment modes.
+
+    Interface modes are the eigenvectors of Bᵀ K⁻¹ B with the largest eigenvalues. Among all sets of
+    the same number of force combinations, their static responses are closest, in the energy norm,
+    to the responses under all contact forces.
+
+    Args:
+        structure: the structure.
+        masters: "all" directions that are independent, the "normal" ones of them, or a number of
+            interface modes.
+
+    Returns:
+        Wᵀ Bᵀ (m, local), and the attachment modes K⁻¹ B W (local, m).
+
+    Raises:
+        SceneError: the supports forbid a contact direction.
+    """
+    rows = structure.contact_rows
+    if rows.shape[0] == 0:
+        return rows.toarray(), np.zeros((structure.local, 0))
+    if masters == "normal":
+        rows = rows[:: structure.dimension]
+    if not isinstance(masters, str) and rows.shape[0] > DIRECT_DIRECTIONS:
+        chosen = _interface_modes(structure, rows, masters)
+        return np.asarray(chosen.T @ rows), structure.factor.solve(rows.T @ chosen)
+    attachment = structure.factor.solve(rows.T.toarray())
+    flexibility = structure.inner(rows.T, attachment)
+    _check_mobile(structure, np.diag(flexibility))
+    if isinstance(masters, str):
+        kept = independent_coordinates(flexibility)
+        return rows.toarray()[kept], attachment[:, kept]
+    values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    independent = int(np.sum(values > INDEPENDENCE * values[-1]))
+    chosen = _with_sign(vectors[:, ::-1][:, : min(masters, independent)])
+    return np.asarray(chosen.T @ rows), attachment @ chosen
+
+
+def _with_sign(vectors: Array) -> Array:
+    """Vectors (m, k) whose largest component is positive."""
+    largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(vectors.shape[1])]
+    return vectors * np.where(largest < 0.0, -1.0, 1.0)
+
+
+def _interface_modes(structure: Structure, rows: csr_array, count: int) -> Array:
+    """The eigenvectors (m, count) of Bᵀ K⁻¹ B with the largest eigenvalues, by few solves.
+
+    The block Lanczos method finds them, with full orthogonalisation.
+
+    Raises:
+        SceneError: the supports forbid a contact direction.
+    """
+    # a direction that the supports forbid moves no free unknown
+    _check_mobile(structure, structure.comm.allreduce(rows.multiply(rows).sum(axis=1)))
+    m = rows.shape[0]
+    block = np.random.default_rng(0).standard_normal((m, count + GUARD_VECTORS))
+    basis, images = np.zeros((m, 0)), np.zeros((m, 0))
+    while True:
+        for _ in range(2):
+            block = block - basis @ (basis.T @ block)
+            block = np.linalg.qr(block)[0]
+        block = block[:, : m - basis.shape[1]]
+        image = structure.inner(rows.T, structure.factor.solve(rows.T @ block))
+        basis = np.concatenate([basis, block], axis=1)
+        images = np.concatenate([images, image], axis=1)
+        projected = basis.T @ images
+        values, vectors = np.linalg.eigh(0.5 * (projected + projected.T))
+        values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
+        errors = np.linalg.norm(images @ vectors - basis @ vectors * values, axis=0)
+        independent = values > INDEPENDENCE * values[0]
+        if basis.shape[1] == m or np.all(errors[independent] <= INTERFACE_TOLERANCE * values[0]):
+            return _with_sign(basis @ vectors[:, independent])
+        block = image
+
+
+def independent_coordinates(flexibility: Array) -> list[int]:
+    """The coordinates that move independently of the ones before them.
+
+    Two stops on both sides of one point share its displacement: the first one gives the coordinate.
+
+    Args:
+        flexibility: (m, m) Bᵀ K⁻¹ B of the contact coordinates.
+    """
+    products, kept = scaled(flexibility), list[int]()
+    for k in range(len(products)):
+        row = products[kept, k]
+        alone = products[k, k] - row @ np.linalg.solve(products[np.ix_(kept, kept)], row)
+        if alone > DEPENDENT:
+            kept.append(k)
+    return kept
+
+
+def _check_mobile(structure: Structure, mobility: Array) -> None:
+    """Check that no entry of the mobility (m,) of the contact coordinates is zero.
+
+    Raises:
+        SceneError: the supports forbid the motion of a coordinate.
+    """
+    contact = structure.points.contact
+    d = mobility.size // len(contact)
+    for k in np.flatnonzero(~(mobility > IMMOBILE * np.max(mobility))):
+        key = f"contacts[{contact[k // d]}]"
+        reason = f"the supports forbid direction {k % d + 1} of [normal, tangents] of the contact "
+        reason += "point; move it away from the supports"
+        raise refuse(structure.source, reason, ErrorKind.PLACE, key)
+
+
+LOAD_SHARE = 0.05
+"""Largest share of a static response that may be left out; the accepted error by the basis."""
+
+LINEAR_SHARE = 1e-6
+"""The same in a linear model: smaller shares are rounding."""
+
+LOAD_PART = 0.05
+"""A load acts along an axis if its part along this axis has this size, relative to the load.
+
+A smaller direction does not count by itself, as in the estimates of the errors.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadVectors:
+    """Static responses that complete a basis.
+
+    Attributes:
+        labels: (k,) labels: 1L is the response to the first load of the scene.
+        vectors: (local, k) responses to unit loads.
+        shares: largest share, (1) or (2), that the modes leave out, by the label of each load that
+            varies.
+    """
+
+    labels: tuple[str, ...]
+    vectors: Array
+    shares: dict[str, float]
+
+
+def varying_loads(structure: Structure) -> list[int]:
+    """The numbers, from 0, of the loads that vary in time."""
+    histories, found = structure.load_histories, []
+    for k in range(len(histories.spans)):
+        first, last, row, end = map(int, histories.spans[k])
+        if end > row or np.any(histories.sines[first:last, OMEGA] != 0.0):
+            found.append(k)
+    return found
+
+
+def load_responses(structure: Structure) -> Array:
+    """K⁻¹ p (local, k) of the loads that vary."""
+    numbers = varying_loads(structure)
+    if not numbers:
+        return np.zeros((structure.local, 0))
+    return structure.factor.solve(np.ascontiguousarray(structure.load_vectors[:, numbers]))
+
+
+def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVectors:
+    """Choose the static responses that a basis leaves out.
+
+    Args:
+        structure: the structure.
+        basis: (local, n) static modes and normal modes.
+        responses: (local, k) K⁻¹ p of the loads that vary (`load_responses`).
+
+    Returns:
+        The responses to add. A response that earlier ones contain is not added again.
+    """
+    limit = LOAD_SHARE if structure.geometrically_nonlinear else LINEAR_SHARE
+    labels: list[str] = []
+    shares: dict[str, float] = {}
+    chosen: list[int] = []
+    for column, number in enumerate(varying_loads(structure)):
+        load = structure.load_vectors[:, [number]]
+        label = f"{number + 1}L"
+        vectors = np.concatenate([basis, responses[:, chosen]], axis=1)
+        shares[label] = _share_left_out(structure, vectors, load, responses[:, [column]])
+        if shares[label] > limit:
+            chosen.append(column)
+            labels.append(label)
+    return LoadVectors(tuple(labels), responses[:, chosen], shares)
+
+
+def _share_left_out(structure: Structure, vectors: Array, load: Array, response: Array) -> float:
+    """The largest share, (1) or (2), for a load (local, 1) with its response (local, 1)."""
+    inner = structure.inner
+    work = float(inner(load, response)[0, 0])
+    if vectors.shape[1] == 0 or work <= 0.0:
+        return float(work > 0.0)
+    stiffness = inner(vectors, structure.stiffness_times(vectors))
+    size = np.sqrt(np.abs(np.diag(stiffness)))
+    scaled = stiffness / np.outer(size, size)
+    # nearly dependent vectors (static and normal modes): the pseudo-inverse drops round-off
+    q = np.linalg.lstsq(scaled, inner(vectors, load)[:, 0] / size, rcond=1e-12)[0] / size
+    missing = response - vectors @ q[:, None]
+    parts = load * structure.translations()
+    sizes = np.sqrt(np.diag(inner(parts, parts)))
+    parts = parts[:, sizes > LOAD_PART * np.linalg.norm(sizes)]
+    parts = np.concatenate([load, parts], axis=1)
+    whole, left_out = np.abs(inner(parts, response)[:, 0]), np.abs(inner(parts, missing)[:, 0])
+    return float(np.max(left_out[whole > 0.0] / whole[whole > 0.0]))
+
 
 ENOUGH = 1.5
 """The last mode of any basis should be above this multiple of the highest excited frequency."""

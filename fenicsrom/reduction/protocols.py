@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from fenicsrom.arrays import Array
 from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.model.loads import LoadHistories
+from fenicsrom.online.model.loads import LoadHistories, PressurePolynomial
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.pressure import PressurePolynomial
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -26,17 +26,15 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.loads import OMEGA
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.periodic.shooting import frequency_family
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import checked_problem
 from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.progress import tracked
-from fenicsrom.reduction.basis import build_basis
+from fenicsrom.reduction.basis import build_basis, project
 from fenicsrom.reduction.modes import ComponentModes
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Scene, Time
 

@@ -14,22 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
-from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
-from fenicsrom.reduction.load_vectors import LoadVectors
-from fenicsrom.reduction.modes import ComponentModes, component_modes
-from fenicsrom.reduction.principal import (
+from fenicsrom.reduction.basis import ReducedBasis, build_basis, project, project_intrusively
+from fenicsrom.reduction.derivatives import (
     REST,
     PrincipalDirections,
+    Selection,
+    all_pairs,
     combinations,
     enough,
+    modal_coordinates,
+    modal_derivatives,
     principal_directions,
+    select,
 )
-from fenicsrom.reduction.projection import project, project_intrusively
+from fenicsrom.reduction.modes import ComponentModes, LoadVectors, component_modes
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.selection import Selection, modal_coordinates, select
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Basis, Scene
 from fenicsrom.scene.base.rules import BY_MOTION

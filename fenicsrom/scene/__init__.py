@@ -5,7 +5,7 @@ Imports run one way, between the packages and modules of this one too:
     base < keys < checks < reading < json_schema < reference
 """
 
-from fenicsrom.scene.base.toml import toml_text
+from fenicsrom.scene.base.tables import toml_text
 from fenicsrom.scene.json_schema import json_schema
 from fenicsrom.scene.keys.curves import (
     Backbone,
@@ -34,8 +34,17 @@ from fenicsrom.scene.keys.loads import (
     Table,
     Traction,
 )
-from fenicsrom.scene.keys.materials import Damping, Elasticity, GroupMaterial, Material
-from fenicsrom.scene.keys.places import Attachment, Place, Plane, Region, Support
+from fenicsrom.scene.keys.places import (
+    Attachment,
+    Damping,
+    Elasticity,
+    GroupMaterial,
+    Material,
+    Place,
+    Plane,
+    Region,
+    Support,
+)
 from fenicsrom.scene.keys.schema import (
     Abradable,
     Basis,
@@ -60,6 +69,12 @@ from fenicsrom.scene.keys.times import (
     Time,
     Tolerance,
 )
-from fenicsrom.scene.reading.headings import scene_heading, titled
 from fenicsrom.scene.reading.overrides import Overrides, override_table, override_texts
-from fenicsrom.scene.reading.reading import make_scene, parse_scene, read_scene, scene_table
+from fenicsrom.scene.reading.reading import (
+    make_scene,
+    parse_scene,
+    read_scene,
+    scene_heading,
+    scene_table,
+    titled,
+)

@@ -50,7 +50,7 @@ def statics(
     found = equilibrium_path(scene, comm, stop)
     if folder is not None and found.points:
         from fenicsrom.post.curves import equilibrium_report
-        from fenicsrom.post.run.body_pictures import setup_pictures
+        from fenicsrom.post.run.pictures import setup_pictures
 
         shapes = equilibrium_report.write_shapes(found, folder)
         setup = setup_pictures(found.body, scene)
@@ -88,7 +88,7 @@ def campbell(
         comm = comm or all_ranks()
     found = diagram.campbell(given, comm)
     if folder is not None:
-        from fenicsrom.post.run.body_pictures import setup_pictures
+        from fenicsrom.post.run.pictures import setup_pictures
         from fenicsrom.post.studies.campbell_report import report
 
         setup = [] if found.body is None else setup_pictures(found.body, found.scene)

@@ -36,7 +36,7 @@ def solid(run: Run) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
-    from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equilibrium_warnings
+    from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
     from fenicsrom.fem.solid.solid import solid_of
 
     assert run.mesh is not None
@@ -94,8 +94,7 @@ def contact_frequencies(run: Run) -> None:
 
 def set_modes(run: Run, found: ComponentModes) -> None:
     """Take component modes into the record, say what they lack, and begin the reduction."""
-    from fenicsrom.reduction.load_vectors import LOAD_SHARE
-    from fenicsrom.reduction.modes import missing_modes, with_mode_count
+    from fenicsrom.reduction.modes import LOAD_SHARE, missing_modes, with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 
@@ -185,7 +184,7 @@ def candidates(run: Run) -> None:
 def reduced_model(run: Run) -> None:
     """Project the solid on the extended basis; the model of the basis is a part of this one."""
     from fenicsrom.online.model.subspace import nested_model
-    from fenicsrom.reduction.projection import project, project_intrusively
+    from fenicsrom.reduction.basis import project, project_intrusively
 
     study, solid = run.study, run.study.solid
     assert study.basis is not None and study.extended is not None
@@ -199,7 +198,7 @@ def reduced_model(run: Run) -> None:
 
 def finer_elements(run: Run) -> None:
     """Compare the solid with elements of one degree more, and reduce these with the same basis."""
-    from fenicsrom.assess.errors import mesh_check
+    from fenicsrom.assess.errors import comparisons as mesh_check
     from fenicsrom.reduction.candidates import finer_model
     from fenicsrom.reduction.modes import component_modes
 
@@ -235,7 +234,7 @@ def stress_points(run: Run) -> None:
 
     from fenicsrom.fem.body.stress_points import stress_table
     from fenicsrom.fem.solid.reaction_rows import reaction_table
-    from fenicsrom.online.stress.recovery import Recovery
+    from fenicsrom.online.stress.reactions import Recovery
 
     study = run.study
     solid, scene = study.solid, study.scene

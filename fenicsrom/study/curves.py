@@ -18,7 +18,7 @@ from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.backbone import Backbone
-    from fenicsrom.assess.curves.response_results import Response
+    from fenicsrom.assess.curves.results import Response
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
@@ -58,10 +58,9 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.curves.response_files import check_folder
     from fenicsrom.assess.curves.response_problem import check_response
-    from fenicsrom.assess.curves.response_results import response_table
-    from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.curves.results import check_folder, response_table
+    from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.post.curves.response_report import write
 
     check_response(scene_of(given))
@@ -83,7 +82,7 @@ def response(
         )
         found.warnings.append(Note(NoteKind.LEFT_OUT, text, "response.full"))
     elif found.table.full_values and not found.interrupted:
-        from fenicsrom.assess.curves.full_points import add_full_points
+        from fenicsrom.assess.curves.checks import add_full_points
 
         assert source.study is not None and source.study.basis is not None
         vectors = source.study.basis.vectors
@@ -110,14 +109,10 @@ def _curves(
 ) -> tuple[Response, Source]:
     """Compute response curves with the coordinates that they need; arguments as `response`."""
     from fenicsrom.assess.curves import response as curves
-    from fenicsrom.assess.curves.curve_size import (
-        cost_in_words,
-        larger_model,
-        model_before_curves,
-    )
+    from fenicsrom.assess.curves.checks import cost_in_words, larger_model, model_before_curves
     from fenicsrom.assess.curves.trust import richer_model
     from fenicsrom.assess.errors.sizing import can_grow, spare_coordinates, with_size
-    from fenicsrom.post.base.writers import write_text
+    from fenicsrom.post.base.tables import write_text
 
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE
@@ -228,7 +223,7 @@ def backbone(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.curves import backbone as modes
-    from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.assess.errors.sizing import with_size
     from fenicsrom.post.reports import report
 

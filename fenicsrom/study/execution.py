@@ -19,7 +19,7 @@ from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 from fenicsrom.study.writing import keep_motion
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
     from fenicsrom.scene import Scene
@@ -220,7 +220,7 @@ def _require_resumable(resume: Path, scene: Scene) -> None:
         SceneError: the file cannot be read, or belongs to another scene; or models of this scene
             have no checkpoints.
     """
-    from fenicsrom.online.store.checkpoints import check_checkpoint
+    from fenicsrom.online.store.store import check_checkpoint
 
     if _is_projected(scene):
         raise _projected(resume, "has no checkpoints")

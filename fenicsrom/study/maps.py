@@ -52,7 +52,7 @@ def interaction_map(
         ConvergenceError, AccuracyError: an offline stage failed.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.assess.studies import interaction
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL

@@ -83,7 +83,7 @@ def _describe(study: Study, name: str) -> None:
     """
     from fenicsrom.assess.errors.plausibility import implausible_motion, is_explained
     from fenicsrom.online.motion.measures import out_of_reach
-    from fenicsrom.post.run.sentences import motion_warnings
+    from fenicsrom.post.run.report import motion_warnings
 
     scene, motion = study.scene, study.motions[name]
     if name == "reduced" and scene.contacts:
@@ -99,7 +99,7 @@ def _describe(study: Study, name: str) -> None:
 
 def _settled(study: Study, full: Motion) -> Motion:
     """The periodic motion of the full model where its march has not settled. Collective."""
-    from fenicsrom.assess.full.true_errors import settled_full_motion
+    from fenicsrom.assess.full.full_motions import settled_full_motion
 
     if study.basis is None:
         return full
@@ -144,7 +144,7 @@ def fit_size(run: Run) -> None:
 
 def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
     """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
-    from fenicsrom.assess.errors.large_strains import LARGE_MOTION, motion_warnings
+    from fenicsrom.assess.errors.plausibility import LARGE_MOTION, motion_warnings
 
     moved = float(abs(motion.displacement).max(initial=0.0))
     small = moved < LARGE_MOTION * study.solid.extent
@@ -155,14 +155,14 @@ def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
 
 def check_beam(study: Study) -> None:
     """Check that the 1D beam stands for the solid."""
-    from fenicsrom.assess.errors import beam_check
+    from fenicsrom.assess.errors import comparisons as beam_check
 
     beam_check.check_beam(study.solid, study.scene)
 
 
 def compare_modes(study: Study) -> None:
     """Compare the modes of the reduced model with those of the full model. Collective."""
-    from fenicsrom.assess.errors.mode_agreement import mode_agreement
+    from fenicsrom.assess.errors.comparisons import mode_agreement
 
     assert study.basis is not None
     try:
@@ -195,7 +195,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     """
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.store.archive import load_model, save_model
-    from fenicsrom.online.store.checkpoints import keeper, load_start
+    from fenicsrom.online.store.store import keeper, load_start
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.summary import CHECKPOINT, stored_model
 
@@ -232,7 +232,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
     from fenicsrom.assess.errors.estimates import basis_errors
     from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
-    from fenicsrom.online.motion.energy import check_energy
+    from fenicsrom.online.motion.motion import check_energy
 
     name, scene, motions = "", found.scene, found.motions
     basis = None if found.sized is None else found.sized.errors
@@ -255,8 +255,8 @@ def slower_than_solid(study: Study) -> list[Note]:
     Only where the motion took long, and the full model did not run. Collective.
     """
     from fenicsrom.online.run.simulate import simulate
-    from fenicsrom.post.run.sentences import step_sentence
-    from fenicsrom.scene.reading.step_size import with_time
+    from fenicsrom.post.run.report import step_sentence
+    from fenicsrom.scene.reading.reading import with_time
 
     scene, solid, motion = study.scene, study.solid, study.motions["reduced"]
     if solid.comm.bcast(motion.seconds) < LONG or "full" in study.motions or scene.period is None:
@@ -280,8 +280,8 @@ def stresses(run: Run) -> None:
 
     import numpy as np
 
-    from fenicsrom.assess.errors.large_strains import state_warnings
-    from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks
+    from fenicsrom.assess.errors.plausibility import state_warnings
+    from fenicsrom.online.stress.reactions import find_stresses, modal_peaks
     from fenicsrom.post.run.summary import stored_model
 
     study = run.study

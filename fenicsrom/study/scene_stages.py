@@ -14,7 +14,7 @@ from typing import Any
 
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import BY_MOTION
-from fenicsrom.scene.base.toml import toml_value
+from fenicsrom.scene.base.tables import toml_value
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.study import building, motions, writing

@@ -73,10 +73,10 @@ def source_of(
     Raises:
         OSError: the model cannot be written.
     """
-    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.assess.errors.plausibility import equilibrium_warnings
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
-    from fenicsrom.post.run.sentences import range_warnings
+    from fenicsrom.post.run.report import range_warnings
     from fenicsrom.post.run.summary import stored_model
 
     if not isinstance(given, Scene):

@@ -10,7 +10,7 @@ from fenicsrom.progress import log
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
-    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.step.speed_range import RangeModel
     from fenicsrom.online.store.archive import StoredModel
@@ -35,7 +35,7 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     from fenicsrom.fem.solid.solid import solid_of
     from fenicsrom.online.run.simulate import load_histories
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.online.store.provenance import provenance
+    from fenicsrom.online.store.store import provenance
     from fenicsrom.reduction.joined import range_model
     from fenicsrom.scene.keys.excitation import highest_frequency
 

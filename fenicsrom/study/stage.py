@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 

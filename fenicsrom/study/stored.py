@@ -41,11 +41,10 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
-    from fenicsrom.assess.errors.mesh_check import MeshCheck
-    from fenicsrom.assess.errors.plausibility import implausible_loads
-    from fenicsrom.online.store.checkpoints import keeper, load_start
-    from fenicsrom.post.run.sentences import range_warnings, rerun_left_out, rerun_warnings
+    from fenicsrom.assess.errors.comparisons import MeshCheck
+    from fenicsrom.assess.errors.plausibility import equilibrium_warnings, implausible_loads
+    from fenicsrom.online.store.store import keeper, load_start
+    from fenicsrom.post.run.report import range_warnings, rerun_left_out, rerun_warnings
     from fenicsrom.post.run.summary import CHECKPOINT
     from fenicsrom.records import Rerun
     from fenicsrom.reduction.modes import missing_modes
@@ -83,7 +82,7 @@ def rerun(
 
 def _check(run: Run) -> None:
     """Check the motion."""
-    from fenicsrom.assess.errors.mesh_check import MeshCheck
+    from fenicsrom.assess.errors.comparisons import MeshCheck
     from fenicsrom.errors import ConvergenceError
 
     found: Rerun = run.study
@@ -108,7 +107,7 @@ def _fit_size(run: Run) -> None:
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.assess.rotation.run_up import run_up
     from fenicsrom.online.store.archive import SUPERELEMENT
-    from fenicsrom.post.run.sentences import (
+    from fenicsrom.post.run.report import (
         UNJUDGED,
         UNJUDGED_MATRICES,
         motion_warnings,
@@ -129,8 +128,8 @@ def _fit_size(run: Run) -> None:
 
 def _find_stresses(run: Run) -> None:
     """Find the largest stresses, and warn of large strains and of a model without stresses."""
-    from fenicsrom.assess.errors.large_strains import state_warnings
-    from fenicsrom.online.stress.stress_peaks import find_stresses
+    from fenicsrom.assess.errors.plausibility import state_warnings
+    from fenicsrom.online.stress.reactions import find_stresses
 
     found: Rerun = run.study
     stored, warnings = found.stored, found.warnings

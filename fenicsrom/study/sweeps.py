@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene, override_texts
-from fenicsrom.scene.reading.variations import Axis, combinations, make_axes
+from fenicsrom.scene.reading.overrides import Axis, combinations, make_axes
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import never

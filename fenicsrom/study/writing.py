@@ -28,7 +28,7 @@ def numbers(run: Run) -> None:
 def keep_motion(run: Run) -> None:
     """Write the numbers of a finished motion of an interrupted run; the checkpoint holds it all."""
     from fenicsrom.online.model.model import ReducedModel
-    from fenicsrom.post.run.sentences import unchecked_sentence
+    from fenicsrom.post.run.report import unchecked_sentence
     from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
     study, done = run.study, run.watch.seconds
@@ -44,14 +44,14 @@ def keep_motion(run: Run) -> None:
 
 def paraview_modes(run: Run) -> None:
     """Write the shapes for ParaView."""
-    from fenicsrom.post.paraview.fields import write_shapes
+    from fenicsrom.post.paraview.paraview import write_shapes
 
     run.study.files += write_shapes(run.study, _output(run))
 
 
 def paraview_motion(run: Run) -> None:
     """Write the last period of the reduced model for ParaView."""
-    from fenicsrom.post.paraview.fields import write_last_period
+    from fenicsrom.post.paraview.paraview import write_last_period
 
     if "reduced" in run.study.motions:
         run.study.files += write_last_period(run.study, _output(run))
@@ -62,8 +62,7 @@ def paraview_scene(run: Run) -> None:
     import numpy as np
 
     from fenicsrom.post.body.surface_mesh import write_surfaces
-    from fenicsrom.post.paraview.fields import frame_rows
-    from fenicsrom.post.paraview.paraview import write_groups, write_index
+    from fenicsrom.post.paraview.paraview import frame_rows, write_groups, write_index
 
     study, folder = run.study, _output(run)
     study.files += write_groups(study.solid, folder)
@@ -105,7 +104,7 @@ def animation(run: Run) -> None:
 
 def report(run: Run) -> None:
     """Write the report, and the summary again if there are new warnings about the pictures."""
-    from fenicsrom.post.base.writers import write_summary
+    from fenicsrom.post.base.tables import write_summary
     from fenicsrom.post.run.pictures import turning_pages
     from fenicsrom.post.run.report import write_run_report
     from fenicsrom.post.run.summary import SUMMARY, summary

@@ -108,7 +108,7 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
 
 def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """The amplitude does not fall to a thousandth within the range of the search."""
-    monkeypatch.setattr("fenicsrom.online.curves.forced_peak.FALLEN", 1e-3)
+    monkeypatch.setattr("fenicsrom.online.curves.continuation.FALLEN", 1e-3)
     found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert found.peaks[0].ends == ("end of the range", "end of the range")
     assert len(found.warnings) == 1 and found.unfinished is None
@@ -116,7 +116,7 @@ def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) 
 
 def test_search_without_a_peak_says_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The range of the search is too narrow to hold the peak of a motion that hardens."""
-    monkeypatch.setattr("fenicsrom.online.curves.forced_peak.WINDOW", 1.001)
+    monkeypatch.setattr("fenicsrom.online.curves.continuation.WINDOW", 1.001)
     found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert found.unfinished is not None and not found.peaks
     assert "end of the range" in str(found.unfinished)

@@ -9,7 +9,7 @@ from support import beam_scene, make_solid, refusal
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.assess.errors.beam_check import check_beam
+from fenicsrom.assess.errors.comparisons import check_beam
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import Scene
 

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from support import STOCKY, beam_scene, contact_points, heard, make_solid
 
-from fenicsrom.assess.errors import agreement, residual
-from fenicsrom.assess.full import full_cache
+from fenicsrom.assess.errors import comparisons as residual
+from fenicsrom.assess.errors import estimates as agreement
+from fenicsrom.assess.full import full_motions as full_cache
 from fenicsrom.assess.studies import compare
 from fenicsrom.assess.studies.compare import Combination, Comparison, Outcome
 from fenicsrom.errors import SceneError
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store import result_cache
+from fenicsrom.online.store import store as result_cache
 from fenicsrom.scene import parse_scene, read_scene, scene_table
 
 PERIOD = 0.5

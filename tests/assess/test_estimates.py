@@ -17,9 +17,9 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
 from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
-from fenicsrom.post.run.sentences import estimate_rows
+from fenicsrom.post.run.report import estimate_rows
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 
 
 def two_modes(kind: str) -> tuple[ReducedModel, ReducedModel, Scene]:

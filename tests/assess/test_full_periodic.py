@@ -12,11 +12,15 @@ from support import beam_scene, enriched, heard, make_solid
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.assess.full.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
-from fenicsrom.assess.full.true_errors import settled_full_motion
+from fenicsrom.assess.full.full_motions import (
+    FullPeriodicMotion,
+    _Problem,
+    full_periodic_motion,
+    settled_full_motion,
+)
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full.full import FullModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
@@ -25,7 +29,7 @@ from fenicsrom.online.periodic.shooting import (
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.basis import project
 from fenicsrom.scene import Scene
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fenicsrom.assess.curves.grazing import resolved_events
-from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.assess.curves.stability_search import resolved_events
+from fenicsrom.online.curves.curve import Curve, CurvePoint, Extremes
 
 STEPS, RANGE = 200, 50.0
 SHARE = (2.0 * np.pi / STEPS) ** 2  # of the range of the normal force that is not resolved

@@ -30,11 +30,11 @@ from fenicsrom.notes import PEAK_FORCE, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.motion.wear import lobes_of
+from fenicsrom.online.motion.measures import lobes_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.online.store.archive import StoredModel, changed_scene
-from fenicsrom.post.studies.map_wear import wear_row
+from fenicsrom.post.studies.interaction_report import wear_row
 from fenicsrom.study.maps import LINES
 
 Array = NDArray[np.float64]

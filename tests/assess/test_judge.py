@@ -11,17 +11,16 @@ import pytest
 from support import beam_scene
 
 from fenicsrom import study
+from fenicsrom.assess.errors.comparisons import unseen
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, distances
 from fenicsrom.assess.errors.judge import judge_with_residual
-from fenicsrom.assess.errors.residual import unseen
 from fenicsrom.assess.errors.sizing import Sized, judge_of, sized
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.candidates import extended_basis
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene
 

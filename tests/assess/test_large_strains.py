@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.online.stress.stress import Deformation
 
 
 def state(volume_ratio: float, smallest: float, largest: float = 1.5) -> Deformation:

@@ -15,12 +15,12 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenicsrom import study
+from fenicsrom.assess.errors.comparisons import of_model
 from fenicsrom.assess.errors.estimates import distances
-from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.rotation.campbell import campbell
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.store.archive import load_model, save_model
-from fenicsrom.post.run.sentences import run_sentences
+from fenicsrom.post.run.report import run_sentences
 from fenicsrom.scene import Scene
 from fenicsrom.study.stored import rerun
 

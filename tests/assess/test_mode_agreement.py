@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support import beam_scene
 
-from fenicsrom.assess.errors.mode_agreement import MOST_COMPARED, ModeAgreement, mode_agreement
-from fenicsrom.post.run.mode_agreement import agreement_figure, agreement_rows, agreement_sentence
+from fenicsrom.assess.errors.comparisons import MOST_COMPARED, ModeAgreement, mode_agreement
+from fenicsrom.post.run.summary import agreement_figure, agreement_rows, agreement_sentence
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction

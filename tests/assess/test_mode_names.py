@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fenicsrom.assess.rotation.mode_names import mode_names, section_axes
+from fenicsrom.assess.rotation.rotating_modes import mode_names, section_axes
 
 SPAN, CHORD, THICKNESS = 0.7, 0.15, 0.006
 STAGGER = np.radians(50.0)

@@ -14,7 +14,7 @@ from test_response import run, scene_with
 
 from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_results import Response
+from fenicsrom.assess.curves.results import Response
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from support import beam_scene, first, linear_model, oscillator
 
-from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.assess.errors.plausibility import (
     implausible_loads,
     implausible_motion,
     is_explained,
+    strain_warnings,
 )
 from fenicsrom.notes import NoteKind
 from fenicsrom.online.motion import measures
 from fenicsrom.online.run.simulate import load_histories
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import Deformation
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,8 @@ from support import beam_scene, first, linear_model
 from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.assess.errors.resonance import same_phase
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of

@@ -15,7 +15,7 @@ from support import beam_scene, first, heard, linear_model, loaded_duffing, refu
 
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import check_response, family_of
-from fenicsrom.assess.curves.response_results import Response, judged_multiplier
+from fenicsrom.assess.curves.results import Response, judged_multiplier
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import contacts_of
@@ -189,7 +189,7 @@ def test_curve_of_loads_that_do_not_repeat_is_refused() -> None:
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:
-    from fenicsrom.assess.curves import curve_progress as module
+    from fenicsrom.assess.curves import pieces as module
 
     lines: list[str] = []
 

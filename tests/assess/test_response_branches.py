@@ -16,7 +16,7 @@ from test_response import HIGH, fold_frequencies, oscillator, scene_with
 from fenicsrom.assess.curves import branches, trust
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
-from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
 from fenicsrom.assess.curves.trust import (
     BETWEEN,

@@ -18,11 +18,10 @@ from support import heard
 from test_response import DAMPING, HIGH, LOW, oscillator
 
 from fenicsrom.assess import jobs
-from fenicsrom.assess.curves import curve_progress
-from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
+from fenicsrom.assess.curves import pieces as curve_progress
+from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.response import CLASSES, response
-from fenicsrom.assess.curves.response_files import curve_file
-from fenicsrom.assess.curves.response_results import Response
+from fenicsrom.assess.curves.results import Response, curve_file
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.curves.curve import CurvePoint
@@ -245,7 +244,7 @@ def test_signal_ends_all_processes_with_files_and_state(
 def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fenicsrom.assess.curves import response_pieces as module
+    from fenicsrom.assess.curves import pieces as module
     from fenicsrom.errors import ConvergenceError
 
     start = module.start_motion
@@ -265,7 +264,7 @@ def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
 def test_unexpected_exception_of_one_curve_leaves_its_points_and_the_other_curves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    from fenicsrom.assess.curves import response_pieces
+    from fenicsrom.assess.curves import pieces as response_pieces
 
     monkeypatch.setattr(jobs, "available_cores", lambda: 1)
     find = response_pieces.Continuation.between

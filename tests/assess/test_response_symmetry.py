@@ -7,7 +7,7 @@ from support import beam_scene
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.assess.curves.response_results import Response
+from fenicsrom.assess.curves.results import Response
 from fenicsrom.study import build_model
 from fenicsrom.study.curves import response
 

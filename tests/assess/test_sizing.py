@@ -12,9 +12,9 @@ from support import beam_scene, linear_model, refusal
 
 from fenicsrom import study
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves import curve_size
+from fenicsrom.assess.curves import checks as curve_size
 from fenicsrom.assess.curves import response as curves
-from fenicsrom.assess.curves.curve_size import larger_model
+from fenicsrom.assess.curves.checks import larger_model
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
 from fenicsrom.assess.errors import estimates, sizing

@@ -11,8 +11,7 @@ import pytest
 from fenicsrom.assess.curves import trust
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import Check, Richer, checks
-from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import CurvePoint, Extremes
 
 PLACE = 100.32  # of a torus bifurcation
 

@@ -29,7 +29,7 @@ from support import beam_scene, random_model
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 LONG = (pytest.mark.slow, pytest.mark.long)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 ENGINE = """#!/bin/sh
@@ -133,7 +133,7 @@ def test_shared_meshes_are_found_in_checkout_and_installation(tmp_path: Path) ->
     install = ["python3", "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--quiet"]
     subprocess.run([*install, "--target", site, source], check=True)
     show = (
-        "from fenicsrom.scene.reading.paths import shared_meshes\n"
+        "from fenicsrom.scene.reading.reading import shared_meshes\n"
         "print(*sorted(path.name for path in shared_meshes().glob('*.geo')))"
     )
     found = subprocess.run(

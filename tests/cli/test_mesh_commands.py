@@ -23,7 +23,7 @@ from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.post.studies import mesh_report
 from fenicsrom.post.studies.starter import outer_normal, starter_scene, units_of
 from fenicsrom.scene import Support, parse_scene, read_scene
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 BAR = """*NODE
 {nodes}*ELEMENT, TYPE=C3D8, ELSET=bar

@@ -24,15 +24,14 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR
-from fenicsrom.assess.full.true_errors import full_distances
+from fenicsrom.assess.full.full_motions import full_distances
 from fenicsrom.assess.studies import stability
-from fenicsrom.assess.studies.axes import scales_of
-from fenicsrom.assess.studies.random_cases import random_cases
+from fenicsrom.assess.studies.axes import random_cases, scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.base.style import new_figure, styled
-from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.base.tables import write_figure
 from fenicsrom.reduction.candidates import candidate_model
 
 DEMOS = Path(__file__).parents[2] / "demos"

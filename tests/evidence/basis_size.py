@@ -33,11 +33,11 @@ from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.base.style import new_figure, styled
-from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.base.tables import write_figure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import Scene, make_scene, read_scene
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 
 YOUNG, DENSITY, DAMPING_RATIO = 207e9, 7800.0, 0.02
 CELLS = {2: 12, 3: 6}

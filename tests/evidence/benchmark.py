@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.full.full_cache import machine
+from fenicsrom.assess.full.full_motions import machine
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.online.motion.measures import errors_percent

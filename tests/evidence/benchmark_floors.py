@@ -23,12 +23,11 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import planes
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import elastic_polynomial
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction.basis import strain_products
 from fenicsrom.scene import Time
 
 CASES = (1, 6), (1, 12), (1, 24), (1, 48), (17, 22), (101, 22), (505, 22)  # points, coordinates

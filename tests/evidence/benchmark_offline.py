@@ -30,8 +30,8 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.derivatives import Selection
 from fenicsrom.reduction.modes import EXTRA_MODES, ComponentModes, component_modes
-from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import Scene, read_scene

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.cli import main as command_line
-from fenicsrom.scene.base.toml import toml_text
+from fenicsrom.scene.base.tables import toml_text
 
 DEMOS = Path(__file__).parents[2] / "demos"
 LIMIT = 60  # s of CPU time

@@ -37,7 +37,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.scene import read_scene
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.study import build_model
 
 DEMOS = Path(__file__).parents[2] / "demos"

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
-from fenicsrom.assess.curves.response_results import response_table
+from fenicsrom.assess.curves.results import response_table
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import COMPLETE, Curve, CurvePoint, norm

@@ -29,7 +29,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import step_errors
 from fenicsrom.assess.errors.verdicts import check_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import (
     amplitude,
     difference,
@@ -38,10 +37,10 @@ from fenicsrom.online.motion.measures import (
     is_unsteady,
     peak_normal_force,
 )
-from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.motion import Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 
 SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")
 STEPS = (25, 50, 100, 200, 400, 800)  # a period

@@ -20,11 +20,10 @@ from scheme_errors import (
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.motion.energy import ENERGY_ERROR
-from fenicsrom.post.base.html_page import write_report
+from fenicsrom.online.motion.motion import ENERGY_ERROR
+from fenicsrom.post.base.page import write_report
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
-from fenicsrom.post.base.tables import text_table
-from fenicsrom.post.base.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.base.tables import text_table, write_figure, write_rows, write_summary
 
 
 def _words(scheme: str) -> str:

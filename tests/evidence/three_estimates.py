@@ -30,17 +30,16 @@ from basis_size import random_scene
 
 import fenicsrom
 from fenicsrom.assess.errors.estimates import MotionErrors, check_motion, distances
-from fenicsrom.assess.full.true_errors import full_distances, missed
+from fenicsrom.assess.full.full_motions import full_distances, missed
 from fenicsrom.assess.studies import stability
-from fenicsrom.assess.studies.axes import scales_of
-from fenicsrom.assess.studies.random_cases import random_cases
+from fenicsrom.assess.studies.axes import random_cases, scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.base.style import new_figure, styled
-from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.base.tables import write_figure
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.step_size import refined
+from fenicsrom.scene.reading.reading import refined
 from fenicsrom.study.source import source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 

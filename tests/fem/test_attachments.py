@@ -26,8 +26,8 @@ pytest.importorskip("dolfinx")
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.reduction.basis import project
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Basis
 
 SLENDER = tuple(

@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.measures import (
     amplitude,
     out_of_reach,
@@ -43,7 +43,7 @@ from fenicsrom.online.motion.measures import (
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.step.equilibrium import _Statics
+from fenicsrom.online.step.statics import _Statics
 from fenicsrom.online.store.archive import StoredModel, changed_key, load_model, save_model
 from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study

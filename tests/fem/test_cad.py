@@ -18,12 +18,11 @@ from support import refusal
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.inspection import inspect
-from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.post.studies.starter import outer_normal
 from fenicsrom.scene import Geometry, Plane, Region, parse_scene
-from fenicsrom.scene.keys.meshing import Meshing, Refinement
+from fenicsrom.scene.keys.places import Meshing, Refinement
 
 
 def step_file(path: Path, build: Callable[[Any], None]) -> Path:

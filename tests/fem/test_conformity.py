@@ -7,7 +7,7 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.mesh.conformity import check_conforming
+from fenicsrom.fem.mesh.gmsh_model import check_conforming
 
 SQUARES = np.array([(x, y, 0.0) for y in range(3) for x in range(3)], dtype=float)
 

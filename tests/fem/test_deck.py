@@ -17,7 +17,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.calculix import FIELD, Deck, write_deck
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.formats import read
-from fenicsrom.formats.abaqus_keywords import Keyword, read_keywords
+from fenicsrom.formats.abaqus_sets import Keyword, read_keywords
 from fenicsrom.formats.shapes import SHAPES, facet_nodes
 from fenicsrom.scene import Geometry, Scene
 

@@ -34,11 +34,10 @@ from fenicsrom.fem.equilibrium.buckling import _coupled_squares
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.solid import KnownEquilibrium, build_solid, solid_of
 from fenicsrom.notes import NoteKind, has_kind
-from fenicsrom.online.model.pressure import unit_tangent
+from fenicsrom.online.model.loads import unit_tangent
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.snapshots import fastest_growth, linear_model, require_bounded
 from fenicsrom.scene import Scene, make_scene
 

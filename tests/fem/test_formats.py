@@ -21,12 +21,11 @@ from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import inspect
-from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.post.paraview.vtk import Attached, Grid, write_vtu
 from fenicsrom.scene import Geometry, Plane, Region, Scene, parse_scene
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 CELLS = {
     "triangle": 2,
@@ -802,7 +801,7 @@ def test_two_ranks_give_the_same_imported_mesh(tmp_path: Path) -> None:
 
 
 def test_mesh_with_a_node_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    from fenicsrom.fem.mesh.conformity import check_conforming
+    from fenicsrom.fem.mesh.gmsh_model import check_conforming
 
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
     with refusal(ErrorKind.MESH, file="a.msh", names="not finite"):

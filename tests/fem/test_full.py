@@ -16,7 +16,7 @@ from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.full import full as module
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.post.run import sentences
+from fenicsrom.post.run import report as sentences
 from fenicsrom.study import motions
 
 

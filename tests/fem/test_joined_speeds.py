@@ -18,29 +18,25 @@ from support import beam_scene, make_solid, refusal
 import fenicsrom
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_problem import family_of, start_motion
+from fenicsrom.assess.errors.comparisons import of_model
 from fenicsrom.assess.errors.estimates import distances
-from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.sizing import fitted
-from fenicsrom.assess.rotation.range_body import RangeBody
-from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.assess.rotation.rotating_modes import RangeBody, modes_at_speed
 from fenicsrom.assess.rotation.run_up import run_up
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.solid.solid import Solid
-from fenicsrom.online.contact.turning import speed_history
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.contact.surfaces import speed_history
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.subspace import shifted
 from fenicsrom.online.model.turning import rest_row
-from fenicsrom.online.motion.measures import amplitude, peak_normal_force
-from fenicsrom.online.motion.wear import wear_of
+from fenicsrom.online.motion.measures import amplitude, peak_normal_force, wear_of
 from fenicsrom.online.periodic.shooting import periodic_motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.reduction import joined
-from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.scene import Damping, Scene, read_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "blade_rub.toml"

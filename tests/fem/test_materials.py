@@ -25,8 +25,12 @@ pytest.importorskip("dolfinx")
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.solid.reaction_rows import reaction_table
-from fenicsrom.online.stress.reactions import equilibrium_reactions
-from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
+from fenicsrom.online.stress.reactions import (
+    Recovery,
+    equilibrium_reactions,
+    read_recovery,
+    recovery_arrays,
+)
 from fenicsrom.online.stress.stress import StressLaw
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, Material, make_scene

@@ -22,10 +22,9 @@ from support import group_names, needs_mpirun, on_ranks, refusal
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.supports import connected_pieces
 from fenicsrom.fem.mesh import gmsh_model
-from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.scene import Geometry, Region
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 LENGTH, HEIGHT, WIDTH = 2.54, 0.03, 0.02
 CUT = {

@@ -15,8 +15,7 @@ from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.supports import connected_pieces
-from fenicsrom.fem.mesh.mesh import mesh_from_dolfinx, mesh_from_gmsh_model
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.mesh.mesh import Mesh, mesh_from_dolfinx, mesh_from_gmsh_model
 from fenicsrom.fem.solid.solid import solid_of
 
 

@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.reaction_rows import reaction_table
-from fenicsrom.online.model.support_motion import support_displacement
+from fenicsrom.online.model.loads import support_displacement
 from fenicsrom.online.motion.measures import absolute_displacement
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.stress.reactions import motion_reactions

@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 from support import beam_scene, enriched, make_solid
 from fenicsrom.fem.full.full import FullModel
-from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.basis import project
 from fenicsrom.reduction.stages import choose
 
 comm = MPI.COMM_WORLD

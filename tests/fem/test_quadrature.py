@@ -15,7 +15,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.fem.base.quadrature import LEAST_DEGREE
+from fenicsrom.fem.base.forms import LEAST_DEGREE
 from fenicsrom.fem.body import elasticity
 from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.scene import make_scene

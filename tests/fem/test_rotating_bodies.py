@@ -18,7 +18,7 @@ from fenicsrom.notes import NoteKind, note_of
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene, parse_scene
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 
 LENGTH, HEIGHT, YOUNG = 2.54, 0.0254, 207e9
 RPM = 30.0 / np.pi

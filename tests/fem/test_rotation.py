@@ -44,8 +44,8 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.store.archive import changed_key
+from fenicsrom.reduction.basis import project, project_intrusively, projected_gyroscopic
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, read_scene, scene_table
 from fenicsrom.study import plan, run
 
@@ -804,7 +804,7 @@ from mpi4py import MPI
 from support import enriched
 from test_rotation import PUSH, make_solid, rotating_scene
 from fenicsrom.assess.rotation import campbell
-from fenicsrom.reduction.projection import project, projected_gyroscopic
+from fenicsrom.reduction.basis import project, projected_gyroscopic
 
 comm = MPI.COMM_WORLD
 scene = rotating_scene(

@@ -20,9 +20,9 @@ from support import beam_scene, enriched, make_solid
 
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.periodic_record import recorded_motion
-from fenicsrom.reduction.projection import project
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.shooting import recorded_motion
+from fenicsrom.reduction.basis import project
 from fenicsrom.scene import Time
 
 LENGTH, THICKNESS = 2.54, 0.0254

@@ -10,7 +10,7 @@ from support import STOCKY, beam_scene, dense, enriched, free_unknowns, make_sol
 
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.basis import project
 
 DAMPING = {"stiffness": 2e-5, "ratios": [0.03, 0.0, 0.02]}
 LINEAR = ("geometrically_nonlinear=false", "time.steady='march'", "time.periods=3")

@@ -17,7 +17,7 @@ from support import beam_scene, dense, free_unknowns, make_solid, random_field
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import Factorisation
-from fenicsrom.fem.equilibrium import prediction
+from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium import statics as statics_module
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.scene import read_scene

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from support import KINDS_OF_CELLS, STOCKY, beam_scene, enriched, make_solid, random_field, scene_of
 
-from fenicsrom.online.stress.elasticity_tensor import stiffness
+from fenicsrom.online.stress.stress import stiffness
 
 pytest.importorskip("dolfinx")
 

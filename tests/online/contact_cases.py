@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from support import one_contact
 
+from fenicsrom.online.contact.coating import Ring, coated
 from fenicsrom.online.contact.law import (
     at_rest,
     commit_contact_state,
     contact_force,
 )
-from fenicsrom.online.contact.rings import Ring, coated
 from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,

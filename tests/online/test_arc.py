@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values, oriented
-from fenicsrom.online.curves.bifurcations import turned_points
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, Curve
+from fenicsrom.online.curves.events import turned_points
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.scene import Scene
 
 SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")

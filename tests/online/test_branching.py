@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 from support import first
 
 from fenicsrom.online.contact.surfaces import no_contacts
-from fenicsrom.online.curves.branching import (
+from fenicsrom.online.curves.continuation import (
+    Continuation,
     _eigenvector,
     branch,
     lies_on,
     motions_through_load,
     passes_through,
 )
-from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.families import (
+from fenicsrom.online.periodic.shooting import (
     Family,
+    Shooting,
     force_family,
     frequency_family,
+    solve,
 )
-from fenicsrom.online.periodic.shooting import Shooting, solve
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

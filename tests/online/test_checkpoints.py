@@ -21,16 +21,15 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.store import archive
-from fenicsrom.online.store import checkpoints as restart
-from fenicsrom.online.store.checkpoints import fingerprint, load_start, save_checkpoint
+from fenicsrom.online.store import store as restart
 from fenicsrom.online.store.scene_changes import changed_run_key
+from fenicsrom.online.store.store import fingerprint, load_start, save_checkpoint
 from fenicsrom.post.run.summary import write_checkpoint
 from fenicsrom.scene import Scene, Time
 

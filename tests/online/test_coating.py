@@ -10,9 +10,16 @@ from contact_cases import casing, step
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact
 
-from fenicsrom.online.contact.coating import depth, ring_place, wear, worn_depth
+from fenicsrom.online.contact.coating import (
+    Ring,
+    coated,
+    depth,
+    ring_place,
+    wear,
+    worn_depth,
+    worn_through,
+)
 from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.rings import Ring, coated, worn_through
 from fenicsrom.online.contact.state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.scene import Abradable

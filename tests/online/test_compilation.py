@@ -10,8 +10,13 @@ import pytest
 
 from fenicsrom import progress
 from fenicsrom.online.kernels import compilation
-from fenicsrom.online.kernels.compilation import COMPILATIONS, KERNELS, Compilations, announced
-from fenicsrom.online.kernels.compiled import Compiled
+from fenicsrom.online.kernels.compilation import (
+    COMPILATIONS,
+    KERNELS,
+    Compilations,
+    Compiled,
+    announced,
+)
 
 
 def event(kernel: str) -> Any:

@@ -12,8 +12,10 @@ import pytest
 from support import fixed_steps, one_contact, random_model
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels import compiled, dense, emission
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.kernels import compilation as compiled
+from fenicsrom.online.kernels import compilation as emission
+from fenicsrom.online.kernels import dense
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -43,7 +45,7 @@ def test_version_of_numba_is_supported_between_its_bounds(version: str, supporte
     assert emission.is_checked(version) == supported
 
 
-LOOP = "fenicsrom.online.step.loop"
+LOOP = "fenicsrom.online.step.step"
 DERIVATIVES = "fenicsrom.online.derivative.period_sensitivity"
 
 
@@ -106,8 +108,8 @@ import sys
 import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
-from fenicsrom.online.kernels.emission import ENTRY
-from fenicsrom.online.step.loop import compiled_march
+from fenicsrom.online.kernels.compilation import ENTRY
+from fenicsrom.online.step.step import compiled_march
 from test_compiled import rubbing_motion
 assert "pipeline_class" not in ENTRY
 rubbing_motion().displacement.tofile(sys.argv[3])

@@ -9,15 +9,16 @@ import pytest
 from numpy.typing import NDArray
 from support import one_contact, period_steps, random_model
 
-from fenicsrom.online.contact.candidates import add_candidates, list_candidates
-from fenicsrom.online.contact.compliance import (
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.problem import (
+    add_candidates,
     compliance_of,
     delassus_of,
     form_delassus,
     given_compliance,
+    list_candidates,
+    solve_contact,
 )
-from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.contact.problem import solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,
     ContactStep,
@@ -26,15 +27,14 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.period_map import PeriodMap
 from fenicsrom.online.run import march
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step import step
-from fenicsrom.online.step.equilibrium import equilibrium
-from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import scheme
+from fenicsrom.online.step.statics import equilibrium
 
 Array = NDArray[np.float64]
 

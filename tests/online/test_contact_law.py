@@ -10,13 +10,12 @@ from contact_cases import RUB, RUB3, SCHEMES, SURFACES, apply, casing, rest, ste
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
-from fenicsrom.online.contact.compliance import given_compliance
 from fenicsrom.online.contact.friction import blended_normal_force, mean_normal_force
 from fenicsrom.online.contact.law import (
     at_rest,
     contact_energy,
 )
-from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.problem import given_compliance, solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,

@@ -11,12 +11,11 @@ from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
 from support import fixed_steps, linear_model, one_contact, slope
 
-from fenicsrom.online.contact.compliance import given_compliance
 from fenicsrom.online.contact.law import (
     at_rest,
     implicit_blending,
 )
-from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.problem import given_compliance, solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,
@@ -28,7 +27,7 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.run.march import integrate
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from fenicsrom.online.derivative.contact_sensitivity import (
     perturb,
     state_of,
 )
-from fenicsrom.online.kernels.complex_step import STEP, as_complex
+from fenicsrom.online.kernels.dense import STEP, as_complex
 
 
 def no_change(base: Contacts) -> Contacts:

@@ -8,19 +8,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from fenicsrom.online.curves.contact_events import OPENS, SLIPS, STICKS
-from fenicsrom.online.curves.curve_measures import (
+from fenicsrom.online.curves.curve import (
     HARMONICS,
+    OPENS,
     PHASES,
+    SLIPS,
+    STICKS,
     harmonics,
     load_harmonic,
     states_over_period,
 )
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.periodic.steady import periods_of
-from fenicsrom.online.run.march_setup import joined_rows
+from fenicsrom.online.run.march import joined_rows
 from fenicsrom.online.step.state import Record, no_record
-from fenicsrom.online.store.packing import pack, unpack
+from fenicsrom.online.store.store import pack, unpack
 
 PERIOD = 0.5
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.linalg import expm
 from support import isotropic_material
 
-from fenicsrom.online.stress.deformation import NOWHERE, deformation, extremes
-from fenicsrom.online.stress.stress import StressLaw
+from fenicsrom.online.stress.stress import NOWHERE, StressLaw, deformation, extremes
 
 LAME, SHEAR = 2.0, 1.0
 

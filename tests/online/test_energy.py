@@ -10,7 +10,7 @@ import pytest
 from support import oscillator
 
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.motion.energy import (
+from fenicsrom.online.motion.motion import (
     SCHEME_TOLERANCE,
     check_energy,
     check_scheme,

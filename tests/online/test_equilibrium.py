@@ -16,9 +16,9 @@ from support import linear_model, one_contact
 from fenicsrom.assess.studies import stability
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.run import simulate as online
-from fenicsrom.online.step import equilibrium as statics
+from fenicsrom.online.step import statics
 from fenicsrom.scene import Scene
 
 Array = NDArray[np.float64]

@@ -51,7 +51,7 @@ def rubbing_scene() -> Scene:
 
 
 def beam_matrices(scene: Scene) -> MatrixSet:
-    from fenicsrom.reduction.timoshenko import TimoshenkoBeam
+    from fenicsrom.reduction.beam import TimoshenkoBeam
 
     assert scene.reference.beam is not None
     beam = TimoshenkoBeam(scene.reference.beam, scene.material, True)

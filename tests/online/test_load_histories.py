@@ -26,7 +26,7 @@ from fenicsrom.online.model.loads import (
     of_loads,
     quarter_period,
 )
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.store.scene_changes import changed_key

@@ -15,11 +15,10 @@ from support import enriched, fixed_steps, linear_model, one_contact, random_mod
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts
-from fenicsrom.online.model.dense_model import DenseModel
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.matrices import DenseModel
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.progress import listening
@@ -246,7 +245,7 @@ def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
 
 @pytest.mark.parametrize("method", ["rubin", pytest.param("craig-bampton", marks=pytest.mark.slow)])
 def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None:
-    from fenicsrom.reduction.projection import project
+    from fenicsrom.reduction.basis import project
 
     _, _, basis = enriched(beam2d, method, 1)
     model = project(beam2d, basis)._replace(

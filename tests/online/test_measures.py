@@ -11,8 +11,8 @@ from support import beam_scene, contact_points
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.motion import measures
 from fenicsrom.online.step.state import PeriodicSearch
-from fenicsrom.post.base.directions import millimetres
-from fenicsrom.post.run.sentences import error_sentence
+from fenicsrom.post.base.tables import millimetres
+from fenicsrom.post.run.report import error_sentence
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from support import NO_LOADS, first
 
-from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.online.step.newton import newton
+from fenicsrom.online.step.statics import newton
 
 Array = NDArray[np.float64]
 

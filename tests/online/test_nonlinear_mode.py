@@ -10,16 +10,13 @@ from support import NO_LOADS, assert_tangent, first, linear_model, loaded_duffin
 
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts
 from fenicsrom.online.curves.arc import Values
-from fenicsrom.online.curves.crest import half_range
-from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.forced_peak import forced_peaks
+from fenicsrom.online.curves.continuation import forced_peaks
+from fenicsrom.online.curves.curve import CurvePoint, half_range
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.families import force_family, frequency_family
-from fenicsrom.online.periodic.periodic_record import recorded_motion
+from fenicsrom.online.periodic.shooting import force_family, frequency_family, recorded_motion
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

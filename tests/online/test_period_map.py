@@ -13,13 +13,13 @@ from support import linear_model, one_contact, random_model
 from fenicsrom.online.contact.law import implicit_blending
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import CYLINDER, PLANE, SPHERE, Contacts
-from fenicsrom.online.derivative.sensitivity import no_drift, no_sensitivity
-from fenicsrom.online.derivative.step_sensitivity import differentiate_blending
+from fenicsrom.online.derivative.contact_sensitivity import no_drift, no_sensitivity
+from fenicsrom.online.derivative.period_sensitivity import differentiate_blending
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.turning import Turning, rest_row
-from fenicsrom.online.periodic.families import (
+from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.periodic.shooting import (
     Family,
     contact_family,
     damping_family,
@@ -27,9 +27,8 @@ from fenicsrom.online.periodic.families import (
     frequency_family,
     speed_family,
 )
-from fenicsrom.online.periodic.period_map import PeriodMap
-from fenicsrom.online.step.loop import DONE
-from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import scheme
+from fenicsrom.online.step.step import DONE
 from fenicsrom.progress import asking
 
 Array = NDArray[np.float64]

@@ -14,11 +14,15 @@ from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import amplitude
-from fenicsrom.online.periodic.families import frequency_family
-from fenicsrom.online.periodic.shooting import Shooting, periodic_motion, solve, start_variables
+from fenicsrom.online.periodic.shooting import (
+    Shooting,
+    frequency_family,
+    periodic_motion,
+    solve,
+    start_variables,
+)
 from fenicsrom.online.run.march import integrate
 from fenicsrom.scene import Time
 

@@ -18,13 +18,11 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.families import contact_family
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
-from fenicsrom.online.periodic.shooting import PeriodicMotion, periodic_motion
-from fenicsrom.online.step.loop import DONE
-from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.periodic.shooting import PeriodicMotion, contact_family, periodic_motion
+from fenicsrom.online.step.state import scheme
+from fenicsrom.online.step.step import DONE
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import read_scene
 

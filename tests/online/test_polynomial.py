@@ -28,8 +28,7 @@ from fenicsrom.online.model.polynomial import (
     write_tangents,
 )
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction.basis import ReducedBasis, strain_products
 
 Array = NDArray[np.float64]
 
@@ -116,7 +115,7 @@ def test_weighted_tangents_of_several_points_are_sums_of_single_ones(count: int)
 def test_polynomial_matches_projected_force(
     name: str, method: str, request: pytest.FixtureRequest
 ) -> None:
-    from fenicsrom.reduction.projection import project, project_intrusively
+    from fenicsrom.reduction.basis import project, project_intrusively
 
     solid = request.getfixturevalue(name)
     _, _, basis = enriched(solid, method, 1)
@@ -147,7 +146,7 @@ def test_polynomial_matches_projected_force(
 
 
 def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
-    from fenicsrom.reduction.projection import project
+    from fenicsrom.reduction.basis import project
 
     _, _, basis = enriched(bent3d, "rubin", 1)
     model, q = project(bent3d, basis), 1e-3 * np.random.default_rng(3).standard_normal(basis.size)
@@ -172,7 +171,7 @@ def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
     """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""
     from fenicsrom.fem.full.full import FullModel
-    from fenicsrom.reduction.projection import project
+    from fenicsrom.reduction.basis import project
 
     load = {"group": "tip", "direction": [0.3, 1.0], "force": 4e4, "frequency": 40.0}
     push = {"group": "load", "direction": [0.0, 1.0], "force": 2e4}

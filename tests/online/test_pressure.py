@@ -20,19 +20,17 @@ from support import (
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.model.loads import factors, harmonic
+from fenicsrom.online.model.loads import PressurePolynomial, factors, harmonic, unit_tangent
 from fenicsrom.online.model.matrices import model_arrays
-from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.pressure import PressurePolynomial, unit_tangent
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
-from fenicsrom.online.periodic.families import damping_family, force_family, frequency_family
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import paired_cubic, unique_cubic
 from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.periodic.shooting import damping_family, force_family, frequency_family
 from fenicsrom.online.run.march import integrate
-from fenicsrom.online.step.loop import DONE
-from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import scheme
+from fenicsrom.online.step.step import DONE
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-from fenicsrom.online.store.checkpoints import fingerprint
+from fenicsrom.online.store.store import fingerprint
 from fenicsrom.scene import Scene, Time
 
 Array = NDArray[np.float64]

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.contact.coating import ring_place
+from fenicsrom.online.contact.coating import ring_place, rings_of
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.online.contact.rings import rings_of
 from fenicsrom.online.contact.surfaces import frame, surface_normal
-from fenicsrom.online.motion.wear import Wear
+from fenicsrom.online.motion.measures import Wear
 
 Array = NDArray[np.float64]
 

@@ -12,22 +12,23 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.curves.bifurcations import LOCATED, MOST, outside, special_points
 from fenicsrom.online.curves.brackets import bracketed
-from fenicsrom.online.curves.contact_events import (
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import (
+    BIFURCATIONS,
     NEGLIGIBLE,
     OPENS,
     SLIPS,
     STICKS,
+    Curve,
+    CurvePoint,
     Extremes,
     occurrences,
 )
-from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import BIFURCATIONS, Curve, CurvePoint
+from fenicsrom.online.curves.events import LOCATED, MOST, outside, special_points
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.families import Family, force_family
-from fenicsrom.online.periodic.shooting import Shooting, solve
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.shooting import Family, Shooting, force_family, solve
 from fenicsrom.online.step.state import no_record
 from fenicsrom.scene import Time
 

@@ -15,35 +15,29 @@ from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, one_contact, oscillator
 
 from fenicsrom.assess.errors.estimates import check_motion, step_errors
-from fenicsrom.assess.errors.multiplicity import free_slider_sentence
-from fenicsrom.assess.errors.verdicts import check_settled
+from fenicsrom.assess.errors.verdicts import check_settled, free_slider_sentence
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.motion.energy import check_energy
-from fenicsrom.online.motion.history import read_history
 from fenicsrom.online.motion.measures import (
     amplitude,
     friction_dissipation_per_period,
     response_summary,
 )
-from fenicsrom.online.motion.motion import Interrupted, Motion
+from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy, read_history
 from fenicsrom.online.periodic import steady
-from fenicsrom.online.periodic.steady import _Search, fractions_of
-from fenicsrom.online.periodic.tendency import horizon_by_distance
+from fenicsrom.online.periodic.steady import _Search, fractions_of, horizon_by_distance
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.checkpoints import load_start, save_checkpoint
+from fenicsrom.online.store.store import load_start, save_checkpoint
 from fenicsrom.post.run.figures import plot_energy
-from fenicsrom.post.run.report import write_run_report
-from fenicsrom.post.run.sentences import periodic_sentence
+from fenicsrom.post.run.report import periodic_sentence, write_run_report
 from fenicsrom.post.run.summary import write_history
 from fenicsrom.records import Rerun
 from fenicsrom.scene import Time
-from fenicsrom.scene.reading.step_size import coarser, with_time
+from fenicsrom.scene.reading.reading import coarser, with_time
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from support import linear_model
 
 from fenicsrom.online.contact.surfaces import Contacts, no_contacts, planes
 from fenicsrom.online.model.loads import LoadHistories, of_loads
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
-from fenicsrom.online.step.step_limits import landings, longest_step
+from fenicsrom.online.step.step import landings, longest_step
 from fenicsrom.scene import Load, Time
 
 FREE = no_contacts(1)

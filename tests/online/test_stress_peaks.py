@@ -15,10 +15,15 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.files import read_archive
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model, save_model
-from fenicsrom.online.stress.reactions import ReactionTable
-from fenicsrom.online.stress.recovery import Recovery, recovery_arrays
+from fenicsrom.online.stress.reactions import (
+    ReactionTable,
+    Recovery,
+    find_stresses,
+    modal_peaks,
+    recovery_arrays,
+    reduced_modes,
+)
 from fenicsrom.online.stress.stress import StressLaw, StressTable, von_mises
-from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks, reduced_modes
 from fenicsrom.scene import Scene
 
 Array = NDArray[np.float64]

@@ -15,16 +15,16 @@ from support import assert_tangent, beam_scene, linear_model, refusal
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import no_contacts
-from fenicsrom.online.model.loads import factors
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.support_motion import (
+from fenicsrom.online.model.loads import (
     displacement_sines,
+    factors,
     histories_of,
     support_displacement,
 )
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.measures import absolute_displacement
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.periodic.shooting import frequency_family
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.reduction.beam import beam_model, beam_structure
 from fenicsrom.scene import Load, Scene

@@ -24,9 +24,10 @@ from fenicsrom.online.contact.surfaces import (
     gap_discrete_gradient,
     no_contacts,
     penetration,
+    speed_at,
+    speed_history,
     surface_turn,
 )
-from fenicsrom.online.contact.turning import speed_at, speed_history
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.symmetric import negative_eigenvalues, scaled, scaled_condition
+from fenicsrom.online.kernels.dense import negative_eigenvalues, scaled, scaled_condition
 
 UNITS = 10.0 ** np.linspace(-12.0, 12.0, 7)
 

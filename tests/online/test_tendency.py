@@ -7,9 +7,9 @@ import pytest
 from support import duffing
 
 from fenicsrom.online.contact.surfaces import no_contacts
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
-from fenicsrom.online.periodic.tendency import CALM, MarchedPath
+from fenicsrom.online.periodic.steady import CALM, MarchedPath
 from fenicsrom.scene import Time
 
 UPPER, LOWER = (1.30722027, 0.87306771), (-0.24849689, 0.02338837)

@@ -10,12 +10,16 @@ from support import assert_tangent, fixed_steps, random_polynomial, slope
 
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.contact.points import no_points
-from fenicsrom.online.contact.surfaces import no_contacts
-from fenicsrom.online.contact.turning import angle_at, speed_at, speed_history, times_of_angles
+from fenicsrom.online.contact.surfaces import (
+    angle_at,
+    no_contacts,
+    speed_at,
+    speed_history,
+    times_of_angles,
+)
 from fenicsrom.online.model.loads import TURNS, harmonic
-from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, elastic_polynomial
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate

@@ -11,14 +11,12 @@ from support import excited_stiffness, linear_model, period_steps
 
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import continuation
-from fenicsrom.online.curves.bifurcations import outside
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
-from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
+from fenicsrom.online.curves.events import outside, turning_pairs, unseen_points
 from fenicsrom.online.model.loads import harmonic
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.periodic.families import frequency_family
-from fenicsrom.online.periodic.shooting import Shooting, periodic_motion
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.shooting import Shooting, frequency_family, periodic_motion
 
 FORCE, DAMPING, TONGUE = 0.03, 1e-4, 1e-4
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.1 / (2.0 * np.pi)

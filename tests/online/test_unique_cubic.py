@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fenicsrom.online.model import unique_cubic
-from fenicsrom.online.model.polynomial import elastic_polynomial
-from fenicsrom.online.model.unique_cubic import count, paired_cubic
+from fenicsrom.online.model import polynomial as unique_cubic
+from fenicsrom.online.model.polynomial import count, elastic_polynomial, paired_cubic
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])

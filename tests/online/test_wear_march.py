@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.rings import Ring, coated
+from fenicsrom.online.contact.coating import Ring, coated
 from fenicsrom.online.contact.surfaces import CYLINDER
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.motion.energy import energy_errors
-from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.motion.wear import worn_under_points
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.motion.measures import worn_under_points
+from fenicsrom.online.motion.motion import Motion, energy_errors
 from fenicsrom.online.periodic.period_map import PeriodMap
-from fenicsrom.online.run.march import end_of, integrate
-from fenicsrom.online.run.march_setup import MarchRun
-from fenicsrom.online.step.loop import compiled_march
-from fenicsrom.online.step.scheme import scheme
-from fenicsrom.online.step.step import accept, attempt, set_blending
+from fenicsrom.online.run.march import MarchRun, end_of, integrate
+from fenicsrom.online.step.state import scheme
+from fenicsrom.online.step.step import accept, attempt, compiled_march, set_blending
 from fenicsrom.scene import Abradable, Time
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ from test_figures import drawn, illegible
 
 pytest.importorskip("pyvista")
 
-from fenicsrom.post.base import optional, picture
+from fenicsrom.post.base import picture
+from fenicsrom.post.base import style as optional
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import magnification
 from fenicsrom.post.body import body_figures
@@ -27,16 +28,18 @@ from fenicsrom.post.body.body_view import (
 from fenicsrom.post.body.group_drawing import MORE_COLOURS, group_figure
 from fenicsrom.post.body.rendering import painted, render
 from fenicsrom.post.paraview.vtk import Grid, reference_nodes
-from fenicsrom.post.setup.setup_figure import (
+from fenicsrom.post.setup.setup import (
+    ARROW,
+    CLAMPED,
     COLOURS,
     LOADED,
+    Mark,
     load_tips,
     region_parts,
     setup_figure,
     surroundings,
     symbols,
 )
-from fenicsrom.post.setup.setup_marks import ARROW, CLAMPED, Mark
 
 LONG, WIDE, THIN = 10, 4, 0.1
 NONE = np.zeros(0, dtype=bool)

@@ -16,11 +16,10 @@ from motions import jenkins, side_by_side
 pytest.importorskip("bokeh")
 
 from fenicsrom.notes import verdict_of
-from fenicsrom.post.base.captions import CAPTIONS, caption, numbers_of
 from fenicsrom.post.base.chart import _place, chart, noted
-from fenicsrom.post.base.html_page import Folded, html_report
 from fenicsrom.post.base.origin import is_result
-from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.page import Folded, html_report
+from fenicsrom.post.base.picture import CAPTIONS, Picture, caption, draw_pictures, numbers_of
 from fenicsrom.post.base.style import new_figure, new_panels, styled
 from fenicsrom.post.run.figures import plot_points
 

@@ -14,7 +14,7 @@ from test_figures import illegible
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.cli import main
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.post.curves.equilibrium_report import figure, rows, sentences, special_table, summary
 
 DEMO = Path(__file__).parents[2] / "demos" / "arch_snap.toml"

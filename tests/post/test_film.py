@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 from test_body_surface import beam_surface
 
 from fenicsrom.post.base import style
+from fenicsrom.post.body.body_figures import FILM_SECONDS, Film, film_frames, write_film
 from fenicsrom.post.body.body_view import view_of
-from fenicsrom.post.body.film import FILM_SECONDS, Film, film_frames, write_film
 
 LENGTH = 2.0
 STATES = (1, 0, 1, 0)

@@ -10,8 +10,8 @@ import pytest
 
 from fenicsrom.cli import main
 from fenicsrom.notes import verdict_of
-from fenicsrom.online.motion.history import HISTORY_ARRAYS
-from fenicsrom.post.base.report import told
+from fenicsrom.online.motion.motion import HISTORY_ARRAYS
+from fenicsrom.post.base.page import told
 from fenicsrom.post.studies.folders_report import curves_figure, differences, outcome
 
 

@@ -11,7 +11,7 @@ from support import beam_scene, contact_points
 from test_figures import drawn, texts
 
 from fenicsrom.post.run import motion_figures
-from fenicsrom.post.run.motion_table import open_sentence, touching_points
+from fenicsrom.post.run.motion_figures import open_sentence, touching_points
 from fenicsrom.post.run.pictures import motion_pictures, working
 from fenicsrom.scene import read_scene
 

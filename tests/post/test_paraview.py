@@ -14,11 +14,13 @@ pytest.importorskip("dolfinx")
 pyvista = pytest.importorskip("pyvista")
 
 from fenicsrom import study  # noqa: E402
-from fenicsrom.online.motion.history import read_history  # noqa: E402
+from fenicsrom.online.motion.motion import read_history  # noqa: E402
 from fenicsrom.online.store.archive import load_model  # noqa: E402
 from fenicsrom.online.stress.stress import von_mises  # noqa: E402
-from fenicsrom.post.paraview.fields import frame_rows  # noqa: E402
-from fenicsrom.post.paraview.paraview import write_index  # noqa: E402
+from fenicsrom.post.paraview.paraview import (  # noqa: E402
+    frame_rows,
+    write_index,
+)
 
 KINDS = {
     "2D": (2, ()),

@@ -12,7 +12,7 @@ from support import beam_scene, make_solid
 pytest.importorskip("dolfinx")
 
 from fenicsrom.post.body.body_view import View
-from fenicsrom.post.run import body_pictures
+from fenicsrom.post.run import pictures as body_pictures
 from fenicsrom.records import Study
 
 SMALL = ("geometry.parameters.length=1.0", "geometry.parameters.elements_along=2")

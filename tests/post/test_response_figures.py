@@ -12,11 +12,10 @@ from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.response_results import FullPoint, Response, ResponseCurve
-from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
-from fenicsrom.post.curves.response_details import (
+from fenicsrom.assess.curves.results import FullPoint, Response, ResponseCurve
+from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Extremes
+from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
+from fenicsrom.post.curves.response_report import (
     FARTHEST,
     contact_map,
     draw_map,
@@ -24,7 +23,6 @@ from fenicsrom.post.curves.response_details import (
     harmonics_figure,
     multiplier_figure,
 )
-from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.curves.response_tables import (
     event_table,
     result_table,

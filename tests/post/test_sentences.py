@@ -14,22 +14,22 @@ from support import beam_scene, contact_points
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.notes import DISSIPATION, PEAK_FORCE, PROBE
 from fenicsrom.online.motion.measures import has_contact
-from fenicsrom.post.run.motion_table import (
+from fenicsrom.post.run.motion_figures import (
     PERIODS_NOTE,
     points_note,
     response_note,
     response_rows,
 )
-from fenicsrom.post.run.report import report
-from fenicsrom.post.run.sentences import (
+from fenicsrom.post.run.report import (
     basis_sentences,
     estimate_rows,
     motion_warnings,
+    report,
     speed_sentence,
     step_sentence,
 )
 from fenicsrom.records import Rerun, Study
-from fenicsrom.reduction.selection import Selection
+from fenicsrom.reduction.derivatives import Selection
 
 
 def test_vectors_that_the_basis_leaves_out_are_named() -> None:

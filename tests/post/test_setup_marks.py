@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-from fenicsrom.post.setup.setup_marks import CLAMPED, Mark, gathered_marks
+from fenicsrom.post.setup.setup import CLAMPED, Mark, gathered_marks
 
 SMALL = (
     "geometry.parameters.length=1.0",

@@ -9,9 +9,14 @@ import pytest
 from support import contact_points
 
 from fenicsrom.online.contact.points import no_points
-from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import html_report
-from fenicsrom.post.base.tables import TERMINAL_WIDTH, filled_columns, text_table
+from fenicsrom.post.base.page import html_report
+from fenicsrom.post.base.tables import (
+    TERMINAL_WIDTH,
+    direction_names,
+    direction_note,
+    filled_columns,
+    text_table,
+)
 from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"

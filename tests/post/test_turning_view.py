@@ -14,7 +14,7 @@ pytest.importorskip("pyvista")
 pytest.importorskip("k3d")
 
 from fenicsrom.cli import main
-from fenicsrom.post.base.html_page import Page, write_report
+from fenicsrom.post.base.page import Page, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import new_figure
 from fenicsrom.post.body.body_view import view_of

@@ -13,8 +13,8 @@ from support import beam_scene
 
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import frame
-from fenicsrom.online.motion.wear import wear_of
-from fenicsrom.post.run.wear import (
+from fenicsrom.online.motion.measures import wear_of
+from fenicsrom.post.run.figures import (
     plot_wear,
     plot_wear_over_time,
     wear_sentence,

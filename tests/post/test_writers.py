@@ -11,10 +11,9 @@ import pytest
 from motions import jenkins
 
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.post.base.html_page import html_report
+from fenicsrom.post.base.page import html_report
 from fenicsrom.post.base.picture import Drawn
-from fenicsrom.post.base.tables import text_table
-from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.base.tables import text_table, write_rows, write_summary
 from fenicsrom.post.run.figures import plot_motion
 
 

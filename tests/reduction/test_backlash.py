@@ -8,7 +8,7 @@ from support import STOCKY, beam_scene, make_solid
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.reduction.masters import independent_coordinates, master_directions
+from fenicsrom.reduction.modes import independent_coordinates, master_directions
 
 
 def stop(up: float) -> dict[str, object]:

@@ -13,8 +13,7 @@ from scipy.optimize import brentq, root
 from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.reduction.beam import beam_structure
-from fenicsrom.reduction.timoshenko import TimoshenkoBeam, _assemble
+from fenicsrom.reduction.beam import TimoshenkoBeam, _assemble, beam_structure
 from fenicsrom.scene import BeamSection, Material
 
 Array = NDArray[np.float64]

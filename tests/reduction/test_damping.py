@@ -13,19 +13,18 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.matrices import model_arrays
-from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.model import Problem, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.beam import BeamStructure, beam_structure
-from fenicsrom.reduction.projection import (
+from fenicsrom.reduction.basis import (
+    ReducedBasis,
     project_intrusively,
     projected_terms,
     projected_velocity_matrix,
 )
+from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.scene import Scene
 
 SECTION = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}

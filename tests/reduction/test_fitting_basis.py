@@ -12,8 +12,9 @@ from support import beam_scene
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
-from fenicsrom.reduction.load_vectors import LOAD_SHARE
+from fenicsrom.reduction.derivatives import modal_coordinates
 from fenicsrom.reduction.modes import (
+    LOAD_SHARE,
     MOST_LINEAR_MODES,
     MOST_MODES,
     ComponentModes,
@@ -21,7 +22,6 @@ from fenicsrom.reduction.modes import (
     missing_modes,
     with_mode_count,
 )
-from fenicsrom.reduction.selection import modal_coordinates
 from fenicsrom.reduction.snapshots import (
     SNAPSHOTS,
     STATIC_LEVELS,

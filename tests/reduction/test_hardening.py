@@ -19,7 +19,7 @@ pytest.importorskip("dolfinx")
 
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
-from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.basis import project
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.reduction import masters
-from fenicsrom.reduction.masters import master_directions
+from fenicsrom.reduction import modes as masters
+from fenicsrom.reduction.modes import master_directions
 
 pytest.importorskip("dolfinx")
 

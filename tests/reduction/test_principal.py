@@ -10,10 +10,10 @@ import pytest
 from support import beam_scene
 
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
-from fenicsrom.reduction.derivatives import all_pairs
-from fenicsrom.reduction.principal import (
+from fenicsrom.reduction.derivatives import (
     REST,
     PrincipalDirections,
+    all_pairs,
     combinations,
     enough,
     principal_directions,

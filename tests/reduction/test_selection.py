@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.reduction.selection import modal_coordinates, select
+from fenicsrom.reduction.derivatives import modal_coordinates, select
 
 Array = NDArray[np.float64]
 

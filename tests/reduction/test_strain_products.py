@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from support import isotropic_tensor
 
 from fenicsrom.online.model.polynomial import pairs
-from fenicsrom.reduction import strain_products as module
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction import basis as module
+from fenicsrom.reduction.basis import strain_products
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import pytest
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, override_table, parse_scene
 from fenicsrom.scene.keys.excitation import shortest_swing
-from fenicsrom.scene.reading.step_size import coarser
+from fenicsrom.scene.reading.reading import coarser
 
 TEXT = (Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml").read_text()
 HILL = "contacts.0.approach=[[0, 0], [0.1, 0], [0.102, 0.01], [0.108, 0.01], [0.11, 0]]"

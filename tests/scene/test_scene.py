@@ -39,7 +39,7 @@ from fenicsrom.scene import (
 from fenicsrom.scene.base.tables import keys, table_kind
 from fenicsrom.scene.checks.checks import require_repeating
 from fenicsrom.scene.keys.excitation import shortest_period
-from fenicsrom.scene.reading.paths import shared_meshes
+from fenicsrom.scene.reading.reading import shared_meshes
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("*.toml"))
 PAPER = ("open_2d", "slip_liftoff_2d", "slip_liftoff_3d", "stick_slip_2d", "high_load_2d")

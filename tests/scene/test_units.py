@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support import beam_scene
 
-from fenicsrom.scene.reading.units import in_words, unit_of
+from fenicsrom.scene.reading.overrides import in_words, unit_of
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.reading import variations
-from fenicsrom.scene.reading.variations import combinations, make_axes
+from fenicsrom.scene.reading import overrides as variations
+from fenicsrom.scene.reading.overrides import combinations, make_axes
 
 
 def test_list_keeps_values_of_toml() -> None:

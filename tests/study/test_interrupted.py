@@ -17,8 +17,8 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.online.store.checkpoints import load_start
-from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
+from fenicsrom.online.store.store import load_start
+from fenicsrom.post.run.report import HALF_CHECKED, UNCHECKED
 from fenicsrom.study.curves import COORDINATES, _labels
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"

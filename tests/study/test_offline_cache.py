@@ -25,12 +25,12 @@ from fenicsrom.files import (
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.store import result_cache
+from fenicsrom.online.store import store as result_cache
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study
 from fenicsrom.scene import Scene, make_scene
-from fenicsrom.study.offline_key import keys_of
+from fenicsrom.study.offline_cache import keys_of
 
 MESH = Path(__file__).parents[2] / "meshes" / "blade.geo"
 

@@ -17,7 +17,7 @@ from fenicsrom import study
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_key
-from fenicsrom.post.run.sentences import UNJUDGED
+from fenicsrom.post.run.report import UNJUDGED
 from fenicsrom.study.source import Source
 
 SHORT = (

@@ -22,9 +22,9 @@ from fenicsrom.cli import main, starting
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, changed_scene, load_model, save_model
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.post.studies import sweep_report
-from fenicsrom.scene.reading.variations import make_axes
+from fenicsrom.scene.reading.overrides import make_axes
 from fenicsrom.study import sweeps
 
 STIFFNESS, MASS = 500.0, 1.0

@@ -2,7 +2,7 @@
 
 The curve starts at the linear mode and is followed by its amplitude
 (`fenicsrom.online.curves.nonlinear_mode`). The report shows the peaks of the forced response
-(`fenicsrom.online.curves.forced_peak`) beside the curve.
+(`fenicsrom.online.curves.continuation`) beside the curve.
 
 The motion of the largest amplitude judges the size of the model: the motion of all coordinates that
 a stored model holds has another frequency and another amplitude at the probe. Where the change is
@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
+from fenicsrom.assess.curves.results import CurveRecord, required_table
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import (
     candidate_energies,
@@ -31,16 +31,15 @@ from fenicsrom.assess.errors.sizing import (
 from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, job_error
 from fenicsrom.notes import FREQUENCIES, PEAKS, Note, NoteKind
+from fenicsrom.online.curves.continuation import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
-from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.support_motion import displacement_sines
+from fenicsrom.online.model.loads import displacement_sines
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.periodic_record import recorded_motion
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, recorded_motion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.online.stress.stress_peaks import reduced_modes
+from fenicsrom.online.stress.reactions import reduced_modes
 from fenicsrom.progress import duration, log, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene

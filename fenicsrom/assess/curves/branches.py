@@ -9,8 +9,13 @@ from typing import Protocol
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.curves.branching import branch, lies_on, motions_through_load, passes_through
-from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.continuation import (
+    Continuation,
+    branch,
+    lies_on,
+    motions_through_load,
+    passes_through,
+)
 from fenicsrom.online.curves.curve import BACK, END, Curve, CurvePoint
 
 SAME_START = 1e-6  # distance of the first points of one branch, followed twice, in parts of them

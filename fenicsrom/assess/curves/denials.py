@@ -17,7 +17,7 @@ from dataclasses import replace
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import FOLD, Check, change, finer_motion
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
-from fenicsrom.online.periodic.families import Family
+from fenicsrom.online.periodic.shooting import Family
 
 SAME_MOTION = 0.2
 """Largest change of the amplitude by half the step: next to a fold, the motion that is found may be

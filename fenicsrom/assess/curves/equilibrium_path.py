@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.large_strains import strain_warnings
-from fenicsrom.assess.errors.mesh_check import MeshCheck, of_solid
+from fenicsrom.assess.errors.comparisons import MeshCheck, of_solid
+from fenicsrom.assess.errors.plausibility import strain_warnings
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, job_error
 from fenicsrom.notes import STABILITY, Note, NoteKind
-from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted

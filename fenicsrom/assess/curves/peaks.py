@@ -3,9 +3,9 @@
 Friction dampers have an optimal preload: with less the contacts slip and dissipate little, with
 more they stick and dissipate nothing. The peaks begin at the largest amplitude of the probe on the
 curve of the scene. From the peak of one value to that of the next, only the neighbourhood of the
-peak is followed (`fenicsrom.online.curves.forced_peak.climb`). The smallest peak is located between
-the values. If its whole curve over the frequency has a larger amplitude elsewhere, this other peak
-is followed, too, and the smallest of the larger ones is sought again.
+peak is followed (`fenicsrom.online.curves.continuation.climb`). The smallest peak is located
+between the values. If its whole curve over the frequency has a larger amplitude elsewhere, this
+other peak is followed, too, and the smallest of the larger ones is sought again.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.response_problem import family_of
-from fenicsrom.assess.curves.response_results import Optimum, ResponseCurve, response_table
+from fenicsrom.assess.curves.results import Optimum, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel
-from fenicsrom.online.curves.continuation import Continuation, follow
+from fenicsrom.online.curves.continuation import Continuation, ForcedPeak, climb, follow
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.curves.forced_peak import ForcedPeak, climb
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log, tell
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.curve_checks import keys_over, values_over
-from fenicsrom.scene.reading.units import in_words
+from fenicsrom.scene.reading.overrides import in_words
 
 VALUES = 24
 """Values over the whole range, in equal ratios."""

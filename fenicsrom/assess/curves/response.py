@@ -1,7 +1,7 @@
 """Response curves: the periodic motions of a reduced model over a parameter of its scene.
 
 Each value of the second number gives one curve, computed in this process or in another
-(`fenicsrom.assess.curves.response_pieces`) and kept in a file of its own.
+(`fenicsrom.assess.curves.pieces`) and kept in a file of its own.
 """
 
 from __future__ import annotations
@@ -14,37 +14,38 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.check_sentences import contradictions, inaccuracies, unknown_errors
-from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
-from fenicsrom.assess.curves.grazing import resolved_events
+from fenicsrom.assess.curves.checks import contradictions, inaccuracies, unknown_errors
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
-from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
-from fenicsrom.assess.curves.response_pieces import follow_curve
+from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk, follow_curve
 from fenicsrom.assess.curves.response_problem import check_response, family_of
-from fenicsrom.assess.curves.response_results import (
+from fenicsrom.assess.curves.results import (
+    CurveFile,
+    KeptCurve,
     Optimum,
     Response,
     ResponseCurve,
+    curve_file,
     curve_title,
+    forget,
     is_wide,
     joined_notes,
     response_table,
 )
+from fenicsrom.assess.curves.stability_search import resolved_events
 from fenicsrom.assess.curves.trust import Check, RicherModel
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
 from fenicsrom.notes import AMPLITUDES, EVENTS, PEAKS, STABILITY, Note, NoteKind
-from fenicsrom.online.curves.contact_events import Extremes
-from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint
-from fenicsrom.online.curves.forced_peak import ForcedPeak
+from fenicsrom.online.curves.continuation import ForcedPeak
+from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint, Extremes
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.loads import OrderFrequency
-from fenicsrom.scene.reading.units import in_words
+from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import counted
 
 CLASSES = {

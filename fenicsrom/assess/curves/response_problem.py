@@ -6,24 +6,22 @@ import re
 
 import numpy as np
 
-from fenicsrom.assess.curves.response_results import response_table
+from fenicsrom.assess.curves.results import response_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import shares
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.support_motion import displacement_sines
-from fenicsrom.online.periodic.families import (
+from fenicsrom.online.model.loads import displacement_sines
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.shooting import (
+    FALLBACK_STEPS,
     Family,
+    PeriodicMotion,
+    Shooting,
     contact_family,
     damping_family,
     force_family,
     frequency_family,
-    speed_family,
-)
-from fenicsrom.online.periodic.shooting import (
-    FALLBACK_STEPS,
-    PeriodicMotion,
-    Shooting,
     periodic_motion,
+    speed_family,
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.store.archive import StoredModel
@@ -39,8 +37,7 @@ from fenicsrom.scene import (
 )
 from fenicsrom.scene.base.rules import show
 from fenicsrom.scene.checks.checks import require_repeating
-from fenicsrom.scene.reading.overrides import names_of
-from fenicsrom.scene.reading.units import in_words
+from fenicsrom.scene.reading.overrides import in_words, names_of
 
 START_PERIODS = 320  # largest number to march before a curve starts
 

@@ -37,9 +37,9 @@ from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
-from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
+    Family,
     PeriodicMotion,
     Shooting,
     largest_multiplier,

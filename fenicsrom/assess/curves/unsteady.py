@@ -17,8 +17,7 @@ import numpy as np
 from fenicsrom.assess.curves.response import response
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import has_settled, period_amplitudes
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import PeriodicMotion, largest_multiplier, periodic_motion
@@ -26,7 +25,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Response, Scene
 from fenicsrom.scene.keys.times import GENERALISED_ALPHA
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import counted
 
 PARAMETER = "material.mass_damping"

@@ -19,16 +19,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from fenicsrom.assess.errors.comparisons import unseen
 from fenicsrom.assess.errors.estimates import distances
-from fenicsrom.assess.errors.residual import unseen
 from fenicsrom.assess.errors.sizing import Judge, judge_of
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.modes import ComponentModes
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 
 UNSEEN = 1e-3

@@ -37,15 +37,19 @@ from fenicsrom.assess.errors.estimates import (
     with_further,
 )
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.support_motion import displacement_sines
-from fenicsrom.online.motion.energy import check_scheme
+from fenicsrom.online.model.loads import displacement_sines
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import has_settled
-from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.families import force_family, frequency_family
-from fenicsrom.online.periodic.periodic_record import motion_of
-from fenicsrom.online.periodic.shooting import Shooting, hold_sliders, solve, start_variables
+from fenicsrom.online.motion.motion import Motion, check_scheme
+from fenicsrom.online.periodic.shooting import (
+    Shooting,
+    force_family,
+    frequency_family,
+    hold_sliders,
+    motion_of,
+    solve,
+    start_variables,
+)
 from fenicsrom.scene import Scene
 
 STEEP = 10.0

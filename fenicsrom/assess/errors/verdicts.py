@@ -20,6 +20,8 @@ stable periodic motion that Newton's method found has no estimates. Otherwise it
 The estimates of the largest normal force, of the dissipated energy and of the worn depth refuse no
 run. Above `CONTACT_ERROR`, or `UNSETTLED_ERROR` of a motion that does not settle, they cast doubt
 on these quantities, and the verdict says so.
+
+Whether a motion is the only one: warnings of buckled equilibria and of sticking points.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,8 +48,8 @@ from fenicsrom.online.motion.measures import is_unsteady, misses_motion
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.step_size import coarser, refined, step_key
-from fenicsrom.words import two_digits
+from fenicsrom.scene.reading.reading import coarser, refined, step_key
+from fenicsrom.words import are, counted, two_digits
 
 # largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
@@ -353,3 +355,38 @@ def recommended_step(scene: Scene, estimate: float) -> Scene:
     """
     halvings = np.log2(estimate / (0.5 * TIME_ERROR)) if np.isfinite(estimate) else 2.0
     return refined(scene, 2 ** max(1, int(np.ceil(halvings))))
+
+
+def multiplicity_warnings(name: str, motion: Motion) -> list[Note]:
+    """Warn that a model has another equilibrium or periodic motion than the one of a motion.
+
+    Args:
+        name: the model: "reduced", "full" or "beam".
+        motion: its motion.
+    """
+    found = [_buckled_sentence(name, motion)] if motion.buckled else []
+    if sentence := free_slider_sentence(name, motion):
+        found.append(sentence)
+    return [Note(NoteKind.SEVERAL, text) for text in found]
+
+
+def _buckled_sentence(name: str, motion: Motion) -> str:
+    """Warn that the preload has buckled a model."""
+    return (
+        f"the preload buckles the {name} model: its equilibrium nearest to the unloaded body is "
+        f"unstable in {counted(motion.buckled, 'direction')}, so the motion starts from a stable "
+        "equilibrium nearby"
+    )
+
+
+def free_slider_sentence(name: str, motion: Motion) -> str | None:
+    """Warn that the periodic motion is not unique; None if it is."""
+    search = motion.search
+    if search is None or not search.accepted or search.free_sliders == 0:
+        return None
+    free = counted(search.free_sliders, "slider position")
+    return (
+        f"the periodic motion of the {name} model is not unique: {free} of contact points that "
+        f"stick all the time {are(search.free_sliders)} free; the run takes the motion nearest to "
+        "the marched one"
+    )

@@ -11,25 +11,146 @@ solutions extends the space until the frequencies change by less than `COMPLEX_T
 Above a critical speed K has negative eigenvalues, and the Coriolis force may hold the body. A mode
 with negative energy, omega^2 phi^H M phi + phi^H K phi < 0, has then passed through omega = 0: it
 is the mode with -omega, and takes part with its conjugate shape, so that shapes are continuous.
+
+Names of the modes of a rotating body, such as 1F (first flap) and 1T (first torsion).
+
+The rule looks at the tip: the nodes within the outermost part `TIP` of the span, which is measured
+along the radius r from the axis of rotation to the middle of the body. The chord c and the normal n
+of the tip section are the principal axes of these nodes perpendicular to r, with the larger spread
+along c. If the spreads are nearly equal, n is along the axis of rotation. A rigid motion is fitted
+to the tip; t is its translation, theta its rotation, and rho the distance from r. The largest of
+these lengths gives the letter:
+
+    F  flap       |t . n|                E  edge   |t . c|
+    T  torsion    |theta . r| rms(rho)   A  axial  |t . r|
+    C  chordwise bending of the section: rms of the displacement that the rigid motion leaves
+
+The number counts the modes of one letter in the order of their frequencies.
+
+A body of which only the model for a range of speeds is known, for its modes at any of them.
 """
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.model.pencil import ROUNDING
 from fenicsrom.reduction.basis import extended_space
+from fenicsrom.reduction.beam import DenseBody
 from fenicsrom.reduction.modes import close_frequency_groups
+from fenicsrom.scene.base.rules import Where
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.rotation.range_body import RangeBody
     from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.step.speed_range import RangeModel
+    from fenicsrom.online.store.archive import StoredModel
+
+
+TIP = 0.05
+"""Part of the span that is the tip."""
+
+ROUND = 1.5
+"""Ratio of the principal spreads below which a section has no chord of its own."""
+
+LEAST_RADIUS = 0.1
+"""Smallest distance of the middle of the body from the axis, relative to the size of the body."""
+
+LETTERS = ("F", "E", "T", "A", "C")
+
+
+def mode_names(
+    positions: Array, shapes: NDArray[Any], axis: Array, point: Array, comm: Any
+) -> list[str]:
+    """Name modes by their motion at the tip. Collective.
+
+    Args:
+        positions: (n, d) nodes of this rank, m.
+        shapes: (n, d, m) shapes at these nodes, real or complex, in ascending frequency.
+        axis: (3,) unit vector of the axis of rotation.
+        point: (3,) a point on it, m.
+        comm: the communicator.
+
+    Returns:
+        One name per mode; empty for a body that does not point away from its axis, such as a shaft.
+    """
+    at, moved = _in_space(positions), _in_space(shapes)
+    count = sum(comm.allgather(len(at)))
+    middle = sum(comm.allgather(at.sum(axis=0))) / count - point
+    radius = middle - (middle @ axis) * axis
+    boxes = comm.allgather((at.min(axis=0), at.max(axis=0)) if len(at) else None)
+    low = np.min([box[0] for box in boxes if box], axis=0)
+    high = np.max([box[1] for box in boxes if box], axis=0)
+    if np.linalg.norm(radius) < LEAST_RADIUS * np.linalg.norm(high - low):
+        return []
+    radial = radius / np.linalg.norm(radius)
+    along = at @ radial
+    top = max(comm.allgather(float(along.max(initial=-np.inf))))
+    bottom = min(comm.allgather(float(along.min(initial=np.inf))))
+    tip = along >= top - TIP * (top - bottom)
+    at, moved = (
+        np.concatenate(comm.allgather(part)) for part in (at[tip], np.ascontiguousarray(moved[tip]))
+    )
+    sizes = [tip_motion(at, moved[:, :, k], radial, axis) for k in range(moved.shape[2])]
+    letters = [LETTERS[int(np.argmax(size))] for size in sizes]
+    return [f"{letters[: k + 1].count(letter)}{letter}" for k, letter in enumerate(letters)]
+
+
+def tip_motion(positions: Array, shape: NDArray[Any], radial: Array, axis: Array) -> Array:
+    """The lengths that belong to `LETTERS`.
+
+    Args:
+        positions: (n, 3) nodes of the tip, m.
+        shape: (n, 3) displacements of the tip, real or complex.
+        radial: (3,) unit vector along the span.
+        axis: (3,) unit vector of the axis of rotation.
+    """
+    arms = positions - positions.mean(axis=0)
+    chord, normal = section_axes(arms, radial, axis)
+    columns = np.zeros((arms.shape[0], 3, 6))
+    columns[:, :, :3] = np.eye(3)
+    columns[:, :, 3:] = np.cross(np.eye(3)[None], arms[:, None, :]).transpose(0, 2, 1)
+    matrix = columns.reshape(-1, 6)
+    rigid = np.linalg.lstsq(matrix, shape.reshape(-1), rcond=None)[0]
+    rest = shape.reshape(-1) - matrix @ rigid
+    across = arms - np.outer(arms @ radial, radial)
+    rho = np.sqrt(np.mean(np.sum(across**2, axis=1)))
+    lengths = [
+        rigid[:3] @ normal,
+        rigid[:3] @ chord,
+        (rigid[3:] @ radial) * rho,
+        rigid[:3] @ radial,
+        np.linalg.norm(rest) / np.sqrt(len(arms)),
+    ]
+    return np.abs(lengths)
+
+
+def section_axes(arms: Array, radial: Array, axis: Array) -> tuple[Array, Array]:
+    """Chord and normal (3,) of a section of nodes at arms (n, 3) from its middle."""
+    normal: Array = axis - (axis @ radial) * radial
+    normal /= np.linalg.norm(normal)
+    chord: Array = np.asarray(np.cross(normal, radial), dtype=np.float64)
+    plane = np.array([chord, normal])
+    spread, turn = np.linalg.eigh((arms @ plane.T).T @ (arms @ plane.T))
+    if spread[1] > ROUND**2 * spread[0]:
+        normal, chord = turn.T @ plane
+    return chord, normal
+
+
+def _in_space(block: NDArray[Any]) -> NDArray[Any]:
+    """A block (n, d, ..) with three components."""
+    missing = 3 - block.shape[1]
+    return np.pad(block, [(0, 0), (0, missing)] + [(0, 0)] * (block.ndim - 2))
+
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
 
@@ -225,3 +346,86 @@ def aligning(common: Shapes, squares: Array) -> Shapes:
             u, _, vh = np.linalg.svd(common[np.ix_(rows, group)])
             turn[np.ix_(group, group)] = (u @ vh).conj().T
     return turn
+
+
+class RangeBody(DenseBody):
+    """A range model in its equilibrium at one speed: what the modes of a body need.
+
+    Its vectors have the n coordinates of the range model.
+
+    Attributes:
+        whole: the range model.
+        free: n.
+        warnings: sentences for the user.
+        equilibrium: (n,) coordinates of the equilibrium.
+        gyroscopic: (n, n) gyroscopic matrix at this speed; None without the Coriolis force.
+    """
+
+    def __init__(self, whole: RangeModel, omega: float):
+        """Store the range model and move to the equilibrium at a speed in rad/s."""
+        self.whole, self.free = whole, whole.model.size
+        self.mass, self.warnings = whole.model.mass, list[Note]()
+        self.spin(omega)
+
+    def spin(self, omega: float) -> None:
+        """Move to the equilibrium at another speed in rad/s.
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        self.equilibrium = self.whole.equilibrium(omega)
+        self.stiffness = self.whole.tangent(omega, self.equilibrium)
+        coriolis = self.whole.coriolis
+        self.gyroscopic = omega * coriolis if coriolis.size else None
+
+    @property
+    def factor(self) -> RangeBody:
+        """The inverse of the stiffness, which `solve` applies."""
+        return self
+
+    def solve(self, block: Array) -> Array:
+        """The inverse of the stiffness times a block (n, k)."""
+        return np.asarray(np.linalg.solve(self.stiffness, block), np.float64)
+
+    def eigenmodes(self, inverse: object, count: int) -> tuple[Array, Array]:
+        """The `count` lowest ω² (count,) and mass-normalised modes (n, count)."""
+        squares, modes = scipy.linalg.eigh(
+            self.stiffness, self.mass, subset_by_index=(0, count - 1)
+        )
+        return squares, modes
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement (k,) of a contact point or of the probe in each column (n, k)."""
+        model = self.whole.model
+        d = model.points.frame.shape[2]
+        moved = np.concatenate([model.contact_rows, model.probe]) @ block
+        return np.linalg.norm(moved.reshape(-1, d, block.shape[1]), axis=1).max(axis=0, initial=0.0)
+
+
+def range_body(stored: StoredModel, speeds: Array) -> RangeBody:
+    """The body of a stored model at the first of some speeds (k,), rev/min.
+
+    Raises:
+        SceneError: the model is for one speed, or a speed is out of its range.
+        ConvergenceError: there is no equilibrium at the first speed.
+    """
+    source, whole = stored.file or stored.scene.source, stored.whole
+    if whole is None:
+        reason = "the model is for one speed; build it for a range of speeds, or run the diagram "
+        reason += "of the scene without --from"
+        raise Where(source, "rotation.speeds_rpm").refuse(MISSING, reason)
+    first, last = 30.0 / np.pi * whole.speeds[[0, -1]]
+    out = speeds[(speeds < first) | (speeds > last)]
+    if out.size:
+        allowed = f"must be in the range of the model, {first:g} to {last:g} rpm"
+        raise Where(source, "campbell.speeds_rpm").refuse(float(out[0]), allowed)
+    found = RangeBody(whole, np.pi / 30.0 * float(speeds[0]))
+    asked = stored.scene.campbell.modes
+    if asked is not None and asked > whole.modes:
+        text = (
+            f"campbell.modes = {asked}: the diagram has the "
+            f"{counted(whole.modes, 'mode')} of the basis; for more, build the model with a larger "
+            "basis.modes"
+        )
+        found.warnings.append(Note(NoteKind.REMARK, text, "campbell.modes"))
+    return found

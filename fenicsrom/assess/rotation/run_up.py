@@ -20,11 +20,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
-from fenicsrom.assess.rotation.range_body import RangeBody
-from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.assess.rotation.campbell import FrequencyCurve
+from fenicsrom.assess.rotation.rotating_modes import RangeBody, modes_at_speed
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.contact.turning import angle_at, speed_at
+from fenicsrom.online.contact.surfaces import angle_at, speed_at
 from fenicsrom.online.model.turning import rest_energy
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.speed_range import SNAPSHOTS, RangeModel

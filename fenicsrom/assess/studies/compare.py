@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.agreement import break_even, motion_errors, rank_correlation
-from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equilibrium_warnings
-from fenicsrom.assess.errors.residual import indicators
+from fenicsrom.assess.errors.comparisons import indicators
+from fenicsrom.assess.errors.estimates import break_even, motion_errors, rank_correlation
+from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
 from fenicsrom.assess.errors.sizing import sized
-from fenicsrom.assess.full.full_cache import full_motion
+from fenicsrom.assess.full.full_motions import full_motion
 from fenicsrom.assess.studies.axes import require_motion
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.notes import Note, NoteKind
@@ -34,16 +34,15 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
-from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.candidates import extended_basis
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
-from fenicsrom.scene.reading.step_size import with_time
+from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import brief, counted
 
 # a run of more seconds is timed over two periods only; the time is scaled by the number of steps

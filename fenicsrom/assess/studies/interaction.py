@@ -26,14 +26,14 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR
 from fenicsrom.assess.jobs import Workers, run_jobs
-from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
+from fenicsrom.assess.rotation.campbell import FrequencyCurve
 from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
+from fenicsrom.online.contact.coating import Ring, rings_of
 from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.online.contact.rings import Ring, rings_of
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.curve_checks import beside_speed

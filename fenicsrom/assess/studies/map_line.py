@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.surfaces import CYLINDER, Contacts, penetration
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.pencil import roots
-from fenicsrom.online.model.problem import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.scene import Scene

@@ -31,19 +31,24 @@ import numpy as np
 from fenicsrom.assess.curves.unsteady import why_unsteady
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
-from fenicsrom.assess.full.true_errors import estimates_found, full_distances, missed
+from fenicsrom.assess.full.full_motions import estimates_found, full_distances, missed
 from fenicsrom.assess.jobs import run_jobs
-from fenicsrom.assess.studies.axes import AXES, Case, cases_of, require_motion, scales_of
-from fenicsrom.assess.studies.random_cases import random_cases
+from fenicsrom.assess.studies.axes import (
+    AXES,
+    Case,
+    cases_of,
+    random_cases,
+    require_motion,
+    scales_of,
+)
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
-from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.motion import Motion, check_energy, friction_gains_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene, scene_table
-from fenicsrom.scene.reading.step_size import refined
+from fenicsrom.scene.reading.reading import refined
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:

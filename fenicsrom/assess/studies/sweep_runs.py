@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
-from fenicsrom.assess.errors.large_strains import equilibrium_warnings
-from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.assess.errors.plausibility import equilibrium_warnings
 from fenicsrom.assess.errors.sizing import fitted
-from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
+from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multiplicity_warnings
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
-from fenicsrom.online.motion.energy import check_energy
 from fenicsrom.online.motion.measures import (
     amplitude,
     friction_dissipation_per_period,
@@ -28,11 +26,11 @@ from fenicsrom.online.motion.measures import (
     peak_normal_force,
     search_summary,
 )
-from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.motion import Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
 from fenicsrom.scene import Scene, scene_table, toml_text
-from fenicsrom.scene.reading.variations import Axis
+from fenicsrom.scene.reading.overrides import Axis
 from fenicsrom.words import brief, counted
 
 FEW = 8  # most runs that a note names

@@ -11,7 +11,7 @@ CLEAR = Argument("--clear", action="store_true", help="remove all results")
 @command("show the results that later runs use again, or remove them", CLEAR)
 def cache(options: argparse.Namespace) -> int:
     """Show the cache of results, or empty it."""
-    from fenicsrom.online.store import result_cache
+    from fenicsrom.online.store import store as result_cache
 
     folder = result_cache.cache_folder()
     if folder is None:

@@ -38,7 +38,7 @@ def export(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the model or the scene cannot be read.
     """
-    from fenicsrom.assess.errors.mesh_check import of_model
+    from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.exchange.export import SUFFIXES
     from fenicsrom.exchange.export import export as write
     from fenicsrom.online.store import archive

@@ -36,7 +36,7 @@ def init(options: argparse.Namespace) -> int:
         SceneError: the mesh cannot be used, the scene file exists, or the scene that was written
             cannot run.
     """
-    from fenicsrom.post.base.writers import write_text
+    from fenicsrom.post.base.tables import write_text
     from fenicsrom.post.studies.starter import leaves_support, starter_scene, units_of
 
     path = target(options.output or Path(options.mesh).with_suffix(".toml"))
@@ -98,7 +98,7 @@ def _first_mode(text: str, path: Path, tip: str | None) -> Any:
     """
     from fenicsrom.assess.studies.first_mode import first_mode
     from fenicsrom.scene import Place, parse_scene
-    from fenicsrom.scene.base.toml import parse_toml
+    from fenicsrom.scene.base.tables import parse_toml
 
     scene = parse_scene(parse_toml(text), str(path), path.parent, unloaded=True)
     try:

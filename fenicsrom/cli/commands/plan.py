@@ -56,7 +56,7 @@ def plan(options: argparse.Namespace) -> int:
     print("\n".join(study.forecast(scene, solid)))
     if path is not None:
         from fenicsrom.post.base.picture import draw_pictures
-        from fenicsrom.post.run.body_pictures import setup_picture
+        from fenicsrom.post.run.pictures import setup_picture
 
         warnings = list(solid.warnings)
         picture = setup_picture(solid, scene, path.name)

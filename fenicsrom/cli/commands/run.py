@@ -46,7 +46,8 @@ def _from_model(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     with importing():
-        from fenicsrom.online.store import archive, checkpoints
+        from fenicsrom.online.store import archive
+        from fenicsrom.online.store import store as checkpoints
 
     stored = archive.load_model(options.stored)
     if options.resume is not None:  # the stopped run may have used another scene than the model

@@ -15,7 +15,7 @@ def schema(options: argparse.Namespace) -> int:
     if options.output is None:
         print(text)
         return 0
-    from fenicsrom.post.base.writers import write_text
+    from fenicsrom.post.base.tables import write_text
 
     write_text(target(options.output), text + "\n")
     return 0

@@ -54,7 +54,7 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.scene.reading.variations import make_axes
+    from fenicsrom.scene.reading.overrides import make_axes
 
     axes = make_axes(options.over, options.together)
     comm = ranks()

@@ -35,7 +35,7 @@ from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.base.linalg import multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.places import Places
-from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
+from fenicsrom.online.model.loads import PressurePolynomial, no_pressure
 from fenicsrom.scene import Load
 from fenicsrom.scene.base.rules import Where
 

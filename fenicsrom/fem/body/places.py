@@ -15,7 +15,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.fem.mesh.mesh_data import NEAR
+from fenicsrom.fem.mesh.mesh import NEAR
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Place, Region
 

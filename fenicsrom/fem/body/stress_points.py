@@ -8,8 +8,14 @@ import numpy.typing as npt
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.online.stress.deformation import NOWHERE, Deformation, deformation, extremes
-from fenicsrom.online.stress.stress import StressLaw, StressTable
+from fenicsrom.online.stress.stress import (
+    NOWHERE,
+    Deformation,
+    StressLaw,
+    StressTable,
+    deformation,
+    extremes,
+)
 from fenicsrom.scene import Scene
 
 

@@ -31,8 +31,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.mesh.conformity import WAYS_OUT, apart, ends_of
-from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
+from fenicsrom.fem.mesh.gmsh_model import WAYS_OUT, apart, ends_of
+from fenicsrom.fem.mesh.mesh import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
 from fenicsrom.words import counted

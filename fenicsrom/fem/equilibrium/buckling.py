@@ -41,10 +41,10 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.model.pencil import growing
-from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.reduction.basis import extended_space
-from fenicsrom.reduction.projection import (
+from fenicsrom.online.step.statics import Correction, newton, small_against_load
+from fenicsrom.reduction.basis import (
     COUPLING,
+    extended_space,
     projected_gyroscopic,
     projected_velocity_matrix,
 )
@@ -84,7 +84,7 @@ def check_stability(body: Any) -> int:
     """Leave an unstable equilibrium for a stable one nearby, with a warning. Collective.
 
     A body with contacts keeps its equilibrium, which they may stabilise: the motion starts from the
-    equilibrium with contacts (`fenicsrom.online.step.equilibrium`).
+    equilibrium with contacts (`fenicsrom.online.step.statics`).
 
     Args:
         body: the body in its equilibrium.

@@ -14,10 +14,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, multiply, negative_eigenvalues
 from fenicsrom.fem.solid.solid import Solid
-from fenicsrom.online.contact.compliance import Compliance, given_compliance
-from fenicsrom.online.model.loads import factors
-from fenicsrom.online.model.pressure import GAUSS
-from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.contact.problem import Compliance, given_compliance
+from fenicsrom.online.model.loads import GAUSS, factors
+from fenicsrom.online.step.state import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
 

@@ -3,7 +3,7 @@
 The map is that of `fenicsrom.online.periodic.period_map` for all unknowns of the mesh: it takes the
 variables z = (q, v, a, w) at the start of a period to its end, by the same steps. The full
 monodromy matrix dP/dz is too large; its products with the columns of a block D are carried through
-the period by the linearised step of `fenicsrom.online.derivative.step_sensitivity`,
+the period by the linearised step of `fenicsrom.online.derivative.period_sensitivity`,
 
     S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
                 + D (velocity_v dv0 + velocity_a da0) + B dF],
@@ -26,16 +26,22 @@ from fenicsrom.online.derivative.contact_sensitivity import (
     ComplexInterval,
     differentiate_law,
     law_derivative,
+    no_drift,
 )
-from fenicsrom.online.derivative.period_sensitivity import REST
-from fenicsrom.online.derivative.sensitivity import no_drift
-from fenicsrom.online.derivative.step_sensitivity import end_coefficients
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.run.march_setup import copied_rows, initial_state, joined_rows
-from fenicsrom.online.step.loop import FAILED, FULL, SMALLEST_STEP, march
-from fenicsrom.online.step.scheme import Control, Scheme
-from fenicsrom.online.step.state import LAST_STEP, STEP, TIME, Record, State, no_record
-from fenicsrom.online.step.step import step_coefficients
+from fenicsrom.online.derivative.period_sensitivity import REST, end_coefficients
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.run.march import copied_rows, initial_state, joined_rows
+from fenicsrom.online.step.state import (
+    LAST_STEP,
+    STEP,
+    TIME,
+    Control,
+    Record,
+    Scheme,
+    State,
+    no_record,
+)
+from fenicsrom.online.step.step import FAILED, FULL, SMALLEST_STEP, march, step_coefficients
 
 
 @dataclass(eq=False)

@@ -10,11 +10,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh.conformity import apart, ends_of
-from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
+from fenicsrom.fem.mesh.gmsh_cad import (
+    boundary_facets,
+    elements_of,
+    make_curved,
+    model_nodes,
+    straight_kind,
+    straightened,
+)
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
-from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
-from fenicsrom.fem.mesh.gmsh_queries import boundary_facets, elements_of, model_nodes, straight_kind
+from fenicsrom.fem.mesh.gmsh_model import CleanModel, apart, clean_model, ends_of
 from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind

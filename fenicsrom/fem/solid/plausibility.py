@@ -21,7 +21,7 @@ from fenicsrom.scene.keys.unit_guess import SYSTEMS
 from fenicsrom.scene.keys.unit_system import Units
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.mesh.mesh import Mesh
 
 WAVE_SPEEDS = (100.0, 20e3)
 """Speeds of waves along a bar of a solid, m/s: soft rubber, diamond."""

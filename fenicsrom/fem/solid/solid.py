@@ -25,20 +25,18 @@ from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.places import Places
-from fenicsrom.fem.equilibrium import prediction
+from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.statics import Statics
-from fenicsrom.fem.mesh.mesh import build_mesh
-from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
+from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
-from fenicsrom.online.model.pressure import PressurePolynomial
-from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.reduction.basis import strain_products
 from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency

@@ -64,7 +64,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.state import SLIP, STICK, ContactScratch, ContactStep, Interval
-from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.compilation import kernel, part
 
 
 class FrictionLimits(NamedTuple):

@@ -68,7 +68,7 @@ from fenicsrom.online.contact.surfaces import (
     gap_discrete_gradient,
     surface_turn,
 )
-from fenicsrom.online.kernels.compiled import compiled, kernel, part
+from fenicsrom.online.kernels.compilation import compiled, kernel, part
 
 
 @part

@@ -9,9 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.rings import coated, pressing_areas, rings_of
-from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
-from fenicsrom.online.contact.turning import history_of
+from fenicsrom.online.contact.coating import coated, pressing_areas, rings_of
+from fenicsrom.online.contact.surfaces import (
+    CYLINDER,
+    SPHERE,
+    Contacts,
+    axes_of,
+    history_of,
+    planes,
+)
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.schema import surface_spin, surface_turns
 from fenicsrom.scene.keys.unit_system import LENGTHS

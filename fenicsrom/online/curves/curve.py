@@ -1,4 +1,14 @@
-"""Points of a curve of periodic motions, and polynomials through them."""
+"""Points of a curve of periodic motions, and polynomials through them.
+
+Amplitudes between the samples of a period.
+
+The largest of some samples jumps as the crest moves between them. A parabola through the largest
+sample and its neighbours gives a smooth amplitude, with an error of fourth order in the step.
+
+Which contact states occur in a period, and by how much they occur or are missed.
+
+Harmonics and contact states of a motion, which a point of a response curve keeps.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +16,163 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.curves.contact_events import Extremes
+from fenicsrom.online.contact.state import OPEN, SLIP, STICK
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.loads import AMPLITUDE, OMEGA, PHASE, LoadHistories
 from fenicsrom.online.periodic.shooting import judged
+from fenicsrom.online.step.state import Record
+
+
+def half_range(time: Array, values: Array) -> Array:
+    """Half of peak-to-peak (d,) of a periodic motion.
+
+    Args:
+        time: (rows,) ascending instants after the start of the period, the last at its end, s.
+        values: (rows, d).
+    """
+    return np.array([0.5 * (_crest(time, column) + _crest(time, -column)) for column in values.T])
+
+
+def _crest(time: Array, values: Array) -> float:
+    """Largest value of the parabola through the largest sample and its neighbours."""
+    rows = values.size
+    k = int(np.argmax(values))
+    near = np.array([k - 1, k, k + 1])
+    y = values[near % rows]
+    t = time[near % rows] + time[-1] * (near // rows)
+    if rows < 3:
+        return float(y[1])
+    before, after = np.diff(y) / np.diff(t)
+    curvature = (after - before) / (t[2] - t[0])
+    slope = before + curvature * (t[1] - t[0])
+    return float(y[1] - (0.25 * slope**2 / curvature if curvature < 0.0 else 0.0))
+
+
+OPENS, SLIPS, STICKS = 1, 2, 4  # bits of the contact states that occur
+_BITS = np.zeros(3, dtype=np.int64)  # by the contact state, of which -1 is the last entry
+_BITS[[OPEN, SLIP, STICK]] = OPENS, SLIPS, STICKS
+_SHOWN = np.array([[SLIPS | STICKS], [OPENS], [SLIPS]])  # bits that count for each of `Extremes`
+NEGLIGIBLE = 1e-7  # slip below this part of the stretch of the friction spring is round-off
+SMALLEST = 1e-300  # an extreme of a state that occurs is at least this, so that it has a sign
+
+
+class Extremes(NamedTuple):
+    """How far each of P contact points is from states that do not occur in a period.
+
+    Each number is positive if the state occurs, negative if not, and passes zero with a kink at
+    most where the state first occurs along a curve.
+
+    Attributes:
+        touch: (P,) largest trial normal force N0 - k_n gap, N.
+        lift_off: (P,) largest negative trial normal force, N.
+        slip: (P,) with slip, the energy dissipated by friction divided by its largest limit;
+            without slip, minus the shortest distance of the friction spring from its limit, m.
+    """
+
+    touch: Array
+    lift_off: Array
+    slip: Array
+
+
+def occurrences(
+    record: Record, contacts: Contacts, drift: Array | float = 0.0
+) -> tuple[NDArray[np.int64], Extremes]:
+    """Which contact states occur in the rows of a period, and how far the others are.
+
+    Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick,
+    and so does slip in one sense only, by which a slider is dragged to its place.
+
+    Args:
+        record: the rows.
+        contacts: parameters of the contact points.
+        drift: (P,) distance from the slider at the start of the period to that at its end, m.
+
+    Returns:
+        Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the states that occur, and the `Extremes`.
+    """
+    bits = np.bitwise_or.reduce(_BITS[record.state], axis=0)
+    limit = contacts.friction * record.force[:, :, 0]
+    largest = np.max(limit, axis=0)
+    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
+    slid = np.max(record.friction_dissipation, axis=0) / np.maximum(largest, SMALLEST)
+    slid = np.maximum(slid - drift, 0.0)
+    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
+    sticks = rubs & (slid <= NEGLIGIBLE * largest / stiffness) & ((bits & SLIPS) > 0)
+    bits = np.where(sticks, (bits & ~SLIPS) | STICKS, bits)
+    spare = limit - np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
+    margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK) / stiffness
+    force = contacts.preload - contacts.normal_stiffness * record.gap
+    occurs = (bits & _SHOWN) > 0
+    slip = np.where(occurs[2], slid, -margin)
+    values = np.array([np.max(force, axis=0), -np.min(force, axis=0), slip])
+    signed = np.where(occurs, np.maximum(values, SMALLEST), np.minimum(values, -SMALLEST))
+    return bits, Extremes(*signed)
+
+
+HARMONICS = 5  # number of harmonics that a point keeps
+PHASES = 200  # instants of the period at which a point keeps the contact states
+
+
+def load_harmonic(histories: LoadHistories, period: float) -> tuple[int, complex]:
+    """The lowest harmonic of the loads: its order in their period, and exp(i phase).
+
+    With phase = 0 the load is a cosine. Of several loads with this harmonic the first counts. Loads
+    given by tables have the order 1 and the phase 0.
+    """
+    sines = histories.sines
+    varying = sines[(sines[:, OMEGA] > 0.0) & (sines[:, AMPLITUDE] != 0.0)]
+    if not varying.size:
+        return 1, 1.0 + 0.0j
+    lowest = varying[np.argmin(varying[:, OMEGA])]
+    order = max(round(lowest[OMEGA] * period / (2.0 * np.pi)), 1)
+    phase = lowest[PHASE] - 0.5 * np.pi + (np.pi if lowest[AMPLITUDE] < 0.0 else 0.0)
+    return order, complex(np.exp(1j * phase))
+
+
+def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArray[np.complex128]:
+    """Harmonics of the displacement at the multiples of the lowest frequency of the loads.
+
+    Args:
+        record: rows of one or several periods that repeat, without their start.
+        histories: time factors of the loads.
+        period: period of the loads, s.
+
+    Returns:
+        (`HARMONICS`, P, d) complex amplitudes c_k of the contact displacement, or (.., 1, d) of the
+        probe, m: the harmonic is Re(c_k exp(i k theta)), where the load is cos(theta).
+    """
+    order, unit = load_harmonic(histories, period)
+    displacement = record.displacement
+    if displacement.shape[1] == 0:
+        displacement = record.probe[:, None, :]
+    time, length = record.time, record.time[-1]
+    ahead = np.append(time[1:], time[0] + length)
+    behind = np.append(time[-1] - length, time[:-1])
+    weights = (ahead - behind) / length  # twice those of the trapezoidal rule
+    wave = np.exp(-2j * np.pi * order / period * time) / unit
+    waves = np.cumprod([wave] * HARMONICS, axis=0)
+    found = waves @ (weights[:, None] * displacement.reshape(time.size, -1))
+    return np.asarray(found.reshape(HARMONICS, *displacement.shape[1:]), dtype=np.complex128)
+
+
+def states_over_period(record: Record, bits: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time.
+
+    Args:
+        record: the rows.
+        bits: (P,) which states occur, of `fenicsrom.online.curves.curve.occurrences`; the
+            slip of a point that counts as sticking is stick here too.
+    """
+    instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
+    found = record.state[record.time.searchsorted(instants)]
+    return np.where((found == SLIP) & ((bits & SLIPS) == 0), np.int8(STICK), found)
+
 
 BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth")
 """Kinds of special points where the stability changes; "non-smooth": the multipliers jump."""
@@ -67,11 +227,11 @@ class CurvePoint:
         alternation: (P d,) change of the contact displacement (of the probe without contact) from
             the start of the motion to the end of the first period of the loads, m; zero if m is 1.
         harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
-            `fenicsrom.online.curves.curve_measures.harmonics`.
+            `fenicsrom.online.curves.curve.harmonics`.
         period_states: (phases, P) contact states over the period.
         damping_dissipation: energy dissipated by damping in the period, J.
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
-            `fenicsrom.online.curves.turning_pairs`.
+            `fenicsrom.online.curves.events`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
         period: of the motion, s.
         sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.

@@ -29,12 +29,11 @@ from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
 from fenicsrom.online.curves.arc import Values
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.derivative.sensitivity import no_drift
+from fenicsrom.online.derivative.contact_sensitivity import no_drift
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
-from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.problem import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.periodic.shooting import Shooting
-from fenicsrom.online.step.equilibrium import equilibrium
+from fenicsrom.online.step.statics import equilibrium
 
 OSCILLATES = 1e-6  # an eigenvalue whose imaginary part is below this part of its size does not
 

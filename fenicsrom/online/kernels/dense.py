@@ -1,15 +1,53 @@
 """Small dense matrices and vectors in compiled code.
 
 The reduced model works on millions of them, each too small for BLAS and LAPACK to be faster.
+
+Symmetric dense matrices whose coordinates have different units.
+
+A reduced model has contact displacements in m beside mass-normalised coordinates in m √kg. On a
+very small or very large body the entries of its matrices differ by 20 orders of magnitude, and the
+rounding of an eigenvalue is that of the largest entry. A matrix is therefore first scaled to a unit
+diagonal, D A D. That keeps the signs of its eigenvalues (Sylvester's law of inertia), and leaves a
+positive definite matrix with almost the least condition number that a diagonal scaling gives (van
+der Sluis, Numerische Mathematik 14, 1969).
+
+Complex-step derivatives of compiled functions: what numba lacks to run them on complex numbers.
+
+A real function f evaluated at x + i h gives f(x) + i h f'(x) without cancellation, so that with
+h = 1e-30 the imaginary part divided by h is the derivative to rounding (Squire and Trapp 1998,
+SIAM Review 40, 110-112). A function with branches is differentiated on the branch that the real
+parts choose. Numba orders no complex numbers and has no arctan2 of them: here it gets both, for
+all compiled functions of this process, through its public extension interface.
 """
+
+import operator
+from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import overload
+from numba.extending import lower_builtin, overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.compiled import KERNEL, SHORT, kernel, part
+from fenicsrom.online.kernels.compilation import KERNEL, PART, SHORT, kernel, part
+
+
+def scaled(matrix: Array) -> Array:
+    """A symmetric matrix (n, n) with diagonal entries of size 1; where one is 0, it stays."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    factor = 1.0 / np.where(size > 0.0, size, 1.0)
+    return matrix * factor[:, None] * factor
+
+
+def negative_eigenvalues(matrix: Array) -> int:
+    """Number of negative eigenvalues of the symmetric part of a matrix (n, n)."""
+    return int(np.sum(np.linalg.eigvalsh(scaled(0.5 * (matrix + matrix.T))) < 0.0))
+
+
+def scaled_condition(matrix: Array) -> float:
+    """Condition number of a symmetric matrix after scaling to unit diagonal; 1 for an empty one."""
+    return float(np.linalg.cond(scaled(matrix))) if matrix.size else 1.0
+
 
 MANY_ROWS = 8  # of a matrix whose product combines its columns
 
@@ -286,3 +324,68 @@ def _subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-d
             out[i] = value
 
     return subtract_entries
+
+
+STEP = 1e-30  # h
+
+
+def _numbers_with_complex(a: Any, b: Any) -> bool:
+    kinds = (a, b)
+    return all(isinstance(kind, types.Number) for kind in kinds) and any(
+        isinstance(kind, types.Complex) for kind in kinds
+    )
+
+
+def _order_by_real_part(compare: Any, sign: str) -> None:
+    """Let numba compare complex numbers by their real parts, also inside min and max."""
+
+    def choose(a, b):  # type: ignore[no-untyped-def]
+        return (lambda a, b: compare(a.real, b.real)) if _numbers_with_complex(a, b) else None
+
+    overload(compare, jit_options=PART)(choose)
+
+    def lower(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        first, second = (
+            context.make_complex(builder, kind, value).real
+            for kind, value in zip(signature.args, values, strict=True)
+        )
+        return builder.fcmp_ordered(sign, first, second)
+
+    lower_builtin(compare, types.Complex, types.Complex)(lower)
+
+
+for _compare, _sign in (
+    (operator.lt, "<"),
+    (operator.gt, ">"),
+    (operator.le, "<="),
+    (operator.ge, ">="),
+):
+    _order_by_real_part(_compare, _sign)
+
+
+@overload(np.arctan2, jit_options=PART)
+def _arctan2(y, x):  # type: ignore[no-untyped-def]
+    if not _numbers_with_complex(y, x):
+        return None
+
+    def arctan2(y, x):  # type: ignore[no-untyped-def]
+        change = (x.real * y.imag - y.real * x.imag) / (x.real * x.real + y.real * y.real)
+        return complex(np.arctan2(y.real, x.real), change)
+
+    return arctan2
+
+
+def as_complex(values: Any, fields: tuple[str, ...] | None = None) -> Any:
+    """A named tuple with its real arrays (or those of the named fields) copied as complex ones."""
+    return type(values)(
+        *(
+            as_complex(array)
+            if isinstance(array, tuple) and hasattr(array, "_fields")
+            else array.astype(np.complex128)
+            if isinstance(array, np.ndarray)
+            and array.dtype == np.float64
+            and (fields is None or name in fields)
+            else array
+            for name, array in zip(values._fields, values, strict=True)
+        )
+    )

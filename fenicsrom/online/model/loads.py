@@ -14,6 +14,34 @@ omega is then the order, and start and end are angles. A static load is a sine o
 its crest. Several harmonics are several sines. A swept
 sine ramps to its last frequency and stays there. An impact is half a period in its window. A table
 is interpolated linearly and keeps its first and last value outside of its times.
+
+Follower pressures in the coordinates q of a basis: forces that depend on the displacement.
+
+A pressure p on the current area along the current normal does the virtual work
+
+    v . P(u) = p g(u) . v = -p int cof(F) N . v dA,    F = I + grad u,                        (1)
+
+on the facets of the undeformed body with the outer normal N. The cofactors of F are polynomials of
+degree 2 (1 in 2D) of the displacement, so that with u = u0 + R q
+
+    R^T g(u) = g0 + G q + 1/2 H q q                                                           (2)
+
+is exact. g0 is the load vector at the equilibrium. The other two parts belong to no energy if the
+loaded surface has a free edge: G and H are symmetric in their last two indices only. Their work is
+counted as work of the loads. Within a time step h(t), the size times the time factor, is linear:
+the integral of (2) along the straight line from q0 to q1 is then a polynomial of degree 3 of the
+position in the step, which two Gauss points integrate exactly.
+
+Supports that move together. The displacement of a body is relative to its supports.
+
+With the absolute displacement u + r a(t), where r is the unit translation along a, the equation of
+motion of the relative displacement u is
+
+    M ü + C u̇ + f(u) = p - M r a″(t).    (1)
+
+It is exact: strains and stresses depend on u only. Damping acts on the velocity relative to the
+supports, and everything that the body touches (springs to the ground, rigid surfaces) moves with
+the supports. The load vector is -M r, and the time factor is a″.
 """
 
 import math
@@ -24,10 +52,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.turning import NO_HISTORY, angle_at
-from fenicsrom.online.kernels.compiled import compiled, kernel
-from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Static, Table
-from fenicsrom.scene.keys.loads import OrderFrequency
+from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at
+from fenicsrom.online.kernels.compilation import compiled, kernel
+from fenicsrom.online.model.workspace import Workspace
+from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Static, Sweep, Table
+from fenicsrom.scene.keys.excitation import shortest_period
+from fenicsrom.scene.keys.loads import OrderFrequency, SupportDisplacement
 
 # the columns of a sine
 AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH, TURNS = range(9)
@@ -222,3 +252,223 @@ def instants(load_histories: LoadHistories, end: float) -> Array:
         found.append(time[[0, -1]] if time.size else time)
     times = np.unique(np.concatenate(found))
     return times[(times > 0.0) & (times <= end)]
+
+
+_HALF = 0.5 / np.sqrt(3.0)
+GAUSS = (0.5 - _HALF, 0.5 + _HALF)
+"""Points in [0, 1] of equal weights that integrate the work of a step exactly."""
+
+
+class PressurePolynomial(NamedTuple):
+    """Coefficients (2) of k pressures in n coordinates, without g0; k = 0 without any.
+
+    Attributes:
+        numbers: (k,) the number of each pressure among the loads, whose factor it has.
+        linear: (k, n, n) G, N/m per Pa.
+        quadratic: (k, c, n, n) H, the derivative of G by q_c; c = n in 3D and 0 in 2D.
+    """
+
+    numbers: NDArray[np.int64]
+    linear: Array
+    quadratic: Array
+
+
+def no_pressure(n: int) -> PressurePolynomial:
+    """The polynomial of a model of n coordinates without follower pressures."""
+    linear, quadratic = np.zeros((0, n, n)), np.zeros((0, 0, n, n))
+    return PressurePolynomial(np.zeros(0, dtype=np.int64), linear, quadratic)
+
+
+def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:
+    """G + H q (n, n) of pressure k at q (n,)."""
+    quadratic = pressure.quadratic[k]
+    return np.asarray(pressure.linear[k] + np.tensordot(q[: len(quadratic)], quadratic, 1))
+
+
+@kernel
+def write_pressure_factors(
+    pressure: PressurePolynomial,
+    histories: LoadHistories,
+    begin: float,
+    end: float,
+    work: Workspace,
+) -> None:
+    """Write the factors of the pressures at two times to the rows of work.pressure_factors."""
+    for row in range(2):
+        write_factors(histories, begin if row == 0 else end, work.factors)
+        for k in range(pressure.numbers.size):
+            work.pressure_factors[row, k] = work.factors[pressure.numbers[k]]
+
+
+@kernel
+def write_pressure(
+    pressure: PressurePolynomial, k: int, q: Array, force: Array, tangent: Array
+) -> None:
+    """Write G q + 1/2 H q q (n,) and G + H q (n, n) of pressure k at q (n,)."""
+    linear, quadratic = pressure.linear[k], pressure.quadratic[k]
+    n = q.size
+    for i in range(n):
+        for j in range(n):
+            tangent[i, j] = linear[i, j]
+    for c in range(quadratic.shape[0]):
+        factor = q[c]
+        for i in range(n):
+            for j in range(n):
+                tangent[i, j] += factor * quadratic[c, i, j]
+    for i in range(n):
+        value = 0.0
+        for j in range(n):
+            value += 0.5 * (linear[i, j] + tangent[i, j]) * q[j]
+        force[i] = value
+
+
+@kernel
+def subtract_pressure(
+    pressure: PressurePolynomial,
+    work: Workspace,
+    q0: Array,
+    dq: Array,
+    points: Array,
+    weights: Array,
+) -> None:
+    """Subtract the mean force of a step and its derivative from work.force and work.tangent.
+
+    The factors in work.pressure_factors are linear along the step.
+    """
+    n, factors = q0.size, work.pressure_factors
+    q, force, tangent = work.pressure_vectors[0], work.pressure_vectors[1], work.pressure_tangent
+    for g in range(points.size):
+        s, weight = points[g], weights[g]
+        for i in range(n):
+            q[i] = q0[i] + s * dq[i]
+        for k in range(pressure.numbers.size):
+            factor = weight * ((1.0 - s) * factors[0, k] + s * factors[1, k])
+            if factor == 0.0:
+                continue
+            write_pressure(pressure, k, q, force, tangent)
+            for i in range(n):
+                work.force[i] -= factor * force[i]
+                for j in range(n):
+                    work.tangent[i, j] -= factor * s * tangent[i, j]
+
+
+@kernel
+def subtract_pressure_at_end(pressure: PressurePolynomial, work: Workspace, q: Array) -> None:
+    """Subtract the force at q at the end of a step from work.force."""
+    force, tangent = work.pressure_vectors[1], work.pressure_tangent
+    for k in range(pressure.numbers.size):
+        write_pressure(pressure, k, q, force, tangent)
+        for i in range(q.size):
+            work.force[i] -= work.pressure_factors[1, k] * force[i]
+
+
+@kernel
+def work_of_pressure(pressure: PressurePolynomial, work: Workspace, q0: Array, dq: Array) -> float:
+    """The work, in J, of (2) without g0 along the straight line from q0 to q0 + dq."""
+    n, factors, found = q0.size, work.pressure_factors, 0.0
+    q, force, tangent = work.pressure_vectors[0], work.pressure_vectors[1], work.pressure_tangent
+    for g in range(2):
+        s = GAUSS[g]
+        for i in range(n):
+            q[i] = q0[i] + s * dq[i]
+        for k in range(pressure.numbers.size):
+            factor = 0.5 * ((1.0 - s) * factors[0, k] + s * factors[1, k])
+            write_pressure(pressure, k, q, force, tangent)
+            for i in range(n):
+                found += factor * force[i] * dq[i]
+    return found
+
+
+QUADRATURE_POINTS = 5
+"""Gauss points of an interval: they integrate a tenth of a period to 1e-13 of the amplitude."""
+
+INTERVALS = 10
+"""Fewest intervals of the integration in the shortest period of a load."""
+
+
+def histories_of(loads: Sequence[Load], history: Array = NO_HISTORY) -> LoadHistories:
+    """The time factors of loads; that of a motion of the supports is its acceleration, m/s².
+
+    Args:
+        loads: the loads.
+        history: (k, 3) of the speed of rotation (`online.contact.turning`).
+    """
+    return of_loads([load.by_acceleration() for load in loads], history)
+
+
+def support_displacement(loads: Sequence[Load], time: Array, dimension: int) -> Array:
+    """The displacement of the supports (k, d), m.
+
+    A motion that is given by a periodic acceleration has no drift: its displacement is periodic
+    about zero. Any other motion starts at rest at t = 0.
+
+    Args:
+        loads: loads; those that do not move the supports do not count.
+        time: (k,) ascending, s.
+        dimension: d.
+    """
+    found = np.zeros((time.size, dimension))
+    for load in loads:
+        if load.moves_supports:
+            found += np.outer(_travel(load, time), np.array(load.direction))
+    return found
+
+
+def moves_supports(scene: Scene) -> bool:
+    """Whether a load of the scene moves the supports."""
+    return any(load.moves_supports for load in scene.loads)
+
+
+def displacement_sines(loads: Sequence[Load]) -> NDArray[np.bool_]:
+    """Which sines (s,) of the load histories belong to a given displacement of the supports.
+
+    The amplitudes of these sines are accelerations, which grow with the square of the frequency.
+    """
+    spans = histories_of(loads).spans
+    given = [isinstance(load.action, SupportDisplacement) for load in loads]
+    return np.repeat(np.array(given, dtype=bool), spans[:, 1] - spans[:, 0])
+
+
+def _travel(load: Load, time: Array) -> Array:
+    """The displacement (k,) of the supports by one load, m."""
+    size, history = load.size, load.history
+    if isinstance(history, Harmonic | Harmonics):
+        terms = [(1, 1.0, history.phase)] if isinstance(history, Harmonic) else history.harmonics
+        omega = 2.0 * math.pi * history.frequency
+        found = np.zeros_like(time)
+        for order, part, phase in terms:
+            wave = size * part * np.sin(order * omega * time + phase)
+            given = isinstance(load.action, SupportDisplacement)
+            found += wave if given else -wave / (order * omega) ** 2
+        return found
+    return _integrated_twice(load, time)
+
+
+def _integrated_twice(load: Load, time: Array) -> Array:
+    """The displacement (k,) of an acceleration that starts at rest at t = 0, m."""
+    histories, end = of_loads([load]), float(time[-1])
+    count = math.ceil(INTERVALS * end / shortest_period(load)) + 1
+    kinks = np.array(_kinks(load))
+    grid = np.unique(np.concatenate([[0.0], time, np.linspace(0.0, end, count + 1), kinks]))
+    grid = grid[(grid >= 0.0) & (grid <= end)]
+    lengths = np.diff(grid)
+    points, doubled = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
+    nodes, weights = 0.5 * (points + 1.0), 0.5 * doubled  # of the interval from 0 to 1
+    instants = grid[:-1, None] + lengths[:, None] * nodes
+    values = np.array([factors(histories, t)[0] for t in instants.ravel()]).reshape(instants.shape)
+    gained = lengths * (values @ weights)
+    velocity = np.concatenate([[0.0], np.cumsum(gained)])
+    moved = lengths * velocity[:-1] + lengths**2 * (values @ (weights * (1.0 - nodes)))
+    return np.interp(time, grid, np.concatenate([[0.0], np.cumsum(moved)]))
+
+
+def _kinks(load: Load) -> list[float]:
+    """The times at which the history of a load is not smooth, s."""
+    match load.history:
+        case Table() as history:
+            return [row[0] for row in history.rows]
+        case Pulse(pulse=pulse):
+            return [pulse.start, pulse.start + pulse.duration]
+        case Sweep(sweep=sweep):
+            return [sweep.duration]
+    return []

@@ -1,4 +1,11 @@
-"""The reduced model in coordinates q."""
+"""The reduced model in coordinates q.
+
+A problem: a model with everything that determines its motion.
+
+The linear equations of a Newton iteration of a reduced model, S x = b.
+"""
+
+from __future__ import annotations
 
 from typing import Any, NamedTuple
 
@@ -6,27 +13,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.compliance import Compliance, compliance_of
-from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.compiled import compile_methods
-from fenicsrom.online.kernels.dense import add_times, inner, write_times
-from fenicsrom.online.kernels.symmetric import negative_eigenvalues
-from fenicsrom.online.model.effective_stiffness import (
-    factorise_effective,
-    write_effective_solution,
-    write_normal_flexibility,
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.problem import Compliance, compliance_of, form_delassus, is_formed
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.kernels.compilation import compile_methods, kernel
+from fenicsrom.online.kernels.dense import (
+    add_times,
+    inner,
+    lu_factor,
+    lu_solve,
+    negative_eigenvalues,
+    write_times,
 )
-from fenicsrom.online.model.loads import LoadHistories, static_factors, write_factors
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
-from fenicsrom.online.model.pressure import (
+from fenicsrom.online.model.loads import (
+    LoadHistories,
     PressurePolynomial,
     no_pressure,
+    static_factors,
     subtract_pressure,
     subtract_pressure_at_end,
     unit_tangent,
     work_of_pressure,
+    write_factors,
     write_pressure_factors,
 )
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 from fenicsrom.online.model.turning import (
     Turning,
     add_turning,
@@ -37,6 +48,159 @@ from fenicsrom.online.model.turning import (
     write_speeds,
 )
 from fenicsrom.online.model.workspace import Workspace
+
+WEAR_ROUNDING = 1e-9
+"""Growth of a worn depth, relative to the largest one, that is rounding."""
+
+
+class Problem(NamedTuple):
+    """A model under its loads, its damping and its contacts, and how its motion is computed.
+
+    Attributes:
+        model: a `online.model.model.ReducedModel`, or any model with its operations.
+        contacts: parameters of the P contact points, in the order of the model's contact
+            displacements.
+        time: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance and way
+            to the steady state, or duration.
+        period: period of the loads, s; None runs for `time.duration`.
+        drift: derivatives of the data by the parameter of a family of problems, a
+            `online.derivative.sensitivity.Drift`; None of a problem by itself.
+        rest: (n,) coordinates of a state near which the model moves, from which the variables of a
+            periodic motion are measured; None of q = 0.
+    """
+
+    model: Any
+    contacts: Contacts
+    time: Any
+    period: Any
+    drift: Any = None
+    rest: Any = None
+
+    @classmethod
+    def of(cls, model: Any, scene: Any) -> Problem:
+        """The problem of a model that has the loads and the damping of a scene.
+
+        Raises:
+            SceneError: as `contacts_of`.
+        """
+        return cls(model, contacts_of(scene, model.points), scene.time, scene.period)
+
+    @property
+    def dimension(self) -> int:
+        """The dimension of space d."""
+        return int(self.contacts.centre.shape[1])
+
+    def settled(self) -> Problem:
+        """The problem after all surfaces have approached the body."""
+        contacts = self.contacts
+        if contacts.times.size == 0:
+            return self
+        last = np.ascontiguousarray(contacts.approach[:, -1:])
+        moved = contacts._replace(times=contacts.times[-1:].copy(), approach=last)
+        return self._replace(contacts=moved)
+
+    def with_own_wear(self, worn: Array | None = None) -> Problem:
+        """The problem with its own copy of the worn depths, or of others (nodes,), in m.
+
+        A march changes them.
+        """
+        coating = self.contacts.coating
+        coating = coating._replace(worn=(coating.worn if worn is None else worn).copy())
+        return self._replace(contacts=self.contacts._replace(coating=coating))
+
+    def with_yield(self, factor: float) -> Problem:
+        """The problem with layers of so many times the yield stress; infinitely many: elastic."""
+        coating = self.contacts.coating
+        coated = coating.cells > 0
+        strength = np.where(coated, coating.yield_force, 1.0) * factor
+        coating = coating._replace(yield_force=np.where(coated, strength, 0.0))
+        return self._replace(contacts=self.contacts._replace(coating=coating))
+
+    def has_worn_since(self, worn: Array) -> bool:
+        """Whether a layer was worn since its depths were `worn` (nodes,), beyond rounding."""
+        now = self.contacts.coating.worn
+        return bool(np.any(now - worn > WEAR_ROUNDING * np.max(now, initial=0.0)))
+
+
+@kernel
+def factorise_effective(
+    mass: Array,
+    velocity_matrix: Array,
+    linear: bool,
+    mass_coefficient: float,
+    velocity_coefficient: float,
+    tangent: Array,
+    tangent_coefficient: float,
+    work: Workspace,
+) -> None:
+    """Write the factors of S of `ReducedModel.solve_effective`, unless a linear model has them."""
+    n, factor, key = mass.shape[0], work.factor, work.key
+    if (
+        linear
+        and key[0] == mass_coefficient
+        and key[1] == velocity_coefficient
+        and key[2] == tangent_coefficient
+    ):
+        return
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] = mass_coefficient * mass[i, j] + tangent[i, j]
+    if velocity_coefficient != 0.0 and velocity_matrix.shape[0] > 0:
+        for i in range(n):
+            for j in range(n):
+                factor[i, j] += velocity_coefficient * velocity_matrix[i, j]
+    key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
+    key[1] = velocity_coefficient
+    key[2] = tangent_coefficient
+
+
+@kernel
+def write_effective_solution(
+    rows: Array, directions: NDArray[np.int64], d: int, residual: Array, work: Workspace
+) -> None:
+    """Write the solutions of `ReducedModel.solve_effective` to `compliance`, y behind Z."""
+    n, r, compliance = residual.size, directions.size, work.compliance
+    unit, delassus = compliance.unit, compliance.delassus
+    for i in range(n):
+        unit[i, r] = -residual[i]
+        for j in range(r):
+            unit[i, j] = rows[directions[j], i]
+    if np.isnan(work.key[0]):
+        unit[:] = np.nan
+    else:
+        lu_solve(work.factor, work.pivots, unit, n, 1 + r)
+    if is_formed(compliance, r):
+        form_delassus(rows, compliance, directions)
+        return
+    for i in range(r):  # only the block of the point
+        first = i - i % d
+        for j in range(first, first + d):
+            delassus[i, j] = 0.0
+            for k in range(n):
+                delassus[i, j] += rows[directions[i], k] * unit[k, j]
+
+
+@kernel
+def write_normal_flexibility(
+    mass: Array, stiffness: Array, rows: Array, h: float, work: Workspace, out: Array
+) -> None:
+    """Write b^T S^-1 b of each contact point; see `ReducedModel.write_normal_flexibility`."""
+    n, points, factor, unit = mass.shape[0], out.size, work.factor, work.compliance.unit
+    d = rows.shape[0] // points
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] = 2.0 / h**2 * mass[i, j] + 0.5 * stiffness[i, j]
+        for p in range(points):
+            unit[i, p] = rows[p * d, i]
+    work.key[0] = np.nan  # it is not the factor of a step
+    if not lu_factor(factor, work.pivots, n):
+        unit[:] = np.nan
+    else:
+        lu_solve(factor, work.pivots, unit, n, points)
+    for p in range(points):
+        out[p] = 0.0
+        for i in range(n):
+            out[p] += rows[p * d, i] * unit[i, p]
 
 
 class Tangent(NamedTuple):

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, pair_numbers, pairs
-from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.model.turning import Turning
 
 COLUMNS = 256

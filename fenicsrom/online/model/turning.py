@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.turning import NO_HISTORY, speed_at
-from fenicsrom.online.kernels.compiled import kernel
+from fenicsrom.online.contact.surfaces import NO_HISTORY, speed_at
+from fenicsrom.online.kernels.compilation import kernel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.compliance import Compliance
+from fenicsrom.online.contact.problem import Compliance
 
 
 class Workspace(NamedTuple):

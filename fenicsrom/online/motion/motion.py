@@ -1,16 +1,157 @@
-"""What a time integration returns."""
+"""What a time integration returns.
+
+Read the motions of a `history.npz`, the file of time histories that a run writes.
+
+The energy balance of a motion, judged in one place.
+
+The balance of a motion is (Gonzalez 1996, Simo and Tarnow 1992, for schemes that keep it exactly)
+
+    d(t) = [T + V + V_c + D](t) - W(t) - the same at the start,
+
+with kinetic energy T, elastic energy V, energy of the contact springs V_c, energy D dissipated by
+damping and friction, and work W of the loads (`online.motion.motion.Motion.imbalance`). The
+balance is zero except for the error of the scheme: d > 0 is energy that was created, d < 0 energy
+that was lost. Where Newton's method has replaced the marched motion by the periodic one, the state
+jumps: each part of the motion (`Motion.parts`) is judged alone, from its own start.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.motion.history import History
+from fenicsrom.errors import AccuracyError, ErrorKind, refuse
 from fenicsrom.online.step.state import Checkpoint, PeriodicSearch, Record
-from fenicsrom.words import brief
+from fenicsrom.words import brief, counted
+
+JUMP = "newton_from"
+"""The number in `history.npz` that tells when the periodic motion replaced the marched one, s."""
+
+KEYS = {"damping_dissipation": "damped", "friction_dissipation": "rubbed"}
+"""The keys in `history.npz` that differ from the names of the attributes."""
+
+
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
+class History:
+    """The histories of a motion: ns steps, the start included; P contact points, d dimensions.
+
+    Attributes:
+        time: (ns,) s.
+        displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
+            (ns, 1, d) of the probe in global axes where there is no contact, m.
+        force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
+            current position and the tangents there (the frame of the point turned the shortest
+            way), N.
+        gap: (ns, P) distance from the surface, negative inside it, m.
+        state: (ns, P) -1 open, 0 slip, 1 stick.
+        kinetic: (ns,) kinetic energy, J.
+        elastic: (ns,) elastic energy from the equilibrium, J.
+        contact_energy: (ns,) energy of the contact springs, J.
+        work: (ns,) work of the loads, and of surfaces that move, since the start, J.
+        damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
+            short for the step, J.
+        friction_dissipation: (ns,) energy dissipated by friction since the start, J.
+        period: period of the motion, s: that of the loads, or several of these if Newton's method
+            found a subharmonic motion; None without harmonic load, or if `read_history` got none.
+        newton_from: the time at which the periodic motion of Newton's method replaced the marched
+            one, s, or None. The record at this time is that of the periodic motion. The sums (work
+            and dissipated energies) go on; the state, and with it the stored energy, jumps.
+        probe: (ns, d) displacement of the probe in global axes, m; None if it is not known.
+    """
+
+    time: Array
+    displacement: Array
+    force: Array
+    gap: Array
+    state: NDArray[np.int8]
+    kinetic: Array
+    elastic: Array
+    contact_energy: Array
+    work: Array
+    damping_dissipation: Array
+    friction_dissipation: Array
+    period: float | None = None
+    newton_from: float | None = None
+    probe: Array | None = None
+
+    def last_period(self) -> slice:
+        """The steps of the last period, both ends included; without a period all steps."""
+        return last_period(self.time, self.period)
+
+
+HISTORY_ARRAYS: Mapping[str, str] = {
+    KEYS.get(field.name, field.name): field.name
+    for field in fields(History)
+    if field.name not in ("period", JUMP, "probe")
+}
+"""The arrays of one model in `history.npz`, and the attribute of a `History` that each holds."""
+
+
+def last_period(time: Array, period: float | None) -> slice:
+    """The steps of the last period of a time axis (ns,) in s; all steps if the period is None."""
+    if period is None:
+        return slice(0, time.size)
+    return slice(int(np.searchsorted(time, time[-1] - period * (1.0 + 1e-9))), time.size)
+
+
+def read_history(path: str | os.PathLike[str], period: float | None = None) -> dict[str, History]:
+    """Read the motions that a run wrote to `history.npz`.
+
+    Args:
+        path: the file.
+        period: period of the motion in s, usually that of the loads, `Scene.period`; with it
+            `amplitudes` and `contact_fractions` look at the last period, without it at the whole
+            run.
+
+    Returns:
+        The motion of each model that ran, by its name ("reduced", "full" or "beam").
+
+    Raises:
+        SceneError: the file is missing, damaged, or not a `history.npz`, or the period is not a
+            positive number.
+
+    Example:
+        The folder is that of `fenicsrom run --from out/beam.npz --output out/beam`.
+
+        >>> import fenicsrom as fr
+        >>> motions = fr.read_history("out/beam/history.npz", period=1 / 3.2)
+        >>> list(motions), round(fr.amplitudes(motions["reduced"])["tangential"][0], 5)
+        (['reduced'], 0.12352)
+    """
+    path = Path(path)
+
+    if period is not None and not 0.0 < period < np.inf:
+        raise refuse(path, f"period = {period}: must be a finite number above 0", ErrorKind.RANGE)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
+        why = getattr(error, "strerror", None)  # in the words of the operating system
+        reason = why or f"is not a history.npz ({type(error).__name__})"
+        raise refuse(path, reason, ErrorKind.FILE if why else ErrorKind.FORMAT) from None
+    names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
+    if not names:
+        raise refuse(path, "is not a history.npz: it holds no motion", ErrorKind.FORMAT)
+    found = {}
+    for name in names:
+        for key in HISTORY_ARRAYS:
+            if f"{name}_{key}" not in arrays:
+                raise refuse(path, f"the array {name}_{key} is missing", ErrorKind.FORMAT)
+        values: dict[str, Any] = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
+        jump = arrays.get(f"{name}_{JUMP}")
+        newton_from = None if jump is None else float(jump)
+        probe = arrays.get(f"{name}_probe")
+        found[name] = History(**values, period=period, newton_from=newton_from, probe=probe)
+    return found
+
 
 ENERGIES = (
     *("work", "damping_dissipation", "friction_dissipation"),
@@ -144,3 +285,138 @@ class Motion(History):
         """Largest imbalance relative to the largest kinetic plus elastic energy of the run."""
         scale = np.max(self.kinetic + np.abs(self.elastic))
         return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
+
+
+# Largest imbalance that the time integration accepts, relative to the largest energy plus the
+# largest work of the run, by scheme. The discrete gradient keeps the balance to Newton's tolerance;
+# a larger imbalance of the other schemes is a sign of instability. Only created energy counts
+# against generalised-alpha, which loses some on purpose.
+SCHEME_TOLERANCE = {
+    "discrete-gradient": 1e-6,
+    "average-acceleration": 0.05,
+    "generalised-alpha": 0.05,
+}
+# Largest imbalance of an accepted motion. Created energy is relative to the largest energy, lost
+# energy to the largest energy plus the work. The energy that friction gives to the motion has the
+# same limit, relative to the dissipated energy.
+ENERGY_ERROR = 1e-2
+# a gain by friction in one step is rounding if it is smaller, relative to the energies
+ROUNDING = 1e-12
+
+
+class EnergyErrors(NamedTuple):
+    """The energy errors of a motion and the energies to compare them with, J.
+
+    Attributes:
+        created: largest excess of the balance.
+        lost: largest deficit of the balance.
+        energy: largest kinetic plus elastic energy.
+        work: largest work of the loads since the first record of the part.
+        friction_gain: sum of all negative friction dissipation, with a positive sign.
+        largest_friction_gain: the largest gain of one step.
+        dissipated: sum of all positive friction dissipation, plus the damping dissipation.
+    """
+
+    created: float
+    lost: float
+    energy: float
+    work: float
+    friction_gain: float
+    largest_friction_gain: float
+    dissipated: float
+
+
+def energy_errors(motion: Motion, part: slice | None = None) -> EnergyErrors:
+    """Compute the energy errors of a motion, or of one of its `parts`."""
+    part = slice(None) if part is None else part
+    imbalance, work = motion.imbalance[part], motion.work[part]
+    steps = np.diff(motion.friction_dissipation[part])
+    damping_dissipation = motion.damping_dissipation[part]
+    damped = float(damping_dissipation[-1] - damping_dissipation[0])
+    return EnergyErrors(
+        created=float(np.max(imbalance)),
+        lost=float(np.max(-imbalance)),
+        energy=float(np.max(motion.kinetic[part] + np.abs(motion.elastic[part]))),
+        work=float(np.max(np.abs(work - work[0]))),
+        friction_gain=-float(np.sum(steps[steps < 0.0])),
+        largest_friction_gain=-float(steps.min(initial=0.0)),
+        dissipated=float(np.sum(steps[steps > 0.0])) + max(damped, 0.0),  # less is rounding
+    )
+
+
+def check_scheme(motion: Motion, scheme: str) -> None:
+    """Refuse a motion that misses the energy balance of its scheme.
+
+    Args:
+        motion: the motion.
+        scheme: name of the scheme that integrated it.
+
+    Raises:
+        AccuracyError: the imbalance exceeds `SCHEME_TOLERANCE`; `partial` holds the motion.
+    """
+    one_sided = scheme == "generalised-alpha"
+    allowed = SCHEME_TOLERANCE[scheme]
+    for part in motion.parts:
+        found = energy_errors(motion, part)
+        size = found.energy + found.work
+        off = found.created if one_sided else max(found.created, found.lost)
+        if off > allowed * size:
+            other = "" if scheme == "discrete-gradient" else " or the discrete gradient"
+            raise AccuracyError(
+                f"time integration: the energy ledger is off by {100.0 * off / size:.3g} % of the "
+                f"energy and work, more than {100.0 * allowed:.3g} % (scheme {scheme}, "
+                f"{counted(motion.steps, 'step')}): take shorter steps{other}",
+                motion,
+                kind=ErrorKind.ENERGY,
+            )
+
+
+def check_energy(motion: Motion) -> None:
+    """Refuse a motion whose energy balance is off by more than `ENERGY_ERROR`.
+
+    Created energy is compared with the largest energy of the motion, because it may become all of
+    it. Lost energy is compared with the largest energy plus the work of the loads, because it acts
+    as additional damping. Friction must not give energy to the motion.
+
+    Raises:
+        AccuracyError: the balance is off, or friction gives energy.
+    """
+    for part in motion.parts:
+        _check_part(energy_errors(motion, part))
+
+
+def _check_part(found: EnergyErrors) -> None:
+    """`check_energy` for one part of a motion."""
+    both = found.energy + found.work
+    for off, size, name, verb in (
+        (found.created, found.energy, "largest energy", "is created"),
+        (found.lost, both, "largest energy and the work of the loads", "is lost"),
+    ):
+        if not off <= ENERGY_ERROR * size:
+            relative = off / size if size > 0.0 else np.inf
+            raise AccuracyError(
+                f"the energy ledger is off: {relative:.1e} of the {name} {verb} "
+                f"(at most {ENERGY_ERROR:g} is allowed): the steps are too long for the scheme",
+                kind=ErrorKind.ENERGY,
+            )
+    if found.friction_gain > ENERGY_ERROR * found.dissipated:
+        part = (
+            f"{found.friction_gain / found.dissipated:.1e} of the dissipated energy"
+            if found.dissipated > 0.0
+            else "although nothing is dissipated"
+        )
+        raise AccuracyError(
+            f"friction gives energy to the motion, {part} (at most {ENERGY_ERROR:g} is allowed): "
+            "the steps are too long for the stiffness of the contact",
+            kind=ErrorKind.ENERGY,
+        )
+
+
+def friction_gains_energy(motion: Motion) -> bool:
+    """Whether friction gives energy in any step, beyond rounding.
+
+    The discrete gradient excludes this gain; the other schemes do not.
+    """
+    spent = float(motion.friction_dissipation[-1])
+    every = [energy_errors(motion, part) for part in motion.parts]
+    return any(one.largest_friction_gain > ROUNDING * (one.energy + spent) for one in every)

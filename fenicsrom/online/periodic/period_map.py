@@ -20,14 +20,21 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.surfaces import PLANE
+from fenicsrom.online.derivative.contact_sensitivity import no_drift, no_sensitivity
 from fenicsrom.online.derivative.period_sensitivity import REST, carry_derivatives
-from fenicsrom.online.derivative.sensitivity import no_drift, no_sensitivity
-from fenicsrom.online.kernels.complex_step import STEP as COMPLEX_STEP
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.step.loop import DONE, FULL, compiled_march
-from fenicsrom.online.step.scheme import Control, Scheme
-from fenicsrom.online.step.state import LAST_STEP, STEP, Record, State, no_record, no_state
-from fenicsrom.online.step.step import measure
+from fenicsrom.online.kernels.dense import STEP as COMPLEX_STEP
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.step.state import (
+    LAST_STEP,
+    STEP,
+    Control,
+    Record,
+    Scheme,
+    State,
+    no_record,
+    no_state,
+)
+from fenicsrom.online.step.step import DONE, FULL, compiled_march, measure
 from fenicsrom.progress import ask
 
 SINGULAR = 3

@@ -8,11 +8,9 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.contact.turning import history_of
-from fenicsrom.online.model.loads import LoadHistories
-from fenicsrom.online.model.problem import Problem
-from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.online.contact.surfaces import Contacts, history_of
+from fenicsrom.online.model.loads import LoadHistories, histories_of
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.scene import Scene

@@ -32,7 +32,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
+from fenicsrom.online.model.polynomial import (
+    ElasticPolynomial,
+    elastic_force,
+    paired_cubic,
+    unique_cubic,
+)
 from fenicsrom.online.model.subspace import (
     change_of_tangent,
     nested_model,
@@ -41,8 +46,7 @@ from fenicsrom.online.model.subspace import (
     subspace_model,
 )
 from fenicsrom.online.model.turning import Turning, rest_row
-from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
-from fenicsrom.online.step.newton import Correction, in_load_steps, newton, small_against_load
+from fenicsrom.online.step.statics import Correction, in_load_steps, newton, small_against_load
 
 NEXT_MODES = 3
 """Normal modes of the larger model above those of the model."""
@@ -311,7 +315,7 @@ class RangeModel:
         the stretching that lets a bent body bend on would not count.
 
         Args:
-            history: (r, 3) the speeds (`fenicsrom.online.contact.turning`).
+            history: (r, 3) the speeds (`fenicsrom.online.contact.surfaces`).
             omega: the speed of the natural frequencies, rad/s.
 
         Raises:

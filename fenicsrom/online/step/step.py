@@ -1,10 +1,30 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
 The functions that take a model are plain Python, for any model with the operations of a
-`ReducedModel`, and are inlined into the compiled loop of `fenicsrom.online.step.loop` for a
+`ReducedModel`, and are inlined into the compiled loop of `fenicsrom.online.step.step` for a
 `ReducedModel` itself. Arrays of contact points are written by functions that numba does not inline:
 its removal of dead code does not follow an array through the unpacking of a tuple, and drops such
 writes.
+
+The loop over the steps of a time integration, plain and compiled.
+
+`march` is plain Python. Uncompiled, it integrates any model with the operations of a
+`ReducedModel`. `compiled_march` integrates a `ReducedModel` itself, whose methods are compiled into
+it.
+
+The longest adaptive step, and the times on which adaptive steps must land.
+
+The controller of the step sees a load or a surface only at the ends of the steps. It must not jump
+over what happens between them:
+
+* A step is at most `LONGEST` tolerance^(1/3) of the shortest period of the loads and of the waves
+  of surfaces. A step that uses up its tolerance for a motion of this period, at an error of
+  (omega h)^3/12, is 0.08 tolerance^(1/3) of the period long. The longest step is thus 2.5 times as
+  long, at most a fifth of the period, and follows the tolerance: a check with eight times the
+  tolerance has twice the longest step, less than half a period. Two runs that sample a load alike
+  would not see that they miss it.
+* Steps land on the rows of tables and of approaching surfaces where the slope changes, and on the
+  quarters of impacts: the run sees every crest.
 """
 
 from __future__ import annotations
@@ -13,22 +33,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenicsrom.online.contact.candidates import add_candidates, choose_candidates, keep_open
-from fenicsrom.online.contact.coating import is_coated, wear
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.coating import depth, is_coated, wear
 from fenicsrom.online.contact.law import commit_contact_state, contact_energy, implicit_blending
-from fenicsrom.online.contact.problem import solve_contact
-from fenicsrom.online.contact.state import ContactStep, Interval
-from fenicsrom.online.kernels.compiled import also_compiled, kernel, part
+from fenicsrom.online.contact.problem import (
+    add_candidates,
+    choose_candidates,
+    keep_open,
+    solve_contact,
+)
+from fenicsrom.online.contact.state import OPEN, ContactStep, Interval
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.kernels.compilation import also_compiled, compiled, kernel, part
 from fenicsrom.online.kernels.dense import combine, copy_to_points, copy_vector, subtract_contact
+from fenicsrom.online.model.loads import LoadHistories, instants, quarter_period
 from fenicsrom.online.step.state import (
     CONTACT,
     DAMPING_DISSIPATION,
     ELASTIC,
     ENERGY_SCALE,
     FRICTION_DISSIPATION,
+    ITERATIONS,
     KINETIC,
     LAST_STEP,
+    REJECTED,
     SIZE,
+    STEP,
     STEPS,
     TIME,
     WORK,
@@ -328,3 +358,216 @@ def measure(model, contacts, state):  # type: ignore[no-untyped-def]
     s[CONTACT] = contact_energy(contacts, state.contact)
     s[ENERGY_SCALE] = max(s[ENERGY_SCALE], s[KINETIC] + abs(s[ELASTIC]))
     s[SIZE] = max(s[SIZE], np.sqrt(model.dot(state.q, model.mass_times(state.q))))
+
+
+STEP_SHARE = 0.01  # part of the tolerance that one adaptive step may use
+SMALLEST_STEP = 1e-6  # smallest step as a part of the nominal step; a smaller step ends the run
+
+DONE, FULL, FAILED = 0, 1, 2
+
+
+@also_compiled
+def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
+    """Write the state to a row of the record."""
+    s = state.scalars
+    record.time[row] = s[TIME]
+    contact = state.contact
+    points, d = contact.x.shape
+    copy_vector(record.probe[row], model.probe_displacement(state.q))
+    for p in range(points):
+        record.state[row, p] = contact.state[p]
+        record.friction_dissipation[row, p] = state.friction_dissipation[p]
+        record.blending[row, p] = state.trial.scratch.blending[p]
+        record.gap[row, p] = -depth(contacts, p, contact.x[p], s[TIME])
+        # in the frame of the point, turned the shortest way so that its first axis is the current
+        # normal
+        tilt = 0.0
+        if contact.state[p] != OPEN:
+            size = 0.0
+            for k in range(d):
+                size += contact.normal[p, k] ** 2
+            tilt = contact.friction[p, 0] / (np.sqrt(size) + contact.normal[p, 0])
+        record.force[row, p, 0] = max(contact.trial_normal_force[p], 0.0)
+        for k in range(d):
+            record.displacement[row, p, k] = contact.x[p, k]
+            record.mean_force[row, p, k] = state.trial.scratch.mean_force[p, k]
+            if k > 0:
+                record.force[row, p, k] = contact.friction[p, k] - tilt * contact.normal[p, k]
+    for k in range(6):
+        record.energies[row, k] = s[WORK + k]
+    if record.turning.shape[1] > 0:
+        model.write_momentum(s[TIME], state.q, state.v, record.turning[row])
+    if record.coordinates.shape[1] > 0:
+        n = state.q.size
+        copy_vector(record.coordinates[row, :n], state.q)
+        copy_vector(record.coordinates[row, n : 2 * n], state.v)
+        copy_vector(record.coordinates[row, 2 * n :], state.a)
+
+
+@part
+def next_time(times, after):  # type: ignore[no-untyped-def]
+    """The first of some ascending times after a time; infinite if there is none."""
+    low, high = 0, times.size
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] > after:
+            high = middle
+        else:
+            low = middle + 1
+    return times[low] if low < times.size else np.inf
+
+
+@also_compiled
+def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-def]
+    """Estimated local error of a converged step, relative to the allowed error.
+
+    The distance from the extrapolation contains vibrations too fast for the step, which oscillate
+    and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes these vibrations;
+    the error of the resolved motion remains.
+    """
+    surprise = state.trial.change
+    extrapolate(surprise, state, h)
+    mass = mass_coefficient(scheme, h)
+    combine(surprise, -mass, state.trial.dq, mass, surprise)
+    _, tangent = model.elastic_over_step(
+        state.elastic_force,
+        state.q,
+        state.trial.dq,
+        scheme.start_weight,
+        scheme.points,
+        scheme.weights,
+    )
+    none = state.trial.scratch.directions[:0]
+    error, _, _ = model.solve_effective(mass, 0.0, tangent, model.mass_times(surprise), none)
+    size = max(state.scalars[SIZE], control.size)
+    local = np.sqrt(model.dot(error, model.mass_times(error))) / 12.0
+    return local / (STEP_SHARE * control.tolerance * size) if size > 0.0 else 0.0
+
+
+def march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
+    """Advance the state from its time to `end`, with a row of the record for each accepted step.
+
+    Args:
+        model: a `Model`, or (compiled) a `ReducedModel`.
+        contacts: parameters of the contact points.
+        scheme: the weights of the scheme.
+        control: how the step is chosen.
+        state: in: where to start; out: where it ended.
+        origin: where the grid of times starts, s.
+        end: when to stop, s.
+        record: out: the rows.
+
+    Returns:
+        (status, rows written): DONE, FULL (of rows: call again), or FAILED (the smallest step did
+        not converge).
+    """
+    s = state.scalars
+    state.trial.scratch.blended_step[0] = np.nan  # model, contacts or resumed run may be others
+    rows = 0
+    slack = 1e-9 * control.grid
+    while end - s[TIME] > slack:
+        if rows == record.time.size:
+            return FULL, rows
+        goal = min(
+            end, origin + control.grid * (np.floor((s[TIME] - origin) / control.grid + 1e-6) + 1.0)
+        )
+        if control.times.size > 0:
+            goal = min(end, next_time(control.times, s[TIME] + slack))
+        h = min(s[STEP], goal - s[TIME])
+        lands = goal - s[TIME] - h <= slack
+        if lands:
+            h = goal - s[TIME]
+        elif control.tolerance > 0.0 and goal - s[TIME] < 2.0 * h:
+            h = 0.5 * (goal - s[TIME])  # two equal steps instead of a full one and a very short one
+        whole = abs(h - control.grid) <= slack  # the steps of a grid differ by rounding
+        set_blending(model, contacts, scheme, state, control.grid if whole else h)
+        load_ahead = model.load(s[TIME] + h)
+        converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
+        s[ITERATIONS] += iterations
+        factor = 0.5
+        if converged and control.tolerance > 0.0 and s[LAST_STEP] > 0.0:
+            ratio = error_ratio(model, scheme, control, state, h)
+            converged = ratio <= 1.0
+            factor = min(2.0, max(0.2, 0.9 / np.cbrt(max(ratio, 1e-12))))
+            if converged and iterations > 8:
+                factor = min(factor, 1.0)
+        elif converged:
+            factor = 2.0
+        if converged:
+            nominal = s[STEP]
+            accept(model, contacts, scheme, state, h, load_ahead)
+            if lands:
+                s[TIME] = goal
+            # after a step shortened to land on the grid, the longer step is tried again
+            s[STEP] = min(
+                control.grid, max(factor * h, nominal if lands and factor >= 1.0 else 0.0)
+            )
+            write(model, contacts, state, record, rows)
+            rows += 1
+        else:
+            s[REJECTED] += 1.0
+            s[STEP] = factor * h
+            if not s[STEP] > SMALLEST_STEP * control.grid:
+                return FAILED, rows
+    return DONE, rows
+
+
+compiled_march = compiled(march)
+
+
+LONGEST = 0.2
+"""Longest step for a tolerance of 1, as a part of the shortest period."""
+
+CORNER = 1e-9
+"""Smaller changes of slope, relative to the largest slope, are rounding errors."""
+
+
+def longest_step(load_histories: LoadHistories, contacts: Contacts, tolerance: float) -> float:
+    """The longest adaptive step in s; infinite if nothing oscillates."""
+    shortest = min(4.0 * quarter_period(load_histories), _wave_period(contacts))
+    return float(LONGEST * np.cbrt(tolerance) * shortest)
+
+
+def landings(
+    load_histories: LoadHistories,
+    contacts: Contacts,
+    begin: float,
+    end: float,
+    adaptive: bool = True,
+) -> Array:
+    """Times in s, after `begin` and up to `end`, on which steps land; `end` is the last.
+
+    Args:
+        load_histories: the time factors of the loads.
+        contacts: the parameters of the contacts.
+        begin: s.
+        end: s.
+        adaptive: whether the steps are adaptive; other steps land on the corners of the speed only.
+    """
+    found = [load_histories.history[:, 0]]
+    if adaptive:
+        found.append(instants(load_histories, end))
+        for _, _, low, high in load_histories.spans:
+            found.append(_corners(*load_histories.table[low:high].T))
+        found += [_corners(contacts.times, distance) for distance in contacts.approach]
+    times = np.unique(np.concatenate(found))
+    times = times[(times > begin) & (times < end)]
+    # a landing closer to another one than the rounding of the march makes a step of no length
+    apart = np.diff(times, append=end) > 1e-9 * (end - begin)
+    return np.append(times[apart & (times - begin > 1e-9 * (end - begin))], end)
+
+
+def _wave_period(contacts: Contacts) -> float:
+    """The time in which the shortest wave of a surface passes a contact point, s."""
+    orders = np.where(contacts.height != 0.0, contacts.order, 0.0).max(axis=1, initial=0.0)
+    fastest = np.max(np.abs(contacts.history[:, 1]), initial=0.0)
+    spins = np.abs(contacts.spin) + np.abs(contacts.turns) * fastest
+    rate = np.max(orders * spins, initial=0.0)
+    return 2.0 * np.pi / rate if rate > 0.0 else np.inf
+
+
+def _corners(times: Array, values: Array) -> Array:
+    """The times at which the slope of a table changes, its ends included if it is not constant."""
+    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+    change = np.abs(np.diff(slopes))
+    return times[change > CORNER * np.max(np.abs(slopes))] if times.size else times

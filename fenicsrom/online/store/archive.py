@@ -12,7 +12,7 @@ arrays of float64, in SI units:
     force                (n,)         N          elastic force at q = 0
     stiffness            (n, n)       N/m        K, the tangent at q = 0
     quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
-    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.unique_cubic`)
+    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.polynomial`)
     velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
     loads                (n, loads)   1          projected unit loads, one column for each load
     contact_rows         (P d, n)     1          local contact displacement = rows q + offset
@@ -30,9 +30,9 @@ arrays of float64, in SI units:
     ==================== ============ ========== ================================================
 
 A model without follower pressures has no arrays of pressures. The model of a body that static loads
-or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.stress`.
 
-A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
+A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.reactions`.
 
 The arrays are those of all coordinates that the file holds, in their order. The model has the first
 `size` of them. The larger model of all of them judges it
@@ -77,25 +77,26 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.contact.turning import history_of, speed_history
+from fenicsrom.online.contact.surfaces import history_of, speed_history
+from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
 from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.model.turning import Turning
-from fenicsrom.online.model.unique_cubic import paired_cubic, unique_cubic
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
-from fenicsrom.online.stress.deformation import Deformation
-from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
-from fenicsrom.online.stress.stress import StressTable
-from fenicsrom.online.stress.stress_peaks import reduced_modes
+from fenicsrom.online.stress.reactions import (
+    Recovery,
+    read_recovery,
+    recovery_arrays,
+    reduced_modes,
+)
+from fenicsrom.online.stress.stress import Deformation, StressTable
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.reading.overrides import override_texts
-from fenicsrom.scene.reading.units import override_in_si
+from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 9"
@@ -303,7 +304,7 @@ class StoredModel:
         """The model for all speeds between two in rev/min, from that for the range.
 
         Its `model.turning` says how it depends on the speed, as that of a model for a speed that
-        varies (`fenicsrom.online.periodic.families.speed_family`).
+        varies (`fenicsrom.online.periodic.shooting.speed_family`).
 
         Raises:
             ConvergenceError: there is no equilibrium at a speed.

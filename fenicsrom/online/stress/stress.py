@@ -23,10 +23,34 @@ stress is a mean of the values at the vertices everywhere in a cell, so that the
 a convex function, is largest at a vertex.
 
 Symmetric tensors have six components in the order of VTK: xx, yy, zz, xy, yz, xz; Pa.
+
+Elasticity tensors of materials as matrices in Mandel's notation.
+
+A symmetric tensor x becomes the vector of its normal components and of √2 times its shear
+components, in the order (xx, yy, zz, xy, xz, yz) in space and (xx, yy, xy) in the plane. The
+product x : y of two tensors is that of their vectors, so that a rotation of the tensor is an
+orthogonal matrix, and the elasticity tensor a symmetric one.
+
+The strains of all vectors and pairs of vectors at many points, compiled.
+
+`fenicsrom.reduction.basis` multiplies these columns.
+
+How far a body is deformed locally: the volume ratio and the principal stretches.
+
+The volume ratio is det F of the deformation gradient F = I + ∇u. Where it is not positive, the
+material is turned inside out. The St Venant-Kirchhoff law does not resist this: under uniaxial
+stress along a stretch s (Poisson's ratio 0), the force on the undeformed area and its slope are
+
+    P = ½ E s (s² − 1),    dP/ds = ½ E (3 s² − 1),    (1)
+
+so that the material softens in compression. The slope vanishes at s = 1/√3, a compression of 42 %,
+and the force returns to zero at s = 0, where the material has no volume. The principal stretches
+are the square roots of the eigenvalues of FᵀF.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -35,11 +59,153 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.stress.elasticity_tensor import across, mandel_basis, stiffness
+from fenicsrom.online.kernels.compilation import kernel
 from fenicsrom.scene import Elasticity, Scene
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+
+IN_PLANE = [0, 1, 3]
+"""Places of (xx, yy, xy) in space."""
+
+
+def stiffness(material: Elasticity, dimension: int, plane: str | None) -> Array:
+    """The elasticity tensor (m, m) of a material in global axes, Pa; m = 3 in 2D, 6 in 3D.
+
+    Args:
+        material: the material, with its axes.
+        dimension: 2 or 3.
+        plane: "stress" or "strain" in 2D.
+    """
+    whole = in_space(material)
+    if dimension == 3:
+        found = whole
+    elif plane == "strain":
+        found = whole[np.ix_(IN_PLANE, IN_PLANE)]
+    else:
+        found = np.linalg.inv(np.linalg.inv(whole)[np.ix_(IN_PLANE, IN_PLANE)])
+    return np.asarray(0.5 * (found + found.T))
+
+
+def across(material: Elasticity, plane: str | None) -> Array:
+    """The row (3,) that gives S_zz in plane strain, or E_zz in plane stress, from the strain."""
+    whole = in_space(material)
+    if plane == "strain":
+        return np.asarray(whole[2, IN_PLANE])
+    return np.asarray(np.linalg.inv(whole)[2, IN_PLANE] @ stiffness(material, 2, plane))
+
+
+def in_space(material: Elasticity) -> Array:
+    """The elasticity tensor (6, 6) of a material in space, in global axes, Pa."""
+    turned = rotation(axes(material))
+    return np.asarray(turned @ np.linalg.inv(compliance(material)) @ turned.T)
+
+
+def compliance(material: Elasticity) -> Array:
+    """The compliance (6, 6) of a material in its own axes, 1/Pa.
+
+    This is (1) of `fenicsrom.scene.keys.places`.
+    """
+    young, (nu12, nu13, nu23), shear = material.orthotropic_constants
+    found = np.diag([*(1.0 / np.array(young)), *(0.5 / np.array(shear))])
+    for i, j, nu in ((0, 1, nu12), (0, 2, nu13), (1, 2, nu23)):
+        found[i, j] = found[j, i] = -nu / young[i]
+    return found
+
+
+def axes(material: Elasticity) -> Array:
+    """The material axes as the columns of a rotation (3, 3)."""
+    if material.axes is None:
+        return np.eye(3)
+    given = [np.array([*axis, 0.0][:3]) for axis in material.axes]
+    first = given[0] / np.linalg.norm(given[0])
+    if len(given) == 2:
+        second = given[1]
+    else:  # in 2D axis 3 is z; in 3D any direction in the plane of isotropy serves
+        normal = np.eye(3)[2 if len(material.axes[0]) == 2 else np.argmin(np.abs(first))]
+        second = np.cross(normal, first)
+    second = second - (second @ first) * first
+    second /= np.linalg.norm(second)
+    return np.column_stack([first, second, np.cross(first, second)])
+
+
+def rotation(turn: Array) -> Array:
+    """The matrix (6, 6) that turns the vector of a symmetric tensor x into that of R x Rᵀ."""
+    basis = mandel_basis(3)
+    turned = turn @ basis @ turn.T
+    return np.asarray(np.einsum("aij,bij->ab", basis, turned))
+
+
+def mandel_basis(dimension: int) -> Array:
+    """The orthonormal basis (m, d, d) of the symmetric tensors, in the order of the vectors."""
+    d = dimension
+    pairs = [(k, k) for k in range(d)] + [(i, j) for i in range(d) for j in range(i + 1, d)]
+    found = np.zeros((len(pairs), d, d))
+    for k, (i, j) in enumerate(pairs):
+        found[k, i, j] = found[k, j, i] = 1.0 if i == j else np.sqrt(0.5)
+    return found
+
+
+SHEAR = float(np.sqrt(0.5))
+"""Factor of x_bc + x_cb: the shear component in Mandel's notation is √2 times that of sym x."""
+
+
+@kernel
+def write_strains(gradients: Array, scaled: Array, columns: Array) -> None:
+    """Write E₀, ε_i and h_ij of `fenicsrom.reduction.basis`, eq. (1), at k points.
+
+    Args:
+        gradients: (d, d, 1 + n, k) displacement gradients; the first one is that of u₀.
+        scaled: (d, d, 1 + n, k) these times a factor of each point.
+        columns: (s, d (d + 1) / 2, k) out: the strains in Mandel's notation, times this factor.
+    """
+    fields = gradients.shape[2]
+    write_product(gradients, 0, scaled, 0, 1.0, 0.5, columns, 0)
+    for j in range(1, fields):
+        write_product(gradients, 0, scaled, j, 1.0, 1.0, columns, j)
+    row = fields
+    for i in range(1, fields):
+        for j in range(i, fields):
+            write_product(gradients, i, scaled, j, 0.0, 1.0, columns, row)
+            row += 1
+
+
+@kernel
+def write_product(
+    left: Array, i: int, right: Array, j: int, own: float, weight: float, columns: Array, row: int
+) -> None:
+    """Write own · sym(y) + weight · sym(xᵀ y) with x = left_i and y = right_j.
+
+    Args:
+        left: (d, d, l, k).
+        i: number of x.
+        right: (d, d, r, k).
+        j: number of y.
+        own: factor of y itself.
+        weight: factor of the product.
+        columns: (s, d (d + 1) / 2, k) out.
+        row: where to write.
+    """
+    d, points = left.shape[0], left.shape[3]
+    shear = d
+    for b in range(d):
+        for p in range(points):
+            columns[row, b, p] = own * right[b, b, j, p]
+        for a in range(d):
+            for p in range(points):
+                columns[row, b, p] += weight * left[a, b, i, p] * right[a, b, j, p]
+        for c in range(b + 1, d):
+            for p in range(points):
+                columns[row, shear, p] = SHEAR * own * (right[b, c, j, p] + right[c, b, j, p])
+            for a in range(d):
+                for p in range(points):
+                    both = (
+                        left[a, b, i, p] * right[a, c, j, p] + left[a, c, i, p] * right[a, b, j, p]
+                    )
+                    columns[row, shear, p] += SHEAR * weight * both
+            shear += 1
+
 
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
@@ -295,3 +461,74 @@ def _symmetric(gradient: Array) -> Array:
 
 def _green(gradient: Array) -> Array:
     return np.asarray(_symmetric(gradient) + 0.5 * np.swapaxes(gradient, -1, -2) @ gradient)
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """The extremes of the deformation over some points of a body.
+
+    Attributes:
+        volume_ratio: smallest det F; in plane stress with the thickness, which is 0 where the law
+            gives none.
+        position: (d,) its place in the undeformed body, m.
+        smallest_stretch: smallest principal stretch, in the plane of a plane body.
+        largest_stretch: largest principal stretch.
+    """
+
+    volume_ratio: float
+    position: Array
+    smallest_stretch: float
+    largest_stretch: float
+
+    @property
+    def is_inverted(self) -> bool:
+        """Whether the material is turned inside out somewhere."""
+        return self.volume_ratio <= 0.0
+
+    def as_array(self) -> Array:
+        """(3 + d,) smallest det F, smallest and largest stretch, place of det F, for archives."""
+        stretches = self.volume_ratio, self.smallest_stretch, self.largest_stretch
+        return np.array([*stretches, *self.position])
+
+    @classmethod
+    def of_array(cls, array: Array) -> Deformation:
+        """The extremes of an array of `as_array`."""
+        return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
+
+
+NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
+"""The extremes over no points."""
+
+
+def deformation(law: StressLaw, position: Array, start: Array, change: Array) -> Deformation:
+    """The extremes over points (P,).
+
+    Args:
+        law: the law at these points.
+        position: (P, d) their places, m.
+        start: (P, d, d) displacement gradient of the equilibrium.
+        change: (P, d, d) change of the gradient from the equilibrium.
+    """
+    if not position.shape[0]:
+        return NOWHERE
+    volume = law.volume_ratio(start, change)
+    f = law.deformation_gradient(start, change)
+    squares = np.linalg.eigvalsh(np.swapaxes(f, -1, -2) @ f)
+    first = int(np.argmin(volume))
+    smallest, largest = (float(np.sqrt(max(x, 0.0))) for x in (squares.min(), squares.max()))
+    return Deformation(float(volume[first]), position[first], smallest, largest)
+
+
+def extremes(parts: Sequence[Deformation]) -> Deformation:
+    """The extremes over several sets of points."""
+    first = min(parts, key=lambda part: part.volume_ratio)
+    smallest = min(part.smallest_stretch for part in parts)
+    largest = max(part.largest_stretch for part in parts)
+    return replace(first, smallest_stretch=smallest, largest_stretch=largest)
+
+
+def deformation_at(table: StressTable, q: Array) -> Deformation:
+    """The extremes at the Gauss points of a table at coordinates q (n,)."""
+    change = np.asarray(np.tensordot(q, table.gradients[1:], axes=1), np.float64)
+    law = table.law.at(table.material)
+    return deformation(law, table.position, table.gradients[0], change)

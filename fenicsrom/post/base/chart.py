@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.optional import missing_module
-from fenicsrom.post.base.style import Axes, Figure
+from fenicsrom.post.base.style import Axes, Figure, missing_module
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis

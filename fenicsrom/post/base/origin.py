@@ -23,12 +23,12 @@ from typing import Any
 
 from fenicsrom.errors import refuse
 from fenicsrom.files import atomic_write, reads_other_files
-from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.captions import CAPTIONS
-from fenicsrom.post.base.writers import write_summary, write_text
+from fenicsrom.online.store.store import provenance
+from fenicsrom.post.base.picture import CAPTIONS
+from fenicsrom.post.base.tables import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.keys.unit_system import Units
-from fenicsrom.scene.reading.units import units_sentence
+from fenicsrom.scene.reading.overrides import units_sentence
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"

@@ -2,11 +2,17 @@
 
 Figures are matplotlib `Figure` objects made without pyplot: no window opens and no figure stays in
 memory. `figure.savefig(path)` writes one. matplotlib is imported only when a figure is made.
+
+Python modules that only some outputs need.
 """
 
 import functools
+import importlib.util
 import itertools
+import os
 from collections.abc import Callable, Collection, Iterable
+from ctypes.util import find_library
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +22,7 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
-else:
-    Axes = Figure = Any  # types only: see above
+
 
 # Ratio of displacement and length of the body from which displacements are drawn to scale.
 TRUE_SCALE = 0.03
@@ -171,3 +176,27 @@ def magnification(largest: float, length: float) -> float:
 def scale_text(factor: float) -> str:
     """Say in words by which factor the drawn displacements are multiplied."""
     return "drawn to scale" if factor == 1.0 else f"drawn × {factor:g}"
+
+
+def missing_module(*names: str) -> str | None:
+    """Say which of some Python modules is not installed; None if all are installed."""
+    missing = (name for name in names if importlib.util.find_spec(name) is None)
+    return next((f"{name} is not installed" for name in missing), None)
+
+
+@cache
+def missing_renderer() -> str | None:
+    """Say why bodies in space cannot be drawn on this machine; None if they can."""
+    if reason := missing_module("matplotlib", "pyvista", "vtkmodules"):
+        return reason
+    import pyvista
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  # the windows that can be found
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    pyvista.vtk_verbosity("off")  # VTK would print which kinds of windows it tries
+    kind = vtkRenderWindow().GetClassName()
+    if kind == "vtkXOpenGLRenderWindow" and "DISPLAY" not in os.environ:
+        return "VTK older than 9.4 cannot draw without a screen"
+    if kind == "vtkOSOpenGLRenderWindow" and not find_library("OSMesa"):
+        return "VTK finds neither EGL nor OSMesa, one of which it needs to draw without a screen"
+    return None

@@ -1,11 +1,122 @@
-"""Tables as text: how a cell is formatted, and the table that the terminal shows."""
+"""Tables as text: how a cell is formatted, and the table that the terminal shows.
 
+Text, CSV, JSON, PNG and `.npz` files; each appears complete or not at all.
+
+The names of the directions in which displacements are given, for people.
+
+All tables, sentences and pictures have the same order: the axes, or the normal of the contact and
+then its tangents.
+"""
+
+import csv
+import io
+import json
+import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.files import atomic_write
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.motion.measures import NEGLIGIBLE
+from fenicsrom.post.base.style import Figure
+from fenicsrom.scene import Scene
+
+PICTURE_DPI = 130
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write a text in UTF-8 and return its path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="")
+    return Path(path)
+
+
+def write_summary(path: str | Path, summary: Mapping[str, Any]) -> Path:
+    """Write a mapping as JSON, its keys in the given order, and return the path.
+
+    numpy numbers, numpy arrays and paths are allowed as values.
+
+    Raises:
+        AccuracyError: a number is NaN or infinite; the error names its key. Nothing is written.
+        OSError: the file cannot be written.
+    """
+    text = json.dumps(_plain(summary, ""), indent=2, ensure_ascii=False, allow_nan=False)
+    return write_text(path, text + "\n")
+
+
+def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+    """Write rows as CSV and return the path.
+
+    The header has the keys of all rows in the order of their first appearance; a cell without a
+    value stays empty.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return write_text(path, text.getvalue())
+
+
+def write_figure(path: str | Path, figure: Figure) -> Path:
+    """Write a matplotlib figure as PNG and return its path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure.set_dpi(PICTURE_DPI)
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # savefig would draw everything once more for the layout
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=PICTURE_DPI, pil_kwargs={"compress_level": 4})
+    return Path(path)
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays by name as a compressed `.npz` file and return its path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_write(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, **arrays)
+    return Path(path)
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Convert data to the types of JSON."""
+    if isinstance(value, Mapping):
+        return {
+            str(key): _plain(item, f"{where}.{key}" if where else str(key))
+            for key, item in value.items()
+        }
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise AccuracyError(
+            f"the summary was not written: {where} is {value}, not a finite number",
+            kind=ErrorKind.NOT_FINITE,
+            key=where,
+        )
+    return str(value) if isinstance(value, Path) else value
+
 
 TERMINAL_WIDTH = 100  # characters of the widest line of a table
 GAP = "  "  # between two columns
@@ -120,3 +231,75 @@ def _block(
     ]
     rule = GAP.join("─" * widths[k] for k in group)
     return "\n".join([*shown[: len(lines)], rule, *shown[len(lines) :]])
+
+
+ALIGNED = 1e-6  # largest components across an axis of a unit vector that is named by the axis
+
+
+def plain_names(dimension: int, touching: bool) -> list[str]:
+    """Name the directions of a motion whose contact frames are not known."""
+    if not touching:
+        return list("xyz"[:dimension])
+    if dimension == 2:
+        return ["normal", "tangential"]
+    return ["normal", "tangential 1", "tangential 2"]
+
+
+def direction_names(scene: Scene, points: ContactPoints) -> list[str]:
+    """Name the directions of a motion: the axes of the probe, or those of the contact frames.
+
+    A direction that is along the same axis at all points has the name of this axis, such as
+    "tangential y".
+
+    Args:
+        scene: the scene.
+        points: its contact points.
+    """
+    d = scene.geometry.dimension
+    names = plain_names(d, bool(scene.contacts))
+    if not scene.contacts:
+        return names
+    for k in range(d):
+        rows = np.abs(points.frame[:, k])
+        axis = int(np.argmax(rows[0]))
+        if np.max(np.delete(rows, axis, axis=1)) <= ALIGNED:
+            names[k] = f"{names[k].split()[0]} {'xyz'[axis]}"
+    return names
+
+
+def error_names(scene: Scene, points: ContactPoints) -> tuple[str, str]:
+    """Name the first direction and all others together, as the errors of amplitudes are given."""
+    first, *others = direction_names(scene, points)
+    together = "tangential" if scene.contacts and len(others) > 1 else " and ".join(others)
+    return first, together
+
+
+def direction_note(scene: Scene, points: ContactPoints) -> str | None:
+    """Give the vectors of the directions without an axis in their names; None if there are none."""
+    names = direction_names(scene, points)
+    plain = plain_names(len(names), bool(scene.contacts))
+    told = [
+        f"{name} ({', '.join(f'{value:.4g}' for value in np.round(points.frame[0, k], 6) + 0.0)})"
+        for k, name in enumerate(names)
+        if scene.contacts and name == plain[k]
+    ]
+    return f"Directions at the first contact point: {', '.join(told)}." if told else None
+
+
+def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
+    """Displacements in m as texts in mm; "0" for a displacement that is only rounding error."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    return [f"{1e3 * v:.{digits}g}" if abs(v) > NEGLIGIBLE * largest else "0" for v in values]
+
+
+def in_order(amplitude: Mapping[str, Any]) -> list[float]:
+    """Amplitudes of `online.motion.measures.amplitudes`, in the order of the directions."""
+    return [amplitude["normal"], *amplitude["tangential"]]
+
+
+def named_millimetres(
+    names: Sequence[str], values: Sequence[float] | Array, digits: int = 5
+) -> str:
+    """List displacements given in m, each with the name of its direction, in mm."""
+    texts = millimetres(values, digits)
+    return ", ".join(f"{name} {text} mm" for name, text in zip(names, texts, strict=False))

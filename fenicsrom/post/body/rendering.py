@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import Axes, Figure, new_panels
-from fenicsrom.post.base.writers import PICTURE_DPI
+from fenicsrom.post.base.tables import PICTURE_DPI
 from fenicsrom.post.body.body_view import Frame, PolyData
 
 if TYPE_CHECKING:

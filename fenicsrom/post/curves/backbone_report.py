@@ -7,8 +7,8 @@ import numpy as np
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.notes import AMPLITUDES, FREQUENCIES, PEAKS
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import named, table_of
 from fenicsrom.post.curves.response_figures import contact_columns

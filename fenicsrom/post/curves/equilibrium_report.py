@@ -6,9 +6,9 @@ from typing import Any
 
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.notes import DEFLECTION, STABILITY
-from fenicsrom.online.stress.deformation import extremes
+from fenicsrom.online.stress.stress import extremes
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
 from fenicsrom.post.base.tables import named, table_of
 from fenicsrom.post.curves.response_figures import STYLES, stretches

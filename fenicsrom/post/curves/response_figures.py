@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.model.support_motion import moves_supports
+from fenicsrom.online.model.loads import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.post.base.chart import Detail, detailed, noted
-from fenicsrom.post.base.directions import direction_names, plain_names
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.scene.reading.units import unit_of
+from fenicsrom.post.base.tables import direction_names, plain_names
+from fenicsrom.scene.reading.overrides import unit_of
 
 MARKERS = {
     "fold": "o",

@@ -1,6 +1,12 @@
-"""Pictures of motions that answer one question each: transients, sections, maps, coordinates."""
+"""Pictures of motions that answer one question each: transients, sections, maps, coordinates.
 
-from collections.abc import Sequence
+The table of the responses of the models, and the notes on the contact points in it.
+
+A motion at a speed of rotation that varies: sentence, numbers and picture.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,10 +20,16 @@ from fenicsrom.assess.errors.signals import (
     stroboscopic_states,
     strongest_oscillation,
 )
+from fenicsrom.assess.rotation.run_up import RunUp
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.online.motion.measures import (
+    NEGLIGIBLE,
+    has_contact,
+    point_summaries,
+    response_summary,
+)
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.base.directions import plain_names
+from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import (
     Figure,
     new_figure,
@@ -26,7 +38,202 @@ from fenicsrom.post.base.style import (
     state_map,
     styled,
 )
+from fenicsrom.post.base.tables import in_order, millimetres, plain_names, table_of
 from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
+from fenicsrom.scene import Scene
+
+FEW_POINTS = 4  # largest number of contact points that have one picture each
+PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
+SIZE_NOTE = "The size is the number of unknowns. Amplitudes are half of peak-to-peak over"
+IMBALANCE_NOTE = (
+    "The imbalance is the largest error of the energy balance relative to the largest energy of "
+    "the motion."
+)
+
+
+def has_period(motions: Mapping[str, Motion]) -> bool:
+    """Whether the motions have a period, which all models of a scene share."""
+    return any(motion.period is not None for motion in motions.values())
+
+
+def response_note(motions: Mapping[str, Motion]) -> str:
+    """Explain the columns of `response_rows`."""
+    if not has_period(motions):
+        return f"{SIZE_NOTE} the whole motion. {IMBALANCE_NOTE}"
+    return f"{SIZE_NOTE} the last period of the motion. {IMBALANCE_NOTE}"
+
+
+def response_rows(
+    motions: Mapping[str, Motion],
+    sizes: Mapping[str, int],
+    names: Sequence[str],
+    probes: Mapping[str, Motion],
+) -> list[list[Any]]:
+    """Compose the table of responses; the first row is the header.
+
+    Without contact there are no fractions, no force and no dissipation by friction. Without a
+    period of the loads, nothing is counted in periods, and nothing becomes steady. The beam has no
+    third direction.
+
+    Args:
+        motions: model name -> motion.
+        sizes: model name -> number of unknowns.
+        names: names of the directions.
+        probes: model name -> motion of the probe, where it stands beside contact points.
+    """
+    repeats = has_period(motions)
+    work = "J per period" if repeats else "J"
+    rows = []
+    for name, motion in motions.items():
+        found = response_summary(motion)
+        amplitudes = millimetres(in_order(found["amplitude_m"]))
+        row = {"model": name, "size": sizes.get(name)}
+        row |= {f"{direction} mm": None for direction in names}
+        row |= {f"{direction} mm": a for direction, a in zip(names, amplitudes, strict=False)}
+        if name in probes:
+            moved = in_order(response_summary(probes[name])["amplitude_m"])
+            texts = zip("xyz", millimetres(moved), strict=False)
+            row |= {f"probe {axis} mm": text for axis, text in texts}
+        contact = {
+            **{f"{state} %": f"{100.0 * part:.1f}" for state, part in found["fraction"].items()},
+            "peak N": f"{found['peak_normal_force_N']:.5g}",
+            work: f"{found['friction_dissipation_per_period_J']:.5g}",
+        }
+        row |= contact if motion.force.shape[1] else dict.fromkeys(contact)
+        if repeats:
+            row |= {"periods": found["periods"], "steady": "yes" if found["steady"] else "no"}
+        rows.append(row | {"imbalance": f"{found['energy_imbalance']:.1e}"})
+    return table_of(rows)
+
+
+def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
+    """State to which contact points the numbers of the table belong; None if there is no choice."""
+    touching = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    count = max((motion.state.shape[1] for motion in touching.values()), default=0)
+    if not touching or (count < 2 and scene.probe is None):
+        return None
+    probe = " and of the probe" if scene.probe is not None else ""
+    if count < 2:
+        return f"Amplitudes are those of the contact point{probe}."
+    hardest = {}
+    for name, motion in touching.items():
+        peaks = [point["peak_normal_force_N"] for point in point_summaries(motion)]
+        if len(peaks) > 1:
+            hardest[name] = 1 + int(np.argmax(peaks))
+    of = {f"{point}" for point in hardest.values()}
+    peak = of.pop() if len(of) == 1 else ", ".join(f"{p} ({name})" for name, p in hardest.items())
+    return (
+        f"Amplitudes are those of contact point 1{probe}; open, slip and stick are means over "
+        f"{count} points; the peak force is that of point {peak}."
+    )
+
+
+def touching_points(motions: Mapping[str, Motion]) -> list[int]:
+    """The numbers of the contact points that some motion presses in its last period."""
+    pressed = [np.any(m.force[m.last_period(), :, 0] > 0.0, axis=0) for m in motions.values()]
+    return sorted({int(point) for points in pressed for point in np.flatnonzero(points)})
+
+
+def open_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """Name the contact points without a picture, which do not touch; None if all have a picture."""
+    count = max((motion.force.shape[1] for motion in motions.values()), default=0)
+    touching = touching_points(motions)
+    if len(touching) == count or (touching and count > FEW_POINTS):
+        return None
+    listed = ", ".join(str(point + 1) for point in range(count) if point not in touching)
+    which = (
+        f"Contact points {listed} do"
+        if count - len(touching) > 1
+        else f"Contact point {listed} does"
+    )
+    return f"{which} not touch in the last period: there is no picture of the contact."
+
+
+RUN_UP = "run_up.csv"
+ROWS = ("time", "speed", "amplitude", "peak_force", "friction", "torque", "power")
+
+
+def run_up_rows(found: RunUp) -> list[dict[str, float]]:
+    """The rows of `run_up.csv`, one for each revolution."""
+    columns = {
+        "time_s": found.time,
+        "speed_rpm": 30.0 / np.pi * found.speed,
+        "amplitude_m": found.amplitude,
+        "peak_normal_force_N": found.peak_force,
+        "friction_dissipation_J": found.friction,
+        "shaft_torque_Nm": found.torque,
+        "shaft_power_W": found.power,
+    }
+    rows = zip(*columns.values(), strict=True)
+    return [dict(zip(columns, map(float, row), strict=True)) for row in rows]
+
+
+def run_up_summary(found: RunUp | None) -> dict[str, Any]:
+    """The entry `run_up` of `summary.json`, without what `run_up.csv` holds."""
+    if found is None:
+        return {}
+    worst = int(np.argmax(found.amplitude))
+    whole = {name: value for name, value in asdict(found).items() if name not in ROWS}
+    largest = {
+        "largest_amplitude_m": found.amplitude[worst],
+        "at_speed_rpm": 30.0 / np.pi * found.speed[worst],
+    }
+    return {"run_up": largest | whole}
+
+
+def run_up_sentences(found: RunUp | None) -> list[str]:
+    """State the largest amplitude of a motion at a varying speed, and what the shaft does."""
+    if found is None:
+        return []
+    worst = int(np.argmax(found.amplitude))
+    return [
+        f"Speed from {30.0 / np.pi * found.speed[0]:.6g} to {30.0 / np.pi * found.speed[-1]:.6g} "
+        f"rpm (means of the first and the last revolution). The largest distance from the "
+        f"equilibrium of the same speed is {1e3 * found.amplitude[worst]:.4g} mm, at "
+        f"{30.0 / np.pi * found.speed[worst]:.5g} rpm.",
+        f"Shaft: work {found.shaft_work:.6g} J, angular momentum {found.momentum[0]:.5g} to "
+        f"{found.momentum[1]:.5g} kg m²/s. The energy of the body rises by "
+        f"{found.energy_rise:.6g} J. From the shaft, contacts take {found.contact_work:.5g} J and "
+        f"loads {found.load_work:.5g} J. Loads and surfaces do {found.deformation_work:.6g} J of "
+        f"work on the deformation; of this, damping takes {found.damping:.5g} J, friction "
+        f"{found.friction_heat:.6g} J and the contact springs {found.spring_energy:.2g} J. These "
+        f"works differ from the rise by {found.balance:.2g} J.",
+    ]
+
+
+def run_up_pictures(found: RunUp | None) -> list[Picture]:
+    """List the picture of a motion at a varying speed, if it is one."""
+    if found is None:
+        return []
+    return [Picture("Amplitude over the speed", "run_up.png", lambda: plot_run_up(found))]
+
+
+@styled
+def plot_run_up(found: RunUp) -> Figure:
+    """Draw amplitude, peak force and shaft torque over the speed, with the critical speeds."""
+    rub = bool(np.any(found.peak_force > 0.0))
+    drawn = [("amplitude, mm", 1e3 * found.amplitude, "#0072B2")]
+    drawn += [("peak normal force, N", found.peak_force, "#D55E00")] if rub else []
+    drawn += [("shaft torque, N m", found.torque, "#009E73")]
+    figure, axes = new_panels(8.0, 2.2 * len(drawn) + 0.5, len(drawn), sharex=True)
+    for mode, order, speed in found.critical:
+        for axis in axes:
+            axis.axvline(speed, color="grey", linewidth=0.8, linestyle="--")
+        axes[0].annotate(
+            f"order {order}, mode {mode}",
+            (speed, 1.0),
+            xycoords=("data", "axes fraction"),
+            rotation=90.0,
+            ha="right",
+            va="top",
+            fontsize="x-small",
+        )
+    for axis, (name, values, colour) in zip(axes, drawn, strict=True):
+        axis.plot(30.0 / np.pi * found.speed, values, color=colour, marker=".", markersize=3)
+        axis.set_ylabel(name)
+    axes[-1].set_xlabel("speed, rpm")
+    return figure
+
 
 WINDOWS = 100  # largest number of windows of an envelope
 SWINGS = 1.2  # least length of a window in periods of the strongest frequency

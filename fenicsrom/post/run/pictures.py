@@ -1,8 +1,16 @@
-"""The pictures of a run: motion, contact, energy, shapes and the animation."""
+"""The pictures of a run: motion, contact, energy, shapes and the animation.
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+The pictures of the body: set-up, shapes, static deflection, stresses and animation.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,24 +18,43 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.measures import is_unsteady, wear_of, worn_under_points
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.motion.wear import wear_of, worn_under_points
-from fenicsrom.post.base.captions import caption
-from fenicsrom.post.base.directions import direction_names
-from fenicsrom.post.base.html_page import Page
-from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
+from fenicsrom.online.stress.reactions import Peak, Stresses
+from fenicsrom.online.stress.stress import StressTable, von_mises
+from fenicsrom.post.base.page import Page
+from fenicsrom.post.base.picture import Drawn, Picture, caption, draw_pictures, not_drawn, softly
 from fenicsrom.post.base.style import Figure
-from fenicsrom.post.body.body_view import is_flat, is_slender
-from fenicsrom.post.body.film import write_film
-from fenicsrom.post.run.body_pictures import (
-    Body,
-    body_of,
-    body_pictures,
-    film_of,
-    stress_picture,
-    turning_view,
+from fenicsrom.post.base.tables import direction_names
+from fenicsrom.post.body import turning_view as turning
+from fenicsrom.post.body.body_figures import (
+    SIZE,
+    Film,
+    deflection_figure,
+    shape_figure,
+    stress_figure,
+    write_film,
 )
+from fenicsrom.post.body.body_view import (
+    NODE,
+    PolyData,
+    View,
+    is_flat,
+    is_slender,
+    largest_of,
+    surface_of,
+)
+from fenicsrom.post.paraview.paraview import (
+    DISPLACEMENT,
+    STATE,
+    contact_arrays,
+    contact_equilibrium,
+    contact_places,
+    frame_rows,
+    moving_field,
+    shapes,
+)
+from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.run.figures import (
     LOADS,
     LOADS_AND_SURFACES,
@@ -37,22 +64,274 @@ from fenicsrom.post.run.figures import (
     plot_motion,
     plot_points,
     plot_sizes,
+    plot_wear,
+    plot_wear_over_time,
 )
-from fenicsrom.post.run.mode_agreement import agreement_figure
 from fenicsrom.post.run.motion_figures import (
+    FEW_POINTS,
     plot_coordinates,
     plot_energy_per_period,
     plot_rub_map,
     plot_section,
     plot_transient,
+    run_up_pictures,
+    touching_points,
 )
-from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
-from fenicsrom.post.run.run_up import run_up_pictures
-from fenicsrom.post.run.summary import probe_motions
-from fenicsrom.post.run.wear import plot_wear, plot_wear_over_time
+from fenicsrom.post.run.summary import agreement_figure, probe_motions
+from fenicsrom.post.setup.setup import (
+    Mark,
+    gathered_marks,
+    held_points,
+    setup_figure,
+    setup_view,
+    symbols,
+)
 from fenicsrom.records import Rerun, Study
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_heading
 from fenicsrom.scene.keys.schema import surface_spin
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid.solid import Solid
+
+
+ROWS_PER_FRAME = 2
+"""An animation shows every second of the instants that ParaView gets."""
+
+TITLE_WIDTH = 80  # characters of the set-up's title in a line
+
+EQUILIBRIUM = "equilibrium"
+
+
+@dataclass(eq=False)
+class Body:
+    """What all pictures of a body show; on the first rank.
+
+    Attributes:
+        grid: its mesh.
+        values: the fields (n, 3) at the points of the mesh: the shapes, `EQUILIBRIUM`, and the
+            displacements of the animation by the numbers of its frames, m.
+        marks: what the picture of the set-up marks.
+        titles: label of each shape -> its title.
+    """
+
+    grid: Grid
+    values: dict[str, Array]
+    marks: list[Mark]
+    titles: dict[str, str]
+
+    @cached_property
+    def surface(self) -> PolyData:
+        """The boundary, with the shapes and the equilibrium as point arrays."""
+        shown = {label: self.values[label] for label in (*self.titles, EQUILIBRIUM)}
+        return surface_of(self.grid, shown)
+
+    @cached_property
+    def view(self) -> View:
+        """The projection of all pictures but that of the stresses."""
+        moved = self.values[EQUILIBRIUM]
+        if not moved.any() and self.titles:
+            moved = self.values[next(iter(self.titles))]
+        return setup_view(self.surface, self.marks, largest_of(moved) if moved.any() else None)
+
+    def frames_at(self, surface: PolyData, count: int) -> Array:
+        """The displacements (count, n, 3) of an animation from the equilibrium at a surface, m."""
+        node = surface.point_data[NODE]
+        rest = self.values[EQUILIBRIUM][node]
+        return np.array([self.values[f"{k}"][node] - rest for k in range(count)])
+
+
+def body_of(study: Study) -> Body | None:
+    """What the pictures of the body of a study show; None on other ranks. Collective."""
+    if study.body is None:
+        kinds, solid = shapes(study), study.solid
+        kinds.pop(EQUILIBRIUM, None)
+        named = {label: field for fields in kinds.values() for label, field in fields.items()}
+        fields = named | {EQUILIBRIUM: solid.field(solid.equilibrium)}
+        if "reduced" in study.motions:
+            moving = moving_field(study)
+            fields |= {f"{k}": moving(row) for k, row in enumerate(_film_rows(study))}
+        found = gathered_marks(solid, study.scene, fields)
+        study.body = (None if found is None else Body(*found, shape_titles(study, named)),)
+    return study.body[0]
+
+
+def _film_rows(study: Study) -> range:
+    """The rows of `frame_rows` that an animation shows."""
+    return range(0, frame_rows(study.motions["reduced"]).size, ROWS_PER_FRAME)
+
+
+def body_pictures(study: Study) -> list[Picture]:
+    """List the pictures of the body; none on ranks other than the first. Collective."""
+    body, scene = body_of(study), study.scene
+    if body is None:
+        return []
+    modes = list(shapes(study).get("normal_modes", ()))
+    largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
+    title = f"equilibrium: largest displacement {largest:.4g} mm"
+    drawn = [
+        (True, "Set-up", lambda: setup_figure(body.grid, body.marks, _title(scene), body.view)),
+        (body.titles, "Shapes", lambda: shape_figure(body.surface, body.titles, modes, body.view)),
+        (
+            study.solid.loaded,
+            "Equilibrium",
+            lambda: deflection_figure(body.surface, EQUILIBRIUM, title, body.view),
+        ),
+    ]
+    return [
+        Picture(heading, f"{heading.lower().replace('-', '')}.png", draw, in_space=True)
+        for there, heading, draw in drawn
+        if there
+    ]
+
+
+def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
+    """The picture of the set-up to a file; None on ranks other than the first. Collective."""
+    found = gathered_marks(solid, scene, {})
+    if found is None:
+        return None
+    grid, _, marks = found
+    return Picture("Set-up", name, lambda: setup_figure(grid, marks, _title(scene)), in_space=True)
+
+
+def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
+    """The picture of the set-up for a report, where the scene asks for pictures. Collective."""
+    if solid is None or not scene.output.pictures:
+        return []
+    picture = setup_picture(solid, scene, "setup.png")
+    return [] if picture is None else [picture]
+
+
+def film_of(study: Study) -> Film | None:
+    """The last period of the reduced model about its equilibrium, to be animated. Collective.
+
+    Returns:
+        The film; None on ranks other than the first.
+    """
+    motion, body, rows = study.motions["reduced"], body_of(study), _film_rows(study)
+    places: Array = np.zeros((0, 3))
+    dots: Array = np.zeros((len(rows), 0, 3))
+    states: Any = np.zeros((len(rows), 0))
+    if study.scene.contacts:
+        found, shift = contact_arrays(study, motion), contact_equilibrium(study)
+        places = contact_places(study.points) + shift
+        dots, states = found[DISPLACEMENT][rows] - shift, found[STATE][rows]
+    if body is None:
+        return None
+    rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
+    moved = body.frames_at(rest, len(rows))
+    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, states)
+
+
+def view(study: Study) -> Any:
+    """The body as a widget for notebooks: turn it, and choose a shape, its motion or stress.
+
+    It needs pyvista and k3d. The times of the motion follow those of the shapes.
+
+    Args:
+        study: the result of `run` or `modes`, on one rank.
+    """
+    found = _turning(study)
+    return None if found is None else turning.turning_widget(*found)
+
+
+def turning_view(study: Study) -> str | None:
+    """A page on which the body turns, with its set-up, shapes, motion and stress. Collective.
+
+    Returns:
+        The HTML text; None on ranks other than the first.
+    """
+    found = _turning(study)
+    return None if found is None else turning.turning_page(*found)
+
+
+def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
+    """What `turning_plot` gives of a study; None on ranks other than the first. Collective."""
+    body = body_of(study)
+    if body is None:
+        return None
+    surface, length = turning.simplified(body.surface), body.view.length
+    still, plain = np.zeros((1, surface.n_points, 3)), np.full(surface.n_points, turning.UNPAINTED)
+    count = len(body.titles)
+    few = f"{turning.MOST_SHAPES} of {count} shapes are listed; the ParaView files hold all"
+    shown = [turning.Shown("set-up", few * (count > turning.MOST_SHAPES), still, plain)]
+    shown += [
+        turning.swinging(title, surface.point_data[label], length)
+        for label, title in list(body.titles.items())[: turning.MOST_SHAPES]
+    ]
+    rest = surface.point_data[EQUILIBRIUM]
+    if study.solid.loaded:
+        shown.append(turning.loaded(EQUILIBRIUM, rest, length))
+    if "reduced" in study.motions:
+        moved = body.frames_at(surface, len(_film_rows(study)))
+        shown.append(turning.running("periodic motion", rest, moved, length))
+    stresses = study.stresses
+    if stresses is not None and study.recovery is not None and stresses.largest.von_mises:
+        shown.append(_stressed(study.recovery.stress, stresses, surface, length))
+    parts = symbols(body.marks, body.grid.points, length)
+    parts += held_points(body.surface, body.marks)
+    return turning.turning_plot(surface, shown, parts, body.view)
+
+
+def _stressed(
+    table: StressTable, found: Stresses, surface: PolyData, length: float
+) -> turning.Shown:
+    """The state of the largest von Mises stress at the points of a surface."""
+    from scipy.spatial import cKDTree
+
+    grid, values = stress_state(table, found.largest, found.measure)
+    _, nearest = cKDTree(grid.points).query(surface.points)
+    peak = float(values[SIZE].max()) or 1.0
+    name = f"von Mises stress, {found.largest.state}"
+    entry = turning.loaded(name, values["displacement"][nearest], length)
+    note = f"colour: 0 to {1e-6 * peak:.4g} MPa"
+    return replace(entry, colours=values[SIZE][nearest] / peak, note=note)
+
+
+def stress_state(table: StressTable, peak: Peak, measure: str) -> tuple[Grid, dict[str, Array]]:
+    """A grid with the displacement and the von Mises stress of a state, by their names."""
+    grid, mean = refined_grid(table.vertex_position, table.cells)
+    stress = table.at_vertices(table.stress(peak.coordinates, measure))
+    moved = in_space(mean @ table.displacement(peak.coordinates))
+    return grid, {"displacement": moved, SIZE: von_mises(mean @ stress)}
+
+
+def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
+    """The picture of the von Mises stress of a state on the deformed body.
+
+    Args:
+        table: the table of the stresses.
+        peak: the state.
+        measure: the stress, one of `fenicsrom.online.stress.stress.MEASURES`.
+    """
+    when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+    place = ", ".join(f"{x:.4g}" for x in peak.position)
+    title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
+
+    state = stress_state(table, peak, measure)
+    return Picture(
+        "Von Mises stress",
+        "stress.png",
+        lambda: stress_figure(surface_of(*state), "displacement", title),
+        in_space=True,
+    )
+
+
+def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:
+    """The titles of the shapes: the label, and the frequency of a normal mode."""
+    titles = {label: label for label in labels}
+    if study.modes is not None:
+        for k, frequency in enumerate(study.modes.frequencies_hz):
+            titles[f"{k + 1}V"] = f"{k + 1}V, {frequency:.5g} Hz"
+    return titles
+
+
+def _title(scene: Scene) -> str:
+    """The heading of the set-up, with the speed of rotation."""
+    speed = f", {scene.rotation.speed_rpm:g} rpm" if scene.rotation is not None else ""
+    heading = scene_heading(scene)
+    whole = heading if speed and speed.strip(", ") in heading else f"{heading}{speed}"
+    return textwrap.fill(whole, TITLE_WIDTH)
+
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 LEAST_SECTION = 20  # fewer periods make no section

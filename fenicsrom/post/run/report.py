@@ -1,30 +1,489 @@
-"""The report of a run: `report.html`."""
+"""The report of a run: `report.html`.
 
-from collections.abc import Iterator, Sequence
+The sentences about a run for the terminal and the report.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.comparisons import of_model
+from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.sizing import Sized
-from fenicsrom.online.stress.stress_peaks import Stresses
-from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import Page
+from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities, multiplicity_warnings
+from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.motion.measures import (
+    has_settled,
+    misses_motion,
+    out_of_reach,
+    search_summary,
+)
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.stress.reactions import Stresses
+from fenicsrom.post.base.page import Page, Report, Section
 from fenicsrom.post.base.picture import Drawn
-from fenicsrom.post.base.report import Report, Section
-from fenicsrom.post.base.tables import table_of
-from fenicsrom.post.run import stress_tables
-from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows
-from fenicsrom.post.run.motion_table import (
+from fenicsrom.post.base.tables import (
+    direction_names,
+    direction_note,
+    error_names,
+    in_order,
+    named_millimetres,
+    table_of,
+)
+from fenicsrom.post.run import summary as stress_tables
+from fenicsrom.post.run.figures import wear_sentence
+from fenicsrom.post.run.motion_figures import (
     PERIODS_NOTE,
     has_period,
     open_sentence,
     points_note,
     response_note,
     response_rows,
+    run_up_sentences,
 )
 from fenicsrom.post.run.pictures import motion_pictures
-from fenicsrom.post.run.sentences import MULTIPLIER_NOTE, estimate_rows, run_sentences
-from fenicsrom.post.run.summary import probe_motions, quantities, unjudged, write_numbers
+from fenicsrom.post.run.summary import (
+    AGREEMENT_NOTE,
+    agreement_rows,
+    agreement_sentence,
+    errors_of,
+    probe_motions,
+    quantities,
+    stress_sentences,
+    support_summary,
+    unjudged,
+    write_numbers,
+)
 from fenicsrom.records import Rerun, Study
+from fenicsrom.scene import Scene
+from fenicsrom.scene.reading.reading import refined, step_key
+from fenicsrom.words import counted, two_digits
+
+MULTIPLIER_NOTE = (
+    "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "
+    "period; the motion is stable if all are below 1 in size. A largest multiplier just below 1, "
+    "such as 0.9995, does not mean that the motion is nearly unstable: often it belongs to a fast "
+    "vibration, such as a wave along the axis, that the time step does not resolve and that the "
+    "time integration hardly damps."
+)
+REJECTED = {
+    "stable": "; the marched motion was not seen to tend to it, so the march went on",
+    "wears": "; it would wear an abradable layer in every period, so the march went on",
+}
+"""What a run says of a periodic motion that it did not take, by the verdict."""
+AT_YIELD = (
+    ". It presses an abradable layer just to its yield stress: the multipliers hold for motions "
+    "that press it less"
+)
+ERROR_NAMES = {
+    "peak_normal_force": "peak normal force",
+    "friction_dissipation_per_period": "dissipation",
+}
+UNJUDGED = Note(
+    NoteKind.UNCHECKED,
+    "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
+    "basis is not estimated; run the scene again to store them",
+)
+UNJUDGED_MATRICES = Note(
+    NoteKind.UNCHECKED,
+    "the error due to the reduction of the superelement is not estimated: the program that wrote "
+    "its matrices knows what they leave out",
+)
+
+FASTER = "use the full model (reference.full = true), or a smaller basis by a larger basis.accuracy"
+
+UNCHECKED = Note(
+    NoteKind.CUT_SHORT,
+    "the run was interrupted before its motion was checked: the energy balance and the errors due "
+    "to the time step and the basis are not known",
+)
+HALF_CHECKED = Note(
+    NoteKind.CUT_SHORT,
+    "the run was interrupted in the checks of its motion: the energy balance and the error due to "
+    "the time step are checked, the error due to the basis is not known",
+)
+
+
+def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> Note:
+    """The warning of a run that was interrupted before or in its checks.
+
+    Args:
+        errors: the estimates that were found, as `Study.errors`; that of the time step comes first.
+    """
+    return HALF_CHECKED if errors else UNCHECKED
+
+
+def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: ContactPoints) -> str:
+    """State the errors against the full model; with contact, also the errors of the contact."""
+    first, others = error_names(scene, points)
+    names = {
+        "amplitude_normal": f"{first} amplitude",
+        "amplitude_tangential": f"{others} amplitude",
+        **(ERROR_NAMES if scene.contacts else {}),
+    }
+    stated = [(words, errors[name]) for name, words in names.items() if name in errors]
+    parts = [f"{name} {value:.3g} %" for name, value in stated if value is not None]
+    listed = ", ".join(parts) or "the full model has no motion to compare with"
+    left = [name for name, value in stated if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
+
+
+def equilibrium_sentence(deflection: Array, scene: Scene) -> str:
+    """State the displacement of the probe under the static loads."""
+    components = named_millimetres("xyz", deflection, 6)
+    without = ", without the contacts, which act in the motion" if scene.contacts else ""
+    return f"Displacement of the probe in the static equilibrium{without}: {components}."
+
+
+def support_sentence(run: Study | Rerun) -> str | None:
+    """State the absolute amplitudes if the supports move; None otherwise."""
+    found = support_summary(run).get("support_motion", {})
+    if not found:
+        return None
+    names = direction_names(run.scene, run.points)
+    absolute = [
+        f"{named_millimetres(names, in_order(numbers['absolute_amplitude_m']))} ({name})"
+        for name, numbers in found.items()
+    ]
+    moved = next(iter(found.values()))["support_amplitude_m"]
+    return (
+        "Amplitudes in the table are relative to the supports. Amplitudes of the supports: "
+        f"{named_millimetres('xyz', moved)}; absolute amplitudes: {'; '.join(absolute)}."
+    )
+
+
+def estimate_rows(
+    scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion, names: Sequence[str]
+) -> list[list[Any]]:
+    """Compose the table of the estimated errors of the reduced model; the first row is the header.
+
+    Args:
+        scene: the scene.
+        errors: as `Study.errors`.
+        motion: the motion of the reduced model.
+        names: names of the directions.
+    """
+    what = "amplitude" if has_settled(motion) else "root mean square displacement"
+    found: list[list[Any]] = [
+        ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
+        [f"{what}, all directions together", *_ranges(errors, lambda e: e.amplitude)],
+    ]
+    if any(e.shift for e in errors.values()):
+        shifts = (_percent(e.shift) if e.shift else None for e in errors.values())
+        found.append(["frequency of the resonance", *shifts])
+    for k, name in enumerate(names):
+        found.append([f"{what}, {name}", *_ranges(errors, partial(_along, k))])
+    for quantity in contact_quantities(scene):
+        found.append([quantity, *_ranges(errors, attrgetter(CONTACT[quantity]))])
+    return found
+
+
+def resonance_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
+    """Say what the estimates near a resonance compare; None of other estimates."""
+    near = [
+        f"{100.0 * e.at_frequency:.2g} % by the {name}"
+        if np.isfinite(e.at_frequency)
+        else f"by an unknown part by the {name}"
+        for name, e in errors.items()
+        if e.shift
+    ]
+    if not near:
+        return None
+    return (
+        "Near a resonance, the amplitudes are compared between motions of the same phase, at "
+        "frequencies that differ by the error of the resonance. At the frequency of the loads the "
+        f"amplitude would change by {' and '.join(near)}: read it together with the frequency."
+    )
+
+
+def free_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
+    """Say what a range of errors means; None if there is none."""
+    if all(e.from_rest is None for e in errors.values()):
+        return None
+    return (
+        "Points that stick all the time may stick elsewhere. The first error of a range is that "
+        "with the same stuck positions, the second one that with those to which the run of the "
+        "other model from rest leads."
+    )
+
+
+def _along(direction: int, errors: MotionErrors) -> float:
+    """The error of a direction."""
+    return errors.directions[direction]
+
+
+def _ranges(
+    errors: Mapping[str, MotionErrors], value: Callable[[MotionErrors], float]
+) -> list[str]:
+    """An error by each cause in percent, as a range where there is one."""
+    found = []
+    for e in errors.values():
+        ends = [value(e)] if e.from_rest is None else sorted((value(e), value(e.from_rest)))
+        found.append(" to ".join(dict.fromkeys(map(_percent, ends))))
+    return found
+
+
+def _percent(value: float) -> str:
+    """A relative error in percent, or "unknown"."""
+    return f"{100.0 * value:.2g}" if np.isfinite(value) else "unknown"
+
+
+def range_sentence(stored: StoredModel) -> str | None:
+    """State the speeds of a model for a range of speeds and its errors between them; else None."""
+    whole = stored.whole
+    if whole is None:
+        return None
+    rpm = 30.0 / np.pi
+    speeds, between = (
+        ", ".join(f"{rpm * omega:.6g}" for omega in each)
+        for each in (whole.speeds, whole.errors.speeds)
+    )
+    _, displacement, frequency, flexibility = np.max(whole.errors, axis=1)
+    contact = f", the flexibility of the contact by {flexibility:.1e}" if whole.masters else ""
+    return (
+        f"Model for all speeds from {rpm * whole.speeds[0]:.6g} to {rpm * whole.speeds[-1]:.6g} "
+        f"rpm: {whole.model.size} coordinates, joined from {speeds} rpm. At {between} rpm it "
+        f"differs from the solid: the equilibrium by {displacement:.1e}, the frequencies by "
+        f"{frequency:.1e}{contact}."
+    )
+
+
+def range_warnings(stored: StoredModel) -> list[Note]:
+    """Warn of a model for a range of speeds that is less accurate than its basis shall be."""
+    sentence, accuracy = range_sentence(stored), stored.scene.basis.accuracy
+    if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
+        return []
+    text = f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"
+    return [Note(NoteKind.ERROR, text, "rotation.speeds_rpm")]
+
+
+def resumed_sentence(motion: Motion) -> str | None:
+    """State at which time a motion was resumed; None if it started from rest."""
+    if motion.time[0] == 0.0:
+        return None
+    return (
+        f"Resumed run: the output starts at {motion.time[0]:.6g} s; "
+        "the numbers of periods and steps include the first run."
+    )
+
+
+def periodic_sentence(motion: Motion) -> str | None:
+    """State what Newton's method found of the periodic motion; None if it was not tried."""
+    search = motion.search
+    if search is None:
+        return None
+    tried = (
+        f"after {counted(search.marched, 'marched period')} and "
+        f"{counted(search.iterations, 'Newton iteration')} "
+        f"(relative residual {search.residual:.1e})"
+    )
+    if search.verdict == "not found":
+        after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
+        return f"Periodic motion: not found {tried}: {after}."
+    found = search_summary(search)
+    several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
+    end = REJECTED.get(search.verdict, "; the march went on")
+    if search.accepted:
+        end = AT_YIELD if search.at_yield else ""
+    return (
+        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier "
+        f"{found['largest_multiplier']:.6g}, found {tried}{end}."
+    )
+
+
+def basis_sentences(study: Study) -> list[str]:
+    """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
+    basis, modes, dropped = study.basis, study.modes, study.dropped_modes
+    if basis is None or modes is None:
+        derivatives = () if study.derivatives is None else study.derivatives.labels
+        return [f"Derivatives: {' '.join(derivatives)}."] if derivatives else []
+    left = []
+    if dropped:
+        share = f"{study.scene.basis.threshold:g} of the largest"
+        left = [f"Modes left out, with an amplitude below {share}: {' '.join(dropped)}."]
+    if basis.dropped:
+        left.append(f"Vectors left out, because others contain them: {' '.join(basis.dropped)}.")
+    return [
+        f"Basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}.",
+        *left,
+        f"Condition number: {basis.condition:.3g} of the scaled reduced mass, "
+        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility.",
+    ]
+
+
+def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """State the ratio of the run times of the full and the reduced model; None unless both ran."""
+    if "full" not in motions or "reduced" not in motions:
+        return None
+    full, reduced = motions["full"].seconds, motions["reduced"].seconds
+    said = (
+        f"The motion of the reduced model took {two_digits(reduced)} s, that of the full model "
+        f"{two_digits(full)} s"
+    )
+    if reduced < full:
+        return f"{said}: {two_digits(full / max(reduced, 1e-9))} times as long."
+    return f"{said}: the reduced model is slower than the solid; {FASTER}."
+
+
+def step_sentence(reduced: float, full: float) -> Note | None:
+    """State that a time step of the reduced model takes longer than one of the full model.
+
+    Args:
+        reduced: seconds of a time step of the reduced model.
+        full: seconds of a time step of the full model.
+
+    Returns:
+        The note; None if the reduced model is faster.
+    """
+    if reduced < full:
+        return None
+    text = (
+        f"a time step of the reduced model takes {reduced:.2g} s, one of the full model "
+        f"{full:.2g} s: the reduced model is slower than the solid; {FASTER}"
+    )
+    return Note(NoteKind.REMARK, text, "basis")
+
+
+def size_sentence(found: Sized) -> str:
+    """State which coordinates a basis took, and how many are left."""
+    stored = found.stored
+    known = stored.size + len(stored.further)
+    taken = [f"{label} ({100.0 * size:.2g} %)" for label, size in found.energies.items()]
+    joined = f" By their elastic energy it took {', '.join(taken)}." if taken else ""
+    basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
+    why = f"basis.accuracy = {basis.accuracy:g} {reached}"
+    if basis.size is not None:
+        why = "basis.size asks for them"
+    return (
+        f"Size of the basis: {stored.size} of the {counted(known, 'coordinate')} of the model; "
+        f"{why}.{joined}"
+    )
+
+
+def study_results(study: Study) -> list[str]:
+    """State the equilibrium, the error due to the mesh, and the error against the full model."""
+    found = (
+        [] if study.deflection is None else [equilibrium_sentence(study.deflection, study.scene)]
+    )
+    found += [] if study.mesh_check is None else [study.mesh_check.sentence()]
+    if errors := errors_of(study.motions):
+        found.append(error_sentence(errors, study.scene, study.points))
+    return found
+
+
+def run_sentences(found: Study | Rerun) -> list[str]:
+    """State the results of a run, below the table of responses."""
+    reduced = found.motions.get("reduced")
+    told: list[str | None] = []
+    if reduced is not None:
+        told += [resumed_sentence(reduced), periodic_sentence(reduced)]
+        told += [resonance_sentence(found.errors), free_sentence(found.errors)]
+        told.append(wear_sentence(reduced, found.scene, found.points))
+    told.append(support_sentence(found))
+    if isinstance(found, Study):
+        told += [*study_results(found), *basis_sentences(found)]
+        told += [] if found.agreement is None else [agreement_sentence(found.agreement)]
+        told.append(speed_sentence(found.motions))
+    elif found.stored.whole is not None:
+        told += [range_sentence(found.stored), of_model(found.stored).sentence()]
+        told += run_up_sentences(found.run_up)
+    told += [] if found.sized is None else [size_sentence(found.sized)]
+    if reduced is not None:
+        told += [f"{note.key}: {note}" for note in out_of_reach(reduced, found.points)]
+    told += [] if found.stresses is None else stress_sentences(found.stresses)
+    return [sentence for sentence in told if sentence]
+
+
+def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[Note]:
+    """Warn of what limits the meaning of a complete motion.
+
+    Args:
+        name: the model: "reduced", "full" or "beam".
+        motion: its motion.
+        scene: the scene of the run.
+    """
+    found = multiplicity_warnings(name, motion)
+    end = float(motion.time[-1])
+    for number, contact in enumerate(scene.contacts):
+        if contact.approach and contact.approach[-1][0] > end * (1.0 + 1e-9):
+            text = (
+                f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
+                f"surface still moves until {contact.approach[-1][0]:.6g} s"
+            )
+            found.append(Note(NoteKind.UNSETTLED, text, f"contacts.{number}.approach"))
+    asked = scene.period is not None and scene.time.steady_tolerance
+    if not motion.steady and asked and not misses_motion(motion):  # the error says so
+        text = unsteady_sentence(name, motion, scene)
+        found.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
+    return found
+
+
+def rerun_warnings(scene: Scene, given: Collection[str]) -> list[Note]:
+    """Warn of the given keys or tables that have no effect on a run of a stored model."""
+    asked = _without_effect(scene).values()
+    keys = [key for key in asked if any(_is_in(key, name) or _is_in(name, key) for name in given)]
+    if not keys:
+        return []
+    verb = "has" if len(keys) == 1 else "have"
+    text = f"{', '.join(keys)} {verb} no effect on a run of a stored model"
+    return [Note(NoteKind.REMARK, text, keys[0])]
+
+
+def rerun_left_out(stored: StoredModel, motion: Motion) -> list[Note]:
+    """State what a run of a stored model does not compute, and why."""
+    body = "the reduced model is stored without its mesh"
+    return [
+        Note(NoteKind.LEFT_OUT, body, "offline stages, and files of the body"),
+        *(
+            Note(NoteKind.LEFT_OUT, f"{key} has no effect on a run of a stored model", stage)
+            for stage, key in _without_effect(stored.scene).items()
+        ),
+        *out_of_reach(motion, stored.model.points),
+    ]
+
+
+def _without_effect(scene: Scene) -> dict[str, str]:
+    """The stages that a run of a stored model leaves out, with the keys that ask for a stage."""
+    asked = {
+        ("full motion", "reference.full"): scene.reference.full,
+        ("beam motion", "reference.beam"): scene.reference.beam is not None,
+        ("ParaView motion", "output.motion"): scene.output.motion,
+        ("animation", "output.animation"): scene.output.animation,
+    }
+    return dict(pair for pair, on in asked.items() if on)
+
+
+def _is_in(key: str, table: str) -> bool:
+    """Whether a key is this key or in this table."""
+    return f"{key}.".startswith(f"{table}.")
+
+
+def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
+    """Warn that a motion did not become periodic, and say what to try."""
+    key = step_key(scene)
+    remedies = [
+        "increase time.periods",
+        f"take shorter steps (time.{key} = {getattr(refined(scene).time, key):g})",
+    ]
+    if scene.time.scheme == "discrete-gradient":
+        remedies.append(
+            'use time.scheme = "generalised-alpha", which damps waves that the time step does not '
+            "resolve"
+        )
+    remedy = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
+    return (
+        f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
+        f"its amplitudes are those of the last period only; {remedy}"
+    )
+
 
 TURN = "The body: choose a shape, turn it with the mouse"
 

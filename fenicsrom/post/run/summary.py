@@ -1,50 +1,321 @@
-"""The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint."""
+"""The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint.
 
-from collections.abc import Mapping
+The modes of the reduced model beside those of the full model: table, sentence and picture.
+
+Stresses and reactions as rows, sentences and files.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.comparisons import ModeAgreement, of_model
 from fenicsrom.assess.errors.estimates import MotionErrors
-from fenicsrom.assess.errors.mesh_check import of_model
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities
-from fenicsrom.notes import (
-    AMPLITUDES,
-    DEFLECTION,
-    FREQUENCIES,
-    STABILITY,
-    STRESSES,
-    verdict_of,
-)
+from fenicsrom.notes import AMPLITUDES, DEFLECTION, FREQUENCIES, STABILITY, STRESSES, verdict_of
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.model.loads import moves_supports, support_displacement
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.support_motion import moves_supports, support_displacement
-from fenicsrom.online.motion.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.motion.measures import (
     absolute_displacement,
     amplitudes,
     errors_percent,
     point_summaries,
     response_summary,
+    worn_under_points,
 )
-from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.motion.wear import worn_under_points
+from fenicsrom.online.motion.motion import HISTORY_ARRAYS, JUMP, Motion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.online.store.checkpoints import save_end
-from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.directions import in_order
-from fenicsrom.post.base.report import failure_of, told
-from fenicsrom.post.base.writers import write_arrays, write_rows, write_summary
-from fenicsrom.post.paraview.fields import contact_places
-from fenicsrom.post.run.mode_agreement import agreement_summary
-from fenicsrom.post.run.run_up import RUN_UP, run_up_rows, run_up_summary
-from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
-from fenicsrom.post.run.wear import wear_summary, write_wear
+from fenicsrom.online.store.store import provenance, save_end
+from fenicsrom.online.stress.reactions import Peak, Reactions, Stresses
+from fenicsrom.online.stress.stress import extremes
+from fenicsrom.post.base.page import failure_of, told
+from fenicsrom.post.base.style import Figure, new_panels, styled
+from fenicsrom.post.base.tables import (
+    in_order,
+    named,
+    table_of,
+    write_arrays,
+    write_rows,
+    write_summary,
+)
+from fenicsrom.post.paraview.paraview import contact_places
+from fenicsrom.post.run.figures import wear_summary, write_wear
+from fenicsrom.post.run.motion_figures import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
+
+SAME = 0.99
+"""Modes of a larger MAC count as the same."""
+
+ALIKE = 0.5
+"""From this MAC on, a full mode has a partner; a reduced mode is the partner of one mode only."""
+
+DARK = 0.6
+"""Fields of a larger MAC have white numbers."""
+
+AGREEMENT_NOTE = (
+    "Free vibrations about the equilibrium without contact, damping and Coriolis forces. The MAC "
+    "(modal assurance criterion, weighted by the mass) is 1 for modes of the same shape and 0 for "
+    "modes without a common part. The energy is the part of the kinetic energy of the full mode "
+    "that the basis can represent."
+)
+
+
+def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
+    """Compose the table of the full modes and their partners."""
+
+    def row(i: int, j: int) -> dict[str, Any]:
+        full, reduced = found.full_hz[i], found.reduced_hz[j]
+        alike = found.mac[i, j] >= ALIKE
+        difference = round(100.0 * (reduced / full - 1.0), 3) + 0.0 if full > 0.0 else None
+        return {
+            "full mode": i + 1,
+            "full Hz": f"{full:.5g}",
+            "reduced Hz": f"{reduced:.5g}" if alike else None,
+            "difference %": difference if alike else None,
+            "MAC": f"{found.mac[i, j]:.3f}",
+            "energy %": f"{100.0 * found.represented[i]:.1f}",
+        }
+
+    return table_of(row(i, j) for i, j in enumerate(found.partners))
+
+
+def agreement_summary(found: ModeAgreement) -> dict[str, Any]:
+    """The frequencies and the MAC for `summary.json`."""
+    return {"full_hz": found.full_hz, "reduced_hz": found.reduced_hz, "mac": found.mac}
+
+
+def agreement_sentence(found: ModeAgreement) -> str:
+    """State how many modes of the full model the reduced model has, counted from the lowest."""
+    same = [found.mac[i, j] >= SAME for i, j in enumerate(found.partners)]
+    count = same.index(False) if False in same else len(same)
+    which = f"MAC of at least {SAME:g}"
+    if count == 0:
+        return f"The reduced model has no mode with a {which} to the first mode of the full model."
+    modes = "mode" if count == 1 else f"{count} modes"
+    return (
+        f"The reduced model has the first {modes} of the full model, up to "
+        f"{found.full_hz[count - 1]:.5g} Hz, with a {which} ({len(same)} compared)."
+    )
+
+
+def _hz(frequency: float) -> str:
+    """Four digits of a frequency, without a power of ten."""
+    return f"{frequency:.0f}" if frequency >= 1e3 else f"{frequency:.4g}"
+
+
+@styled
+def agreement_figure(found: ModeAgreement) -> Figure:
+    """Draw the MAC of the full modes and as many reduced modes as a matrix with its numbers."""
+    mac = found.mac[:, : len(found.full_hz)]
+    rows, columns = mac.shape
+    figure, (axis,) = new_panels(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
+    image = axis.imshow(mac, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", origin="lower")
+    axis.grid(False)
+    for i, j in np.ndindex(rows, columns):
+        if mac[i, j] >= 0.005:
+            colour = "white" if mac[i, j] > DARK else "#30363C"
+            text = f"{mac[i, j]:.2f}"
+            axis.text(j, i, text, ha="center", va="center", color=colour, fontsize=8)
+    axis.set_xticks(range(columns), [_hz(f) for f in found.reduced_hz[:columns]], rotation=45)
+    axis.set_yticks(range(rows), [_hz(f) for f in found.full_hz])
+    axis.set(xlabel="reduced model, Hz", ylabel="full model, Hz")
+    bar: Any = figure.colorbar(image, ax=axis, label="MAC", ticks=[0.0, 0.5, 1.0], aspect=30)
+    bar.outline.set_visible(False)
+    return figure
+
+
+STRESSES_FILE = "stresses.csv"
+MODAL_STRESSES = "modal_stresses.csv"
+REACTIONS = "reactions.csv"
+
+MEASURE_NAMES = {
+    "second-piola-kirchhoff": "second Piola-Kirchhoff stress",
+    "cauchy": "Cauchy stress",
+}
+RECOVERY_NOTE = (
+    "Stresses at the vertices are extrapolated from the Gauss points of each cell, and averaged "
+    "over the cells that meet there. The largest value at a Gauss point is not extrapolated: where "
+    "the two differ much, the mesh is too coarse, or a corner or a point force makes the stress "
+    "singular. Places are those in the undeformed body."
+)
+MODAL_NOTE = (
+    "Modal stresses are the derivatives of the second Piola-Kirchhoff stress about the "
+    "equilibrium, for a largest displacement of 1 mm of a vertex."
+)
+MPA = 1e-6
+ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
+PER_MM = 1e-3
+
+
+def peak_record(peak: Peak) -> dict[str, Any]:
+    """The numbers of a peak by name, with units."""
+    modal = peak.frequency is not None
+    unit = "Pa_per_m" if modal else "Pa"
+    return {
+        "state": peak.state,
+        **({"frequency_Hz": peak.frequency} if modal else {"time_s": peak.time}),
+        f"von_mises_{unit}": peak.von_mises,
+        **named("{}_m", "xyz", peak.position),
+        **named(f"principal_{{}}_{unit}", "123", peak.principal),
+        f"gauss_von_mises_{unit}": peak.point_von_mises,
+        **named("gauss_{}_m", "xyz", peak.point_position),
+    }
+
+
+def stress_summary(stresses: Stresses) -> dict[str, Any]:
+    """The entries `stresses` and `reactions` of `summary.json`."""
+    found: dict[str, Any] = {
+        "stresses": {
+            "measure": stresses.measure,
+            "smallest_volume_ratio": extremes(stresses.deformations).volume_ratio,
+            "largest": [peak_record(peak) for peak in stresses.peaks],
+            "modes": [peak_record(peak) for peak in stresses.modes],
+        },
+        "reactions": {"equilibrium": reaction_record(stresses.reactions, 0)},
+    }
+    moving = stresses.motion_reactions
+    if moving is not None:
+        found["reactions"]["largest_force"] = reaction_record(moving, _largest(moving))
+        found["reactions"]["mismatch"] = moving.mismatch
+    return found
+
+
+def reaction_record(reactions: Reactions, row: int) -> dict[str, Any]:
+    """The reactions at one instant by name, with units."""
+    places = dict(zip(reactions.supports, reactions.values[row], strict=True))
+    places["by_momentum"] = reactions.by_momentum[row]
+    parts = {name: named("{}", reactions.components, found) for name, found in places.items()}
+    return {"time_s": float(reactions.time[row]), **parts}
+
+
+def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
+    """Write the tables of stresses and reactions as CSV.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    files = [write_rows(folder / STRESSES_FILE, [peak_record(peak) for peak in stresses.peaks])]
+    if stresses.modes:
+        rows = [peak_record(peak) for peak in stresses.modes]
+        files.append(write_rows(folder / MODAL_STRESSES, rows))
+    return [*files, write_rows(folder / REACTIONS, _reaction_rows(stresses))]
+
+
+def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
+    """One row for the equilibrium, and one row for each instant of the last period."""
+    moving = stresses.motion_reactions
+    listed = [("equilibrium", reaction_record(stresses.reactions, 0) | {"time_s": None})]
+    if moving is not None:
+        listed += [("motion", reaction_record(moving, k)) for k in range(moving.time.size)]
+    return [
+        {"state": state, "time_s": record.pop("time_s")}
+        | {f"{name}_{key}": v for name, found in record.items() for key, v in found.items()}
+        for state, record in listed
+    ]
+
+
+def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
+    """The table of the largest stresses for the report, in MPa."""
+    return table_of(
+        {
+            "state": peak.state,
+            "t s": None if peak.time is None else f"{peak.time:.6g}",
+            "von Mises MPa": MPA * peak.von_mises,
+            "at m": place_text(peak.position),
+            "principal MPa": ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
+            "at a Gauss point MPa": MPA * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
+
+
+def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
+    """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
+    return table_of(
+        {
+            "mode": peak.state,
+            "Hz": f"{peak.frequency:.5g}",
+            "von Mises MPa/mm": MPA * PER_MM * peak.von_mises,
+            "at m": place_text(peak.position),
+            "at a Gauss point MPa/mm": MPA * PER_MM * peak.point_von_mises,
+        }
+        for peak in peaks
+    )
+
+
+def reaction_rows(stresses: Stresses) -> list[list[Any]]:
+    """The table of the reactions for the report: the equilibrium and the largest force."""
+    first = stresses.reactions
+    names = [name.split("_") for name in first.components]
+    heads = [f"{kind[0].upper()}{axis} {unit}" for kind, axis, unit in names]
+    rows: list[list[Any]] = [["state", "t s", "support", *heads]]
+    listed = [("equilibrium", first, 0)]
+    moving = stresses.motion_reactions
+    if moving is not None:
+        listed.append(("largest force", moving, _largest(moving)))
+    for state, reactions, row in listed:
+        time = None if state == "equilibrium" else f"{reactions.time[row]:.6g}"
+        for k, name in enumerate(reactions.supports):
+            rows.append([state, time, name, *_without_rounding(reactions.values[row, k])])
+        total = _without_rounding(reactions.by_momentum[row])
+        rest = [None] * (len(first.components) - len(total))
+        rows.append([state, time, "by momentum", *total, *rest])
+    return rows
+
+
+def reaction_note(stresses: Stresses) -> str:
+    """Say what the reactions are, and how well the stresses agree with the momentum."""
+    text = (
+        "Reactions are the forces F of a support on the body, and the moments M about the centroid "
+        "of its nodes, from the stresses in the cells at the support, inertia and loads. The "
+        "forces by momentum are those that the motion of the whole body needs."
+    )
+    if stresses.motion_reactions is None:
+        return text
+    return (
+        f"{text} During the last period the two differ by at most "
+        f"{100.0 * stresses.motion_reactions.mismatch:.2g} % of the largest change of the force: "
+        "what the basis does not resolve at the support. Trust the forces by momentum."
+    )
+
+
+def stress_sentences(stresses: Stresses) -> list[str]:
+    """State the largest stress and the reactions in the terminal."""
+    found = []
+    for peak in stresses.peaks[:2]:
+        if peak.von_mises == 0.0:
+            continue  # the equilibrium without static loads
+        when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+        found.append(
+            f"Von Mises stress ({MEASURE_NAMES[stresses.measure]}), {peak.state}: "
+            f"{MPA * peak.von_mises:.4g} MPa at {place_text(peak.position)} m{when}; "
+            f"{MPA * peak.point_von_mises:.4g} MPa at a Gauss point."
+        )
+    return found
+
+
+def place_text(position: Array) -> str:
+    """A place as text, in m."""
+    return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
+
+
+def _without_rounding(values: Array) -> list[str]:
+    """The numbers of a row as text; numbers below `ROUNDING` of the largest number are zero."""
+    small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
+    return [f"{value:.6g}" for value in np.where(small, 0.0, values)]
+
+
+def _largest(reactions: Reactions) -> int:
+    """The instant of the largest sum of the forces by momentum."""
+    return int(np.argmax(np.linalg.norm(reactions.by_momentum, axis=1)))
+
 
 SUMMARY = "summary.json"
 HISTORY = "history.npz"

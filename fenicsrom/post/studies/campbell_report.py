@@ -7,8 +7,8 @@ import numpy as np
 
 from fenicsrom.assess.rotation.campbell import Campbell
 from fenicsrom.notes import CRITICAL, FREQUENCIES
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted

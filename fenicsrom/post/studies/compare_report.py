@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.agreement import pareto_front
-from fenicsrom.assess.full.full_cache import machine
+from fenicsrom.assess.errors.estimates import pareto_front
+from fenicsrom.assess.full.full_motions import machine
 from fenicsrom.assess.studies.compare import REPEATS, Comparison, Outcome
 from fenicsrom.online.motion.measures import response_summary
 from fenicsrom.post.base.chart import noted
-from fenicsrom.post.base.directions import error_names
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import error_names, table_of
 from fenicsrom.words import counted
 
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}

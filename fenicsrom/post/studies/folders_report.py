@@ -14,13 +14,12 @@ import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import TRUSTED, VERDICTS, Note, Verdict
-from fenicsrom.online.motion.history import read_history
-from fenicsrom.post.base.directions import in_order
-from fenicsrom.post.base.html_page import write_report
+from fenicsrom.online.motion.motion import read_history
 from fenicsrom.post.base.origin import SCENE_FILE
+from fenicsrom.post.base.page import write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
-from fenicsrom.post.base.tables import table_of, text_table
+from fenicsrom.post.base.tables import in_order, table_of, text_table
 
 FILES = {"run": "summary.json", "response": "response.json", "backbone": "backbone.json"}
 """The kinds of results, and the file that tells them."""

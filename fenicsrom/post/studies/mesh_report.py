@@ -9,10 +9,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.inspection import Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, Physics
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.post.base.optional import missing_module
 from fenicsrom.post.base.picture import Picture, softly
-from fenicsrom.post.base.tables import table_of, text_table
-from fenicsrom.post.base.writers import write_text
+from fenicsrom.post.base.style import missing_module
+from fenicsrom.post.base.tables import table_of, text_table, write_text
 from fenicsrom.post.body.group_drawing import group_figure, group_page
 from fenicsrom.post.studies.starter import units_of
 from fenicsrom.words import counted

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import new_panels, styled
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.words import counted

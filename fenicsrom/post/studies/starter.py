@@ -14,7 +14,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
-from fenicsrom.scene.base.toml import toml_value as toml
+from fenicsrom.scene.base.tables import toml_value as toml
 from fenicsrom.scene.keys.unit_guess import Elastic, likely_systems
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
 

@@ -11,11 +11,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import contact_quantities
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.notes import AMPLITUDES
+from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import Figure, line_styles, new_panels, styled
 from fenicsrom.post.base.tables import table_of
-from fenicsrom.scene.reading.units import column_name, given_unit_of
+from fenicsrom.scene.reading.overrides import column_name, given_unit_of
 from fenicsrom.words import counted
 
 

@@ -1,11 +1,18 @@
-"""Checks between keys: each function yields the keys that do not agree with the others."""
+"""Checks between keys: each function yields the keys that do not agree with the others.
+
+Whether a fixed step resolves what excites a scene (`fenicsrom.scene.keys.excitation`).
+
+Checks between keys of the body: its supports, attachments and follower pressures.
+
+Checks of the elastic constants and the axes of materials (`fenicsrom.scene.keys.places`).
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from operator import mul
 from typing import Any
@@ -13,30 +20,181 @@ from typing import Any
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule, Where
 from fenicsrom.scene.base.tables import entries
-from fenicsrom.scene.checks.body_checks import (
-    attachment_problems,
-    beam_problems,
-    follower_problems,
-    support_problems,
-)
 from fenicsrom.scene.checks.curve_checks import (
     backbone_problems,
     response_problems,
     speed_problems,
     statics_problems,
 )
-from fenicsrom.scene.checks.material_checks import material_problems
 from fenicsrom.scene.keys import times
+from fenicsrom.scene.keys.excitation import excitations
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
-from fenicsrom.scene.keys.places import Place, Region
-from fenicsrom.scene.keys.schema import (
-    Contact,
-    Geometry,
-    Rotation,
-    Scene,
-    Surface,
-    surface_spin,
-)
+from fenicsrom.scene.keys.places import AXES, Elasticity, Place, Region
+from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene, Surface, surface_spin
+from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod, StepsPerRevolution
+
+STEPS = 10
+"""Fewest fixed steps in the shortest period of an excitation."""
+
+ROUNDING = 1e-5
+"""The longest step is printed with six digits, and a step with the printed value is accepted."""
+
+
+def step_problems(scene: Scene) -> Problems:
+    """Yield the step of a completed scene if an excitation is too fast for it."""
+    fastest = min(excitations(scene), key=lambda found: found.period, default=None)
+    if fastest is None or math.isinf(fastest.period):
+        return
+    key, period = fastest
+    shortest = f"the shortest period of {key}, {period:.6g} s"
+    if key.endswith(".table"):
+        shortest += (
+            " (twice its shortest swing; if this is noise, smooth the table, or take a step of "
+        )
+        shortest += "which all its times are multiples)"
+    match scene.time.stepping:
+        case FixedStep(step=step) if step > (1.0 + ROUNDING) * period / STEPS:
+            allowed = f"must be at most {period / STEPS:.6g}, so that {STEPS} steps resolve"
+            yield Problem("time.step", f"{allowed} {shortest}")
+        case StepsPerRevolution(steps_per_revolution=steps):
+            assert scene.rotation is not None
+            slowest = min(speed for _, speed in scene.rotation.history)
+            needed = math.ceil((1.0 - ROUNDING) * STEPS * 60.0 / slowest / period)
+            if steps < needed:
+                allowed = f"must be at least {needed}, so that {STEPS} steps resolve {shortest}"
+                yield Problem("time.steps_per_revolution", allowed)
+        case StepsPerPeriod(steps_per_period=steps) if scene.period is not None:
+            needed = math.ceil((1.0 - ROUNDING) * STEPS * scene.period / period)
+            if steps < needed:
+                allowed = f"must be at least {needed}, so that {STEPS} steps resolve {shortest}"
+                yield Problem("time.steps_per_period", allowed)
+
+
+def beam_problems(scene: Scene) -> Problems:
+    """Yield what the beam of [reference] cannot be compared with."""
+    if scene.reference.beam is None:
+        return
+    reasons = {
+        "[[materials]]": scene.materials,
+        "a material that is not isotropic": not scene.material.is_isotropic,
+        "[[attachments]]": scene.attachments,
+        "a pressure with follower = true": scene.followers,
+    }
+    for reason, given in reasons.items():
+        if given:
+            yield Problem("reference.beam", f"must be false with {reason}")
+    for index, support in enumerate(scene.supports):
+        for name in ("components", "normal"):
+            if getattr(support, name) is not None:
+                allowed = "not allowed with reference.beam, whose end is clamped"
+                yield Problem(f"supports[{index}].{name}", allowed)
+
+
+def support_problems(scene: Scene) -> Problems:
+    """Yield the problems of the components that the supports clamp."""
+    for index, support in enumerate(scene.supports):
+        yield from _component_problems(scene, f"supports[{index}]", support.components)
+        if support.normal is not None and support.components is not None:
+            yield Problem(f"supports[{index}].normal", "not allowed with components")
+
+
+def _component_problems(scene: Scene, key: str, components: tuple[str, ...] | None) -> Problems:
+    known = AXES[: scene.geometry.dimension]
+    for k, axis in enumerate(components or ()):
+        if axis not in known:
+            allowed = f"must be {' or '.join(known)} in {len(known)}D"
+            yield Problem(f"{key}.components[{k}]", allowed)
+
+
+def attachment_problems(scene: Scene) -> Problems:
+    """Yield the problems of the masses, springs and dashpots."""
+    for index, found in enumerate(scene.attachments):
+        key = f"attachments[{index}]"
+        yield from _component_problems(scene, key, found.components)
+        if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
+            allowed = "a mass, a stiffness or a damping above 0 must be given"
+            yield Problem(f"{key}.mass", allowed, value=MISSING)
+        for name in ("stiffness", "damping"):
+            per_area = getattr(found, f"{name}_per_area")
+            if per_area and not found.place.is_mean:
+                allowed = f"only allowed on a whole region; use {name}"
+                yield Problem(f"{key}.{name}_per_area", allowed)
+
+
+def follower_problems(scene: Scene) -> Problems:
+    """Yield the problems of the pressures that follow the deformation."""
+    if not scene.followers:
+        return
+    key = f"loads[{scene.followers[0]}].follower"
+    if not scene.geometrically_nonlinear:
+        yield Problem(key, "only allowed with geometrically_nonlinear = true")
+    if "projection" in (scene.basis.elastic_force, *scene.compare.elastic_force):
+        yield Problem(key, 'only allowed with elastic_force = "polynomial"')
+    if scene.output.stresses != "none":
+        allowed = f'must be "none" with {key} = true, whose forces are not in the reactions'
+        yield Problem("output.stresses", allowed)
+
+
+PARALLEL = 1.0 - 1e-6
+"""Larger cosines of the angle between two axes count as parallel: the angle is 0.08 degrees."""
+
+WORDS = {
+    2: ("two Young's moduli", "[nu12, nu23]", "the number G12"),
+    3: ("three Young's moduli", "[nu12, nu13, nu23]", "[G12, G13, G23]"),
+}
+"""Names of the constants by the number of Young's moduli."""
+
+
+def material_problems(scene: Scene) -> Problems:
+    """Yield the problems of the materials."""
+    dimension = scene.geometry.dimension
+    yield from _problems_of_one(scene.material, "material", dimension)
+    for index, group in enumerate(scene.materials):
+        key = f"materials[{index}]"
+        yield from _problems_of_one(group, key, dimension)
+        if group.group in [other.group for other in scene.materials[:index]]:
+            yield Problem(f"{key}.group", "must occur only once")
+        if dimension == 3 and group.thickness is not None:
+            yield Problem(f"{key}.thickness", "only allowed in 2D")
+
+
+def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Problems:
+    """Yield the problems of the constants and axes of one material."""
+    poisson, shear = material.poisson, material.shear
+    if not isinstance(material.young, tuple):
+        if isinstance(poisson, tuple):
+            yield Problem(f"{key}.poisson", "must be a number with one Young's modulus")
+        for name in ("shear", "axes"):
+            if getattr(material, name) is not None:
+                yield Problem(f"{key}.{name}", "not allowed with one Young's modulus")
+        return
+    count = len(material.young)
+    moduli, ratios, shears = WORDS[count]
+    if not isinstance(poisson, tuple) or len(poisson) != count:
+        yield Problem(f"{key}.poisson", f"must be {ratios} with {moduli}")
+    elif shear is None or isinstance(shear, tuple) != (count == 3):
+        yield Problem(f"{key}.shear", f"must be {shears} with {moduli}")
+    elif not _is_positive_definite(material):
+        allowed = (
+            "the elastic energy must be positive for every strain: |nu12| < sqrt(E1 / E2) and so "
+            "on, and the determinant of the compliance must be positive"
+        )
+        yield Problem(f"{key}.poisson", allowed, ErrorKind.RANGE)
+    axes, key = material.axes or (), f"{key}.axes"
+    if dimension == 2 and len(axes) == 2:
+        yield Problem(key, "must be one vector in 2D")
+    if dimension == 3 and count == 3 and len(axes) == 1:
+        yield Problem(key, "must be two vectors with three Young's moduli in 3D")
+    if len(axes) == 2 and abs(sum(a * b for a, b in zip(*axes, strict=True))) > PARALLEL:
+        yield Problem(key, "the two vectors must not be parallel", ErrorKind.RANGE)
+
+
+def _is_positive_definite(material: Elasticity) -> bool:
+    """Whether the compliance is positive definite: its leading minors are positive."""
+    (e1, e2, e3), (nu12, nu13, nu23), _ = material.orthotropic_constants
+    a, b, c = nu12 * math.sqrt(e2 / e1), nu13 * math.sqrt(e3 / e1), nu23 * math.sqrt(e3 / e2)
+    return max(abs(a), abs(b), abs(c)) < 1.0 and 1.0 - a * a - b * b - c * c - 2.0 * a * b * c > 0.0
+
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions

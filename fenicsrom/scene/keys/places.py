@@ -1,13 +1,27 @@
-"""Parts and points of the solid, by name or by coordinates, and what holds the solid there."""
+"""Parts and points of the solid, by name or by coordinates, and what holds the solid there.
+
+Materials of the body and of groups of cells, isotropic to orthotropic, and viscous damping.
+
+An orthotropic material has three axes. With Young's moduli E₁, E₂, E₃ along them, Poisson's ratios
+ν_ij (contraction along j under a stress along i) and shear moduli G_ij, the strains follow from the
+stresses by the compliance
+
+    ε_i = σ_i / E_i − Σ_{j≠i} ν_ji σ_j / E_j,    ν_ji / E_j = ν_ij / E_i,    γ_ij = σ_ij / G_ij. (1)
+
+A transversely isotropic material has E₂ = E₃, ν₁₂ = ν₁₃, G₁₂ = G₁₃ and G₂₃ = E₂ / (2 (1 + ν₂₃)).
+Source: Jones, Mechanics of Composite Materials, 1999, section 2.3.
+
+How the body of a CAD file is meshed.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import choice, list_of, number
-from fenicsrom.scene.base.tables import table_of
+from fenicsrom.scene.base.rules import Rule, choice, either, integer, list_of, number
+from fenicsrom.scene.base.tables import table_of, tables_of
 
 AXES = ("x", "y", "z")
 
@@ -113,3 +127,159 @@ class Attachment:
     def viscous(self) -> bool:
         """Whether there is a dashpot."""
         return self.damping > 0.0 or self.damping_per_area > 0.0
+
+
+Moduli = tuple[float, ...]
+_MODULUS = number(above=0.0, unit="Pa")
+
+
+def _each(rule: Rule, entry: Rule, least: int) -> Rule:
+    """Make the rule of a number, or of a list of `least` to 3 numbers."""
+    return either(rule, list_of(entry, least, 3, distinct=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Elasticity:
+    """The elastic constants and the density of a material.
+
+    Attributes:
+        young: Young's modulus; [E1, E2] of a transversely isotropic material, whose plane of
+            isotropy is normal to axis 1; [E1, E2, E3] of an orthotropic one.
+        poisson: Poisson's ratio; [nu12, nu23] with two Young's moduli, [nu12, nu13, nu23] with
+            three. nu12 is the contraction along axis 2 under a stress along axis 1.
+        shear: shear modulus G12 with two Young's moduli, [G12, G13, G23] with three; not for an
+            isotropic material.
+        axes: axis 1 of a material that is not isotropic and, in 3D, a vector in the plane of the
+            axes 1 and 2; by default x and y.
+        density: density.
+    """
+
+    young: Annotated[float | Moduli, _each(_MODULUS, _MODULUS, 2)]
+    poisson: Annotated[float | Moduli, _each(number(least=0.0, below=0.5), number(), 2)]
+    shear: Annotated[float | Moduli | None, _each(_MODULUS, _MODULUS, 3)] = None
+    axes: Annotated[tuple[Moduli, ...] | None, list_of(rules.direction, 1, 2, distinct=False)] = (
+        None
+    )
+    density: Annotated[float, number(above=0.0, unit="kg/m³")]
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether the material has one Young's modulus."""
+        return not isinstance(self.young, tuple)
+
+    @property
+    def isotropic_constants(self) -> tuple[float, float]:
+        """Young's modulus in Pa and Poisson's ratio of an isotropic material."""
+        assert isinstance(self.young, float) and isinstance(self.poisson, float)
+        return self.young, self.poisson
+
+    @property
+    def orthotropic_constants(self) -> tuple[Moduli, Moduli, Moduli]:
+        """(E₁, E₂, E₃) in Pa, (ν₁₂, ν₁₃, ν₂₃) and (G₁₂, G₁₃, G₂₃) in Pa of any material."""
+        young, poisson, shear = self.young, self.poisson, self.shear
+        if not isinstance(young, tuple):
+            e, nu = self.isotropic_constants
+            return (e,) * 3, (nu,) * 3, (e / (2.0 * (1.0 + nu)),) * 3
+        assert isinstance(poisson, tuple)
+        if len(young) == 2:
+            (e1, e2), (nu12, nu23) = young, poisson
+            assert isinstance(shear, float)
+            across = e2 / (2.0 * (1.0 + nu23))
+            return (e1, e2, e2), (nu12, nu12, nu23), (shear, shear, across)
+        assert isinstance(shear, tuple)
+        return young, poisson, shear
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material(Elasticity):
+    """A St Venant–Kirchhoff material with mass-proportional damping C = α M.
+
+    Attributes:
+        mass_damping: factor α of the damping matrix C = α M.
+    """
+
+    mass_damping: Annotated[float, number(least=0.0, unit="1/s")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupMaterial(Elasticity):
+    """The material of a group of cells, in place of [material].
+
+    Attributes:
+        group: name of a group of cells.
+        thickness: thickness of the group, in 2D only; by default that of [geometry].
+    """
+
+    group: Annotated[str, rules.name]
+    thickness: Annotated[float | None, number(above=0.0, unit="m")] = None
+
+
+MOST_MODES = 1000
+_RATIO = number(least=0.0, below=1.0)
+_RATIOS = either(_RATIO, list_of(_RATIO, 0, MOST_MODES, distinct=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damping:
+    """Viscous damping besides the mass-proportional damping of [material].
+
+    The damping matrix is C = α M + β K + Σ 2 ζ_k ω_k M φ_k φ_kᵀ M, where K is the stiffness at the
+    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised. A model
+    for a range of speeds has the C of `rotation.speed_rpm` at all speeds.
+
+    Attributes:
+        stiffness: factor β.
+        ratios: damping ratios ζ_k of the first normal modes, or one ratio for all of them.
+        modes: number of modes, if there is one ratio for all.
+    """
+
+    stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
+    ratios: Annotated[float | tuple[float, ...], _RATIOS] = ()
+    modes: Annotated[int, integer(1, MOST_MODES)] = 10
+
+    @property
+    def modal(self) -> tuple[float, ...]:
+        """The damping ratio of each damped mode."""
+        if isinstance(self.ratios, tuple):
+            return self.ratios
+        return (self.ratios,) * self.modes
+
+    @property
+    def viscous(self) -> bool:
+        """Whether anything is damped."""
+        return self.stiffness > 0.0 or any(self.modal)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refinement:
+    """A face near which the cells are smaller.
+
+    Attributes:
+        group: name of the face.
+        size: size of the cells on the face; by default half of that of the body.
+        origin: key of the support or contact from which a default follows, for messages.
+    """
+
+    group: Annotated[str, rules.name]
+    size: Annotated[float | None, number(above=0.0, unit="m")] = None
+    origin: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meshing:
+    """The sizes of the cells of a .step file, besides `geometry.size`.
+
+    Attributes:
+        curvature: number of cells along a full circle, on curved faces and edges such as fillets
+            and holes; 0 for none.
+        smallest: smallest size that the curvature asks for; by default a twentieth of
+            `geometry.size`.
+        growth: ratio of the sizes of neighbouring cells, away from the refined faces.
+        near: faces with smaller cells, unless the body is structured; by default the named faces of
+            supports and contacts.
+    """
+
+    curvature: Annotated[float, number(least=0.0, most=1000.0)] = 8.0
+    smallest: Annotated[float | None, number(above=0.0, unit="m")] = None
+    growth: Annotated[float, number(above=1.0, most=10.0)] = 1.5
+    near: Annotated[tuple[Refinement, ...] | None, tables_of(Refinement)] = None

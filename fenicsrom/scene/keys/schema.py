@@ -31,9 +31,15 @@ from fenicsrom.scene.base.rules import (
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.keys.curves import Backbone, Response, Statics
 from fenicsrom.scene.keys.loads import Load
-from fenicsrom.scene.keys.materials import Damping, GroupMaterial, Material
-from fenicsrom.scene.keys.meshing import Meshing
-from fenicsrom.scene.keys.places import Attachment, Place, Support
+from fenicsrom.scene.keys.places import (
+    Attachment,
+    Damping,
+    GroupMaterial,
+    Material,
+    Meshing,
+    Place,
+    Support,
+)
 from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief

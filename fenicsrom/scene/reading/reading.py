@@ -1,29 +1,124 @@
-"""Scenes from TOML files, plain data or Python: read, checked and completed."""
+"""Scenes from TOML files, plain data or Python: read, checked and completed.
+
+The folders of the program's own files.
+
+Titles that follow the values of the scene.
+
+A title may hold keys in braces, such as `{loads.0.frequency}`; the heading shows their values.
+If the title does not hold the key of an override, the key is appended to the title in this form.
+The heading of a report therefore names every changed value, also after a second change.
+
+Longer and shorter time steps of a scene.
+
+The local error of a second-order scheme falls with the third power of the step. With an adaptive
+step, half the step therefore means an eighth of the tolerance. The steps of this module may be
+longer or shorter than a scene file allows.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Collection, Mapping
+from dataclasses import fields, replace
+from pathlib import Path, PurePath
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
-from fenicsrom.scene.base.tables import plain, read_table, require_none
-from fenicsrom.scene.base.toml import parse_toml
-from fenicsrom.scene.checks.checks import default_masters, problems
-from fenicsrom.scene.checks.step_checks import step_problems
+from fenicsrom.scene.base.tables import (
+    parse_toml,
+    plain,
+    read_table,
+    require_none,
+    toml_value,
+    value_at,
+)
+from fenicsrom.scene.checks.checks import default_masters, problems, step_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
-from fenicsrom.scene.keys.meshing import Refinement
+from fenicsrom.scene.keys.places import Refinement
 from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
 from fenicsrom.scene.keys.unit_system import Units
-from fenicsrom.scene.reading.headings import titled
-from fenicsrom.scene.reading.overrides import Overrides, override_table
-from fenicsrom.scene.reading.paths import shared_meshes
-from fenicsrom.scene.reading.units import scene_in_si
+from fenicsrom.scene.reading.overrides import (
+    Overrides,
+    as_given,
+    names_of,
+    override_table,
+    override_texts,
+    scene_in_si,
+)
+
+
+def shared_meshes() -> Path:
+    """Give the folder of the program's own meshes.
+
+    The folder lies inside the installed package; in a checkout it lies beside the package.
+    """
+    package = Path(__file__).resolve().parents[2]
+    installed = package / "meshes"
+    return installed if installed.is_dir() else package.parent / "meshes"
+
+
+KEY_IN_BRACES = re.compile(r"\{([A-Za-z_][\w.]*)\}")
+# changes of these keys do not change the motion of a scene
+WITHOUT_EFFECT = ("title", "output", "reference", "response", "backbone")
+LONGEST = 40  # longest text of one value in a heading
+
+
+def titled(table: Mapping[str, Any], overrides: Overrides, source: str) -> dict[str, Any]:
+    """Give the table of a scene with a title that holds the keys of some overrides.
+
+    Args:
+        table: the plain data of a scene, the overrides included.
+        overrides: as `override_table` takes them.
+        source: name of the scene file, the title of a scene that has none.
+    """
+    title = table.get("title", "")
+    if not isinstance(title, str):
+        return dict(table)
+    for override in override_texts(overrides):
+        path = names_of(override.partition("=")[0])
+        if path[0] not in WITHOUT_EFFECT and f"{{{'.'.join(path)}}}" not in title:
+            name = ".".join(path)
+            title = f"{title or PurePath(source).stem}, {name} = {{{name}}}"
+    return {**table, "title": title} if title else dict(table)
+
+
+def scene_heading(scene: Scene, varied: Collection[str] = ()) -> str:
+    """Give the title of a scene with the values of the keys that stand in braces.
+
+    A part of the title between commas is left out if it names a key that the scene does not have,
+    such as the preload of a removed contact, or a key that varies. Braces around anything else
+    stay as they are. The heading of a scene without a title is the name of its file.
+
+    Args:
+        scene: the scene.
+        varied: keys that have several values in the results, as in a sweep.
+    """
+    hidden = {".".join(names_of(key)) for key in varied}
+    table = plain(scene)
+    tables = {field.name for field in fields(scene)}
+
+    def is_missing(name: str) -> bool:
+        return name in hidden or (name.split(".")[0] in tables and value_at(table, name) is None)
+
+    def shown(match: re.Match[str]) -> str:
+        value = as_given(scene, match[1], value_at(table, match[1]))
+        return match[0] if value is None else _short(value)
+
+    parts = scene.title.split(", ")
+    kept = [part for part in parts if not any(map(is_missing, KEY_IN_BRACES.findall(part)))]
+    return KEY_IN_BRACES.sub(shown, ", ".join(kept)) or scene.source
+
+
+def _short(value: Any) -> str:
+    """A value in a heading: numbers without trailing zeros, text without quotes."""
+    if isinstance(value, str):
+        return value
+    text = f"{value:.10g}" if isinstance(value, float) else toml_value(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}.."
+
 
 MESHES = (
     ".geo .msh .unv .step .stp .inp .bdf .nas .dat .cdb .vtu .vtk .pvtu .pvd .vtm .vtp "
@@ -324,3 +419,52 @@ def _find_mesh(mesh: Path, folder: Path, where: Where) -> Path:
     inside = f"a file in {folders[0].absolute()} or {folders[1]}"
     searched = "an existing file" if mesh.is_absolute() else inside
     raise where.refuse(str(mesh), f"must be {searched}", ErrorKind.FILE)
+
+
+def step_key(scene: Scene) -> str:
+    """The key of [time] that sets the step of a scene."""
+    return fields(scene.time.stepping)[0].name
+
+
+def with_time(scene: Scene, **changes: Any) -> Scene:
+    """The scene with other values of [time]; a new step replaces the old one.
+
+    Args:
+        scene: the scene.
+        changes: values by key. A new scheme resets `spectral_radius` to its default.
+
+    Raises:
+        SceneError: a value is not allowed.
+    """
+    table = scene_table(scene)
+    if changes.get("scheme", scene.time.scheme) != scene.time.scheme:
+        table["time"].pop("spectral_radius", None)
+    overrides = [f"time.{key}={value!r}" for key, value in changes.items()]
+    return parse_scene(override_table(table, overrides, scene.source), scene.source, None)
+
+
+def refined(scene: Scene, factor: float = 2) -> Scene:
+    """The scene with its step divided by a factor (its tolerance by the factor cubed).
+
+    With a factor below 1 the step is longer; no step exceeds the duration, and a period has at
+    least two.
+    """
+    stepping: times.Stepping
+    match scene.time.stepping:
+        case times.Tolerance(tolerance=tolerance):
+            stepping = times.Tolerance(tolerance=tolerance / factor**3)
+        case times.StepsPerPeriod(steps_per_period=steps):
+            stepping = times.StepsPerPeriod(steps_per_period=max(int(steps * factor), 2))
+        case times.StepsPerRevolution(steps_per_revolution=steps):
+            stepping = times.StepsPerRevolution(steps_per_revolution=max(int(steps * factor), 2))
+        case times.FixedStep(step=step):
+            assert scene.time.duration is not None
+            stepping = times.FixedStep(step=min(step / factor, scene.time.duration))
+        case other:
+            stepping = other
+    return replace(scene, time=replace(scene.time, stepping=stepping))
+
+
+def coarser(scene: Scene) -> Scene:
+    """The scene with twice its step or eight times its tolerance, as `refined` by a half."""
+    return refined(scene, 0.5)
