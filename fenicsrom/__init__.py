@@ -56,8 +56,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
-    "fem.mesh.mesh": ("build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
-    "fem.mesh.mesh_data": ("Mesh",),
+    "fem.mesh.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
     "fem.solid.solid": ("Solid", "build_solid", "solid_of"),
     "fem.full.full": ("FullModel",),
     "reduction.modes": ("component_modes",),
@@ -66,8 +65,7 @@ _MODULES = {
     "online.store.archive": ("StoredModel", "load_model", "save_model"),
     "online.model.matrices": ("ModelArrays", "model_arrays"),
     "online.run.simulate": ("simulate",),
-    "online.motion.motion": ("Motion",),
-    "online.motion.history": ("History", "read_history"),
+    "online.motion.motion": ("History", "Motion", "read_history"),
     "online.motion.measures": ("amplitudes", "contact_fractions"),
     "records": ("Study",),
     "study": (
@@ -85,8 +83,8 @@ _MODULES = {
     ),
     "fem.mesh.inspection": ("inspect",),
     "post.reports": ("report",),
-    "post.run.body_pictures": ("view",),
-    "post.base.report": ("Report",),
+    "post.run.pictures": ("view",),
+    "post.base.page": ("Report",),
 }
 """The public names of each module."""
 

@@ -61,8 +61,8 @@ def stale_modules(changed: str, sources: dict[str, str]) -> set[str]:
         ("contact.friction", {LOOP, DERIVATIVES}),
         ("contact.state", {LOOP, DERIVATIVES}),
         ("model.model", {LOOP, DERIVATIVES}),
-        ("step.scheme", {LOOP, DERIVATIVES}),
-        ("derivative.step_sensitivity", {DERIVATIVES}),
+        ("step.state", {LOOP, DERIVATIVES}),
+        ("derivative.period_sensitivity", {DERIVATIVES}),
         ("periodic.shooting", set()),
     ],
 )

@@ -52,7 +52,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MESH_SAFETY
 from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, check_error, finer_mesh, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
-from fenicsrom.fem.full.full import full_model
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.motion.motion import Motion
@@ -333,6 +332,8 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
     Returns:
         (local, k) residuals at `INSTANTS` steps, N.
     """
+    from fenicsrom.fem.full.full import full_model  # slow to import
+
     model = full_model(body)
     plan = scheme(scene.time.scheme, model, scene.time.spectral_radius or 0.0)
     assert motion.coordinates is not None and motion.coordinate_time is not None

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.stats
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
@@ -48,7 +47,9 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float |
     """
     if not (np.ptp(first) and np.ptp(second)):
         return None
-    return float(scipy.stats.spearmanr(first, second).statistic)
+    from scipy.stats import spearmanr  # takes a second to import
+
+    return float(spearmanr(first, second).statistic)
 
 
 def break_even(offline: float, online: float, full: float) -> int | None:

@@ -95,7 +95,7 @@ ONCE = "once for this version of the program on this kind of processor"
 KERNELS = {
     "contact.law.at_rest": "the contact law",
     "contact.problem.solve_contact": "the contact problem",
-    "step.loop.march": "the time steps",
+    "step.step.march": "the time steps",
     "derivative.period_sensitivity.carry_derivatives": "the derivatives of a period",
 }
 """The kernels whose compilation takes seconds, by their names in `fenicsrom.online`."""

@@ -22,7 +22,8 @@ from fenicsrom.online.motion.measures import STATE_NAMES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
-
+else:
+    Axes = Figure = Any  # types only: matplotlib is imported when a figure is made
 
 # Ratio of displacement and length of the body from which displacements are drawn to scale.
 TRUE_SCALE = 0.03
