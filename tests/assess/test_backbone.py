@@ -80,6 +80,7 @@ def test_curve_spans_the_amplitudes_of_the_probe() -> None:
     assert unexplained(rows(found)[0], "backbone.csv") == []
 
 
+@pytest.mark.slow
 def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
     found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert [error.point for error in found.step_errors] == [

@@ -554,6 +554,7 @@ def test_tiny_comparison_ranks_the_richer_basis_first(cache):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nine_coordinates_match_the_full_model():
     from mpi4py import MPI
 

@@ -149,7 +149,12 @@ def test_motion_without_numerical_damping_repeats(scheme: str, dimension: int) -
 
 
 @pytest.mark.parametrize(
-    "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
+    "scheme",
+    [
+        pytest.param("discrete-gradient", marks=[pytest.mark.slow]),
+        pytest.param("average-acceleration", marks=[pytest.mark.slow, pytest.mark.long]),
+        pytest.param("generalised-alpha", marks=[pytest.mark.slow, pytest.mark.long]),
+    ],
 )
 def test_derivatives_along_directions_match_differences(scheme: str) -> None:
     found = case(scheme, damping=5.0, force=30.0)

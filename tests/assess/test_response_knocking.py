@@ -17,6 +17,7 @@ from fenicsrom.study import build_model
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_period_doubles_where_a_march_does_without_other_bifurcations() -> None:
     sizes = {"length": 0.35, "height": 0.008, "elements_along": 14}
     load = {"nearest": [0.3, 0.0], "direction": [0.0, 1.0], "force": 4.0, "frequency": 70.0}

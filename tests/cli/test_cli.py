@@ -714,7 +714,10 @@ def test_interrupted_run_leaves_only_complete_files(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)],
+)
 def test_signal_ends_a_long_call_of_gmsh(number, code, tmp_path):
     """The folder is as after a killed run: the next run takes it."""
     out = ["run", str(SCENE), "--output", str(tmp_path), *QUICK]

@@ -83,7 +83,7 @@ def test_linear_beam_matches_the_recomputed_paper(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["open_2d", "stick_slip_2d"])
+@pytest.mark.parametrize("name", ["open_2d", pytest.param("stick_slip_2d", marks=pytest.mark.long)])
 def test_full_model_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER)
     motion = simulate(full_model(body(scene)), scene)
@@ -101,7 +101,10 @@ BASES = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "load"), [("slip_liftoff_2d", 0), ("high_load_2d", 1)])
+@pytest.mark.parametrize(
+    ("name", "load"),
+    [("slip_liftoff_2d", 0), pytest.param("high_load_2d", 1, marks=pytest.mark.long)],
+)
 def test_full_model_matches_the_recomputed_paper_and_reduced_models_match_it(name, load):
     scene = demo(name, *PAPER)
     solid = body(scene)

@@ -215,6 +215,7 @@ def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @needs_mpirun
 def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
     """Some ranks have no cell and no unknown."""

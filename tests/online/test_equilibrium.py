@@ -200,6 +200,7 @@ def test_basis_that_misses_buckled_state_is_refused() -> None:
     )
 
 
+@pytest.mark.slow
 def test_motion_of_buckled_beam_becomes_steady(models: dict[str, Any]) -> None:
     preload = 1.1 * CRITICAL
     wanted = scene(preload, "contacts.0.friction=0.1")
