@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+import references
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -99,6 +100,19 @@ def test_pages_of_the_demos_are_short() -> None:
     for page in sorted((ROOT / "demos").glob("*.md")):
         words = [word for word in page.read_text().split() if re.search(r"\w", word)]
         assert len(words) <= PAGE_WORDS, page.name
+
+
+def test_table_of_references_is_that_of_the_tests() -> None:
+    page = (ROOT / "tests" / "README.md").read_text(encoding="utf-8")
+    assert page == references.replaced(page), "python3 tests/references.py writes the table"
+    assert len(references.PART.findall(page)) == 1
+
+
+def test_reference_without_five_fields_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "test_a.py"
+    file.write_text('def test_a():\n    """Reference: what | source | value | ours"""\n')
+    with pytest.raises(ValueError, match=r"test_a\.py, test_a: 4 fields"):
+        references.references_of(file)
 
 
 def test_citation_and_changelog_name_the_version() -> None:

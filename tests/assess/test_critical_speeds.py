@@ -34,7 +34,11 @@ def test_crossing_of_southwell_curve_is_exact_from_two_speeds(speeds, order):
 
 
 def test_crossing_of_an_oscillator_that_stiffens_with_the_speed_is_exact():
-    """2Ω meets the frequency √(80² + 1.8 Ω²) rad/s of test B of the run-ups at 53.9360 rad/s."""
+    """2Ω meets the frequency √(80² + 1.8 Ω²) rad/s of test B of the run-ups at 53.9360 rad/s.
+
+    Reference: critical speed of an oscillator that stiffens with the speed | closed form |
+    53.9360 rad/s | agrees | 5e-5 rad/s
+    """
     speeds = np.array([40.0, 70.0])
     squares = (80.0**2 + 1.8 * speeds**2) / (2.0 * np.pi) ** 2
     (found,) = curve(30.0 / np.pi * speeds, squares).crossings(2)

@@ -55,7 +55,11 @@ def bending(solid: Any) -> tuple[float, float]:
 
 
 def test_tip_mass_lowers_the_frequencies_as_in_the_closed_form() -> None:
-    """1 + cosh λ cos λ + (m / ρAL) λ (cos λ sinh λ − sin λ cosh λ) = 0, ω = λ² √(EI / ρAL⁴)."""
+    """1 + cosh λ cos λ + (m / ρAL) λ (cos λ sinh λ − sin λ cosh λ) = 0, ω = λ² √(EI / ρAL⁴).
+
+    Reference: two frequencies of a cantilever with a tip mass | characteristic equation of the
+    beam | 27.479, 247.34 rad/s | agree | 0.1 %
+    """
     solid = cantilever([{"group": "tip", "mass": 0.5}])
     stiffness, mass = bending(solid)
 
@@ -70,7 +74,11 @@ def test_tip_mass_lowers_the_frequencies_as_in_the_closed_form() -> None:
 
 @pytest.mark.parametrize(("components", "along"), [(None, 1.0), (["y"], 1.0), (["x"], 0.0)])
 def test_tip_spring_carries_its_part_of_the_load(components: Any, along: float) -> None:
-    """The deflection under a tip force is F / (3 E I / L³ + k), and F L³ / 3 E I with k along x."""
+    """The deflection under a tip force is F / (3 E I / L³ + k), and F L³ / 3 E I with k along x.
+
+    Reference: tip deflection of a cantilever on a spring | closed form | F / (3EI/L³ + k) |
+    agrees | 0.1 %
+    """
     push = {"group": "tip", "direction": [0.0, 1.0], "force": 1.0}
     spring = {"node": [1.0, 0.0], "stiffness": 300.0}
     spring |= {"components": components} if components else {}
@@ -122,6 +130,9 @@ def test_dashpot_at_the_end_of_a_bar_damps_it_as_in_the_closed_form() -> None:
 
     The wave speed is a = √(E / ρ). A dashpot with c per area at the end reflects the part
     (1 − r) / (1 + r) of a wave. The frequencies (2k − 1) a / 4L are those without the dashpot.
+
+    Reference: two axial modes of a bar with a dashpot at its end | closed form | decay 3570.5
+    1/s; 8091.4, 24274 rad/s | agree | 0.2 %
     """
     speed, ratio = np.sqrt(207e9 / 7801.0), 0.6
     end = {"group": "tip", "damping_per_area": ratio * 7801.0 * speed}

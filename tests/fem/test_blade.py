@@ -236,6 +236,9 @@ def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
 
     The reaction of the reduced model follows from its momentum; the stresses at its root, from
     a dozen shapes, miss a fifth of the contact forces on this mesh.
+
+    Reference: forces of contact and support on a rubbing blade | rate of momentum | balance |
+    agree | 1e-8
     """
     solid = make_solid(blade(*SHORT, "rotation.coriolis=true", "basis.modes=6"))
     full = simulate(FullModel(solid), scene_of(solid), keep_coordinates=True)
@@ -418,7 +421,11 @@ def test_two_ranks_find_same_points_in_same_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> None:
     """A casing slowly approaches a beam along its radius: the approach beyond the gap is N (1/k +
-    1/K)."""
+    1/K).
+
+    Reference: casing that closes in on a beam: force | springs in series | closed form | agrees
+    | 0.2 %
+    """
     surface: dict[str, Any] = {"kind": "cylinder", "point": [-1.0, 0.0, 0.0][:dimension]}
     if dimension == 3:
         surface["axis"] = [0.0, 0.0, 1.0]

@@ -86,7 +86,11 @@ def test_factor_counts_the_modes_below_a_frequency() -> None:
 
 
 def test_buckled_column_is_the_elastica() -> None:
-    """Timoshenko and Gere, Theory of Elastic Stability, art. 2.7."""
+    """Timoshenko and Gere, Theory of Elastic Stability, art. 2.7.
+
+    Reference: tip of a column at 1.2 times its buckling load | elastica (Timoshenko and Gere) |
+    1.6479, −0.8283 m | 1.6453, −0.8253 m | 1 %
+    """
     part = 1.2
 
     def excess(angle: float) -> float:

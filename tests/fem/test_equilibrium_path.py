@@ -76,6 +76,9 @@ def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_p
 
     The two nodes move against one another, u = xy, where the second variation of the energy
     vanishes, (3s² − 1) / 2L² + 2s²/h² = 0, at s² = 1 / (3 + 4L²/h²).
+
+    Reference: block pressed in: limit points, bifurcations | closed form | ±0.192450, ±0.161985
+    EA | agree | 1e-9; 2e-5
     """
     found = follow(block(tmp_path))
     limit, crossed = np.sqrt(1.0 / 3.0), np.sqrt(1.0 / (3.0 + 4.0 * (LENGTH / HEIGHT) ** 2))
@@ -220,7 +223,14 @@ def shallow_arch(rise: float, span: float, section: float) -> Any:
 
 @pytest.mark.slow
 def test_arch_snaps_and_buckles_as_the_beam_column() -> None:
-    """Limit points at the extremes of P, bifurcations where N L² / E I = 8.9868² (sideways)."""
+    """Limit points at the extremes of P, bifurcations where N L² / E I = 8.9868² (sideways).
+
+    Reference: shallow clamped arch: limit points | beam column | 146.11, 60.45 N | 145.40, 60.18
+    N | 0.6 %
+
+    Reference: shallow clamped arch: sideways buckling | beam column | 120.11, 88.87 N | 118.58,
+    89.10 N | 1.5 %
+    """
     rise, span, section = 0.03, 1.0, 0.005
     solve = shallow_arch(rise, span, section)
     euler = STEEL["young"] * 0.01 * section**3 / 12.0 * (np.pi / span) ** 2
@@ -260,7 +270,11 @@ def column(last: float) -> EquilibriumPath:
 
 
 def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
-    """The second Euler load of a cantilever is nine times the first; the column stays straight."""
+    """The second Euler load of a cantilever is nine times the first; the column stays straight.
+
+    Reference: bifurcations on the path of a column | Euler | 1 and 9 times π²EI/4L² | 1.003,
+    9.11 | 1.5 %
+    """
     found = column(10.0)
     assert [point.kind for point in found.special] == ["bifurcation"] * 2
     np.testing.assert_allclose([point.load_factor for point in found.special], [1, 9], rtol=0.015)
@@ -298,6 +312,9 @@ def test_deep_arch_with_a_hinge_collapses_at_the_published_load(tmp_path: Path) 
 
     DaDeppo and Schmidt, Journal of Applied Mechanics 42 (1975), for an inextensible arch: the crown
     moves by 0.61 R sideways and by 1.14 R down.
+
+    Reference: circular arch of 215°, hinged and clamped: limit load | DaDeppo and Schmidt (1975)
+    | 8.97 EI/R² | 9.039; 8.970 on 240 elements | 1 %
     """
     (tmp_path / "deep.geo").write_text(DEEP_ARCH)
     young, half = 1e9, np.radians(107.5)

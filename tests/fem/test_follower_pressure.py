@@ -68,7 +68,10 @@ def solid(request: pytest.FixtureRequest) -> Any:
 
 
 def test_force_on_closed_surface_is_the_change_of_volume(solid: Any) -> None:
-    """The resultant vanishes, and the work on the place x is minus d volumes."""
+    """The resultant vanishes, and the work on the place x is minus d volumes.
+
+    Reference: work of a pressure on a closed surface | −p dV | closed form | agrees | 1e-12
+    """
     d, u = solid.dimension, 0.3 * random_field(solid, 0.02)
     surface, pressures = solid.pressures._surfaces[ALL], solid.pressures
     solid.set_field(pressures._u, u)
@@ -218,6 +221,9 @@ def test_ring_buckles_at_the_pressure_of_theory(
     Here the pressure acts on the outside. A pressure that follows works on the enclosed area, whose
     change is that of the middle line. A dead one has more work by `OUTSIDE`⁻²: by its larger length
     and, as the wall turns, by its arm.
+
+    Reference: buckling of a ring under follower and dead pressure | closed form | 3EI/R³; 4EI/R³
+    | 1.0009; 0.9998 of it | 0.2 %
     """
     critical = factor * YOUNG * THICKNESS**3 / 12 / RADIUS**3
     squares = []
@@ -272,7 +278,12 @@ def rod(height: float, elements: int, loads: list[dict[str, Any]]) -> Any:
 
 @pytest.mark.parametrize("load", [2.0, 8.0])
 def test_free_rod_bends_as_the_elastica_under_pressure(load: float) -> None:
-    """The free edge makes the tangent unsymmetric."""
+    """The free edge makes the tangent unsymmetric.
+
+    Reference: tip of a cantilever under follower pressure, pL³/EI = 2 and 8 | inextensible rod,
+    integrated | 0.96479, 0.24559; 0.53930, 0.76351 | 0.96484, 0.24541; 0.53987, 0.76308 | 0.001
+    L
+    """
     height = 0.01
     pressure = load * 207e9 * height**3 / 12
     # half from below, half as suction from above: the mean area is that of the axis
@@ -293,7 +304,11 @@ def test_free_rod_bends_as_the_elastica_under_pressure(load: float) -> None:
 def test_column_under_a_pressure_on_its_end_flutters_at_the_load_of_beck(
     part: float, flutters: bool
 ) -> None:
-    """20.05 E I / L²: Beck, Z. Angew. Math. Phys. 3, 1952. The column never buckles."""
+    """20.05 E I / L²: Beck, Z. Angew. Math. Phys. 3, 1952. The column never buckles.
+
+    Reference: flutter of a column under a follower pressure on its end | Beck (1952) | 20.05
+    EI/L² | 0.994 to 1 of it | 2 %
+    """
     height = 0.02
     pressure = part * 20.05 * 207e9 * height**2 / 12
     solid = rod(height, 16, [{"group": "tip", "pressure": pressure, "follower": True}])

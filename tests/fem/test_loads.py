@@ -161,7 +161,11 @@ def beam(dimension: int, *loads: Any, **given: Any) -> Any:
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
 def test_tip_under_uniform_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
     """w = q L^4 / (8 EI) + q L^2 / (2 kappa GA), for a traction on the top, a pressure on the
-    underside, and the weight."""
+    underside, and the weight.
+
+    Reference: tip under traction, pressure or acceleration | Timoshenko beam | closed form |
+    agrees | 0.1 % (2D); 0.2 % (3D)
+    """
     length, side = 2.54, 0.0254
     up = [0.0, 1.0, 0.0][:dimension]
 

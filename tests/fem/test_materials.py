@@ -102,7 +102,11 @@ GUIDED = [
 
 
 def test_bimaterial_bar_under_tension_extends_as_two_springs_in_series(tmp_path: Path) -> None:
-    """The groups differ in Young's modulus and in thickness."""
+    """The groups differ in Young's modulus and in thickness.
+
+    Reference: tension of a bar of two materials | springs in series | closed form | agrees |
+    1e-10
+    """
     solid = two_parts(
         tmp_path,
         BAR,
@@ -137,7 +141,11 @@ def test_bimaterial_bar_under_tension_extends_as_two_springs_in_series(tmp_path:
 
 
 def test_bimaterial_bar_has_the_frequencies_of_the_closed_form(tmp_path: Path) -> None:
-    """tan(k₁ L₁) tan(k₂ L₂) = √(E₁ ρ₁) / √(E₂ ρ₂) for a bar clamped at the first end."""
+    """tan(k₁ L₁) tan(k₂ L₂) = √(E₁ ρ₁) / √(E₂ ρ₂) for a bar clamped at the first end.
+
+    Reference: two axial frequencies of a bar of aluminium and steel | characteristic equation |
+    closed form | agree | 1e-5
+    """
     solid = two_parts(
         tmp_path,
         BAR | {"along": 16},
@@ -165,7 +173,11 @@ def test_bimaterial_bar_has_the_frequencies_of_the_closed_form(tmp_path: Path) -
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])
 def test_tension_of_a_turned_lamina_stretches_and_shears_by_the_closed_form(angle: float) -> None:
-    """Off-axis modulus and coupling of shear and extension (Jones, 1999, equations 2.94)."""
+    """Off-axis modulus and coupling of shear and extension (Jones, 1999, equations 2.94).
+
+    Reference: strains of a lamina under tension oblique to its fibres | Jones (1999) | closed
+    form | agree | 1e-9
+    """
     c, s = np.cos(angle), np.sin(angle)
     pull = {"group": "tip", "direction": [1.0, 0.0], "traction": 1e6}
     solid = make_solid(
@@ -199,7 +211,11 @@ def test_tension_of_a_turned_lamina_stretches_and_shears_by_the_closed_form(angl
 def test_simply_supported_orthotropic_plate_has_the_frequencies_of_the_closed_form(
     tmp_path: Path,
 ) -> None:
-    """ω = π² √((D₁ (m/a)⁴ + 2 D₃ (m n / a b)² + D₂ (n/b)⁴) / ρh) (Leissa, 1969, section 9.1)."""
+    """ω = π² √((D₁ (m/a)⁴ + 2 D₃ (m n / a b)² + D₂ (n/b)⁴) / ρh) (Leissa, 1969, section 9.1).
+
+    Reference: three frequencies of a thin orthotropic plate | Leissa (1969) | closed form |
+    agree | 0.5 %
+    """
     a, b, h = 1.0, 0.8, 0.005
     edges = [on_plane(0, at, 3) | {"components": ["y", "z"]} for at in (0.0, a)]
     edges += [on_plane(1, at, 3) | {"components": ["x", "z"]} for at in (0.0, b)]

@@ -117,7 +117,11 @@ def absolute_march(solid: Any, steps: int, duration: float) -> Array:
 
 @pytest.mark.slow
 def test_full_model_converges_to_the_motion_in_space() -> None:
-    """Large displacements: the tip moves by a quarter of its length in space."""
+    """Large displacements: the tip moves by a quarter of its length in space.
+
+    Reference: tip of a shaken cantilever in large displacements | central differences, fixed
+    frame | 4000 steps | 0.05 %; order 2 | 1 %
+    """
     duration, found = 0.75 / FREQUENCY, []
     solid = shaken("material.mass_damping=0.0")
     exact = absolute_march(solid, 4000, duration)
@@ -135,7 +139,10 @@ def test_full_model_converges_to_the_motion_in_space() -> None:
 
 @pytest.mark.slow
 def test_reduced_model_and_reactions_of_moving_supports() -> None:
-    """Against the full model, and against the rate of the absolute momentum of all nodes."""
+    """Against the full model, and against the rate of the absolute momentum of all nodes.
+
+    Reference: reactions of a shaken cantilever | rate of momentum | balance | agree | 0.2 %
+    """
     solid = shaken("time.steps_per_period=80", "basis.modes=4", "basis.derivatives='all'")
     scene = scene_of(solid)
     made = Reduction(solid, scene, lambda name: nullcontext())
@@ -192,7 +199,11 @@ def test_slow_shaking_moves_the_body_with_its_supports() -> None:
 
 
 def test_stiff_spring_moves_one_of_two_supports() -> None:
-    """The end on a spring of 1e15 N/m³ is pulled by 1 mm; the exact motion has it prescribed."""
+    """The end on a spring of 1e15 N/m³ is pulled by 1 mm; the exact motion has it prescribed.
+
+    Reference: beam of which one support moves | complex dynamic stiffness | same mesh | agrees |
+    0.2 %
+    """
     spring, size, damping = 1e15, 1e-3, 200.0
     frequency = 250.0
     sizes = (

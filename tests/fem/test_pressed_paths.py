@@ -30,7 +30,11 @@ def follow(scene: Scene, **options: Any) -> EquilibriumPath:
 def test_path_of_a_ring_has_its_bifurcation_at_the_pressure_of_theory(
     follower: bool, factor: float, tmp_path: Path
 ) -> None:
-    """The load factor 1 is 3 E I / R³ if the pressure follows, else 4 E I / R³."""
+    """The load factor 1 is 3 E I / R³ if the pressure follows, else 4 E I / R³.
+
+    Reference: bifurcation on the path of a pressed ring | closed form | 3EI/R³; 4EI/R³ | agrees
+    | 0.3 %
+    """
     critical = factor * YOUNG * THICKNESS**3 / 12 / RADIUS**3
     load = {"pressure": critical, "follower": follower}
     scene = ring_scene(tmp_path, load, statics={"last": 1.1})

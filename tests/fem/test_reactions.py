@@ -39,7 +39,11 @@ def at_rest(solid: Any) -> Reactions:
 def test_reaction_of_large_deflection_balances_load(
     bent: str, request: pytest.FixtureRequest
 ) -> None:
-    """The force is minus the load, and the moment is that of the load at the deformed place."""
+    """The force is minus the load, and the moment is that of the load at the deformed place.
+
+    Reference: reactions of a large deflection | balance of forces and moments | closed form |
+    agree | 1e-9
+    """
     solid = request.getfixturevalue(bent)
     d, load = solid.dimension, scene_of(solid).loads[1]
     found = at_rest(solid)
@@ -297,7 +301,10 @@ def test_reaction_of_damped_motion_from_stresses_is_that_of_the_momentum() -> No
 
 
 def test_two_supports_share_the_load() -> None:
-    """A beam clamped at both ends: each carries half, the clamping moments are P L / 8."""
+    """A beam clamped at both ends: each carries half, the clamping moments are P L / 8.
+
+    Reference: reactions of a beam clamped at both ends | closed form | P/2; PL/8 | agree | 0.5 %
+    """
     load = {"group": "load", "at": "centre", "direction": [0.0, 1.0], "force": 100.0}
     sizes = ("length=1.0", "height=0.02", "elements_along=10", "load_at=0.5")
     solid = make_solid(

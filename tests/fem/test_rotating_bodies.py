@@ -28,7 +28,11 @@ AXIAL = "material.poisson=0.0"
 def test_tip_mass_at_speed_vibrates_as_on_a_string_with_bending_stiffness() -> None:
     """A light cantilever with the mass m at its tip, clamped on the axis z, has the tension
     N = m Omega^2 L. Its tip has the stiffness N / (L - tanh(k L) / k) with k^2 = N / EI against a
-    force across, along the axis; in the plane of rotation m Omega^2 less."""
+    force across, along the axis; in the plane of rotation m Omega^2 less.
+
+    Reference: lag and flap of a tip mass on a turning cantilever | string with bending stiffness
+    | closed form | agree | 0.1 %
+    """
     mass, speed = 10.0, 20.0
     scene = beam_scene(
         3,
@@ -74,7 +78,11 @@ def shaft(speed: float, alpha: float, *overrides: str) -> Any:
 def test_damping_that_turns_with_the_shaft_destabilises_it_at_its_critical_speed() -> None:
     """In the turning frame w = u_y + i u_z of a round shaft with damping alpha obeys
     w'' + (alpha + 2 i Omega) w' + (omega^2 - Omega^2) w = 0, so one whirl grows where Omega is
-    above omega. Its rate near omega tells this speed."""
+    above omega. Its rate near omega tells this speed.
+
+    Reference: shaft with damping that turns with it: growth rate; critical speed | closed form |
+    Ω = ω | agree | 0.1 %; 0.5 %
+    """
     alpha = 0.4
     omega = np.sqrt(shaft(0.0, alpha).model.elastic.stiffness[0, 0])
     rates = []
@@ -99,7 +107,11 @@ def test_damping_that_turns_with_the_shaft_destabilises_it_at_its_critical_speed
 
 
 def test_motion_with_coriolis_force_equals_that_of_another_integrator() -> None:
-    """A force along y moves the shaft across, too, against an explicit scheme of eighth order."""
+    """A force along y moves the shaft across, too, against an explicit scheme of eighth order.
+
+    Reference: motion of a shaft with Coriolis force | scipy, order 8, same matrices | its motion
+    | 0.1 % at 400 steps; order 2 | 0.1 %
+    """
     stored = shaft(10.0, 0.5, "time.periods=2", "time.steady='march'")
     arrays, load = model_arrays(stored), stored.scene.loads[0]
     n, inverse = stored.size, np.linalg.inv(arrays.mass)
@@ -161,7 +173,11 @@ def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
 ) -> None:
     """CalculiX 2.20, *COMPLEX FREQUENCY, CORIOLIS after *FREQUENCY (20 modes) and *STATIC with
     CENTRIF, on the same 102 straight C3D10. The critical speed is 14,500 rpm; above it the two
-    lowest eigenvalues of the stiffness are negative. The scene has no loads and no times."""
+    lowest eigenvalues of the stiffness are negative. The scene has no loads and no times.
+
+    Reference: six frequencies of a shaft with a disk at 6,000 and 18,000 rpm | CalculiX 2.20,
+    same cells | 140.767 to 1383.683 Hz; 56.387 to 1297.942 Hz | agree | 0.1 %
+    """
     (tmp_path / "shaft.geo").write_text(DISK)
     scene = parse_scene(
         {
@@ -189,7 +205,11 @@ def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
 
 
 def test_shaft_above_its_critical_speed_whirls_by_damping_only() -> None:
-    """The growth in a revolution is that of the closed form of the test above."""
+    """The growth in a revolution is that of the closed form of the test above.
+
+    Reference: growth in a turn of a shaft at 1.3 times its critical speed | closed form | a rate
+    | agrees | 2 %
+    """
     omega = np.sqrt(shaft(0.0, 0.0).model.elastic.stiffness[0, 0])
     speed = 1.3 * omega
     held = make_solid(turning(speed, 0.0))

@@ -227,6 +227,9 @@ def test_stretch_of_spinning_rod_matches_boundary_value_problem(slender: Any, sp
     = 0 = S(L).
 
     Where strains are small that is u'' + k^2 (x + u) = 0: x + u = sin(k x) / (k cos(k L)).
+
+    Reference: stretch of a spinning rod, kL = 0.3 | boundary-value problem of the rod |
+    numerical | agrees | 0.01 %
     """
     k = speed / LENGTH
     slender.spin(k * np.sqrt(STEEL_YOUNG / STEEL_DENSITY))
@@ -314,6 +317,9 @@ def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_rotating_cantilever_matches_beam_theory(slender: Any) -> None:
+    """Reference: flap and lag of a rotating cantilever, η up to 12 | Wright et al. (1982),
+    recomputed | flap 3.5160 to 13.1702 | 0.03 % | 0.05 %
+    """
     worst = 0.0
     for eta, flap in zip(ETA, FLAP, strict=True):
         slender.spin(eta * UNIT)
@@ -380,7 +386,10 @@ def test_polynomial_about_spinning_state_matches_projected_force(
 
 def test_whirling_shaft_splits_its_frequencies_by_the_speed(tmp_path: Path) -> None:
     """A square shaft turning about its own axis: omega_0 - Omega and omega_0 + Omega in the turning
-    frame."""
+    frame.
+
+    Reference: whirl of a square shaft | closed form | ω₀ ± Ω | agrees | 0.01 %
+    """
     still = {"speed_rpm": 0.0, "axis": [1.0, 0.0, 0.0], "coriolis": True}
     sizes = ("geometry.parameters.elements_along=10",)
     table = {"speeds_rpm": [0.0, 40.0, 80.0, 120.0, 160.0], "modes": 2, "engine_orders": [1]}

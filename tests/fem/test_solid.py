@@ -148,6 +148,9 @@ def test_plane_solid_matches_solid_without_lateral_strain(plane: str) -> None:
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
 def test_tip_under_small_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
+    """Reference: tip of a cantilever under a small force | Timoshenko beam | closed form | agrees |
+    0.1 % (2D); 0.2 % (3D)
+    """
     load = {"group": "tip", "direction": [0, 1, 0][:dimension], "force": 1e-3, "frequency": 1.0}
     solid = make_solid(
         beam_scene(
@@ -163,7 +166,9 @@ def test_tip_under_small_load_matches_timoshenko(dimension: int, tolerance: floa
 
 
 def test_tip_under_large_load_matches_elastica() -> None:
-    # P L^2 / (E I) = 1: w / L = 0.30172, u / L = -0.05643 (Mattiasson 1981)
+    """Reference: tip of a cantilever under a large force, PL²/EI = 1: w/L, u/L | elastica,
+    Mattiasson (1981) | 0.30172, −0.05643 | 0.30160, −0.05640 | 0.1 %
+    """
     solid = make_solid(beam_scene(2, ("geometry.parameters.elements_along=60",)))
     rows, _ = solid.place(Place(group="tip"), "probe")
     force = 207e9 * 0.0254**4 / 12 / 2.54**2

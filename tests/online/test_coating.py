@@ -83,6 +83,10 @@ class Point:
 
 @pytest.mark.parametrize("steps", [1, 1000])
 def test_layer_pressed_unloaded_and_pressed_again_matches_the_closed_form(steps: int) -> None:
+    """Reference: abradable layer pressed to 50 µm, unloaded, pressed to 60 µm: force, wear | law of
+    Legrand, Batailly and Pierre (2012) | 545.4545, 563.6364 N; 22.72727, 31.81818 µm | agree |
+    1e-6
+    """
     point = Point((made := pressed())[0])
 
     def to(x: float) -> None:
@@ -131,6 +135,9 @@ def test_layer_yields_at_25_micrometres_and_opens_where_it_is_worn() -> None:
 def test_layer_without_hardening_with_viscosity_and_behind_a_spring_matches_the_closed_form(
     values: dict[str, float], duration: float, force: float, worn: float, work: float | None
 ) -> None:
+    """Reference: abradable layer without hardening, with viscosity, behind a spring: force | closed
+    form | 500, 761.9048, 535.7143 N | agree | 1e-6
+    """
     made, ring = pressed(**values)
     point = Point(made)
     point.move(50e-6, duration)
@@ -198,6 +205,9 @@ def path(phi: Any) -> Any:
 @pytest.mark.parametrize("cells", [360, 720, 1000])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_rigid_blade_wears_two_lobes_as_the_closed_form(cells: int, way: float) -> None:
+    """Reference: rigid blade wears two lobes in a turn: depth, area, work | closed form | 22.72727
+    µm; 35.06363 µm rad; 0.908139 J | agree | 1e-5; 0.04 %; 0.1 %
+    """
     made, ring = ring_of(cells, way)
     point = Point(made, 50e-6)
     mean, _ = revolve(point, 360, way, path)
@@ -219,6 +229,9 @@ def test_rigid_blade_wears_two_lobes_as_the_closed_form(cells: int, way: float) 
 
 
 def test_rigid_blade_at_constant_depth_wears_all_around_although_it_does_no_work() -> None:
+    """Reference: rigid blade at constant depth: force, plastic work | closed form | 545.4545 N;
+    3.732264 J | agree | 1e-6
+    """
     made, ring = ring_of(360)
     point = Point(made, 50e-6)
     mean, end = revolve(point, 300, 1.0, lambda phi: 50e-6)

@@ -201,6 +201,9 @@ def brute_force(problem: dict[str, Any]) -> list[Array]:
 
 @pytest.mark.parametrize("points", [1, 2])
 def test_contact_problem_matches_brute_force(points: int) -> None:
+    """Reference: contact problem of a step, one and two points | brute force over all states | the
+    solution | agrees | 1e-9 m
+    """
     rng = np.random.default_rng(5)
     unique = 0
     for _ in range(200):
@@ -248,6 +251,9 @@ def slide(
     "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
 )
 def test_sliding_block_comes_to_rest_where_coulomb_says(scheme: str) -> None:
+    """Reference: block that slides to rest: distance, dissipation | closed form | Coulomb, elastic
+    slider | agree | 1e-5
+    """
     pull = FRICTION * MASS * GRAVITY
     distance = SPEED**2 / (2 * FRICTION * GRAVITY)
     # with a spring of finite stiffness: 1/2 m v^2 = pull w + pull^2 / (2 k_t) when it turns, at w +
@@ -268,7 +274,11 @@ def test_sliding_block_comes_to_rest_where_coulomb_says(scheme: str) -> None:
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
 def test_impact_inside_a_step_has_friction_in_proportion(stiffness: float, share: float) -> None:
     """A mass that strikes a wall at 45 degrees slides all the time: the ratio of its impulses is
-    mu, as that of its forces."""
+    mu, as that of its forces.
+
+    Reference: oblique impact inside one step | closed form | friction impulse μ times the normal
+    one | agrees | 0.2 %
+    """
     mass = linear_model(np.eye(2), 1e-9 * np.eye(2), masters=2)
     wall = one_contact(
         gap=0.1 + 0.01 * share,

@@ -140,7 +140,11 @@ def test_beam_beyond_buckling_load_matches_elastica(
     models: dict[str, Any], name: str, ratio: float, tolerance: float
 ) -> None:
     """The deflection grows with the square root of the excess: just above the buckling load, an
-    error of 0.2 % of this load changes it by 7 %."""
+    error of 0.2 % of this load changes it by 7 %.
+
+    Reference: tip deflection at twice the buckling load, against a wall | elastica with the
+    contact spring | 1.00036 m | 1.00040 m (beam), 0.99860 m (solid) | 0.3 %
+    """
     model, preload = models[name], ratio * CRITICAL
     q, buckled, x = press(model, preload)
     force, exact = elastica(preload)
@@ -168,7 +172,11 @@ def energy(model: Any, q: Array, preload: float) -> float:
 
 @pytest.mark.parametrize("name", ["beam", "full"])
 def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
-    """Found by bisection; the finite elements are at most 0.3 % above it."""
+    """Found by bisection; the finite elements are at most 0.3 % above it.
+
+    Reference: buckling load of the beam against its wall | Euler, shear by Engesser | 2745.80 N
+    | 2747.94 N (beam), 2749.66 N (solid) | 0.3 %
+    """
     found = brentq(
         lambda preload: press(models[name], preload)[1] - 0.5,
         0.98 * CRITICAL,

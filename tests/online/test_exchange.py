@@ -263,7 +263,11 @@ def test_damping_that_is_not_proportional_rubs_as_in_the_beam(where: str, tmp_pa
 
 
 def test_dashpots_and_gyroscopic_matrix_of_a_file_give_the_exact_response() -> None:
-    """The amplitude of a linear model is that of (K − ω² M + i ω C)⁻¹ f in the limit."""
+    """The amplitude of a linear model is that of (K − ω² M + i ω C)⁻¹ f in the limit.
+
+    Reference: amplitude of a superelement with damping and gyroscopic matrices | (K − ω²M +
+    iωC)⁻¹ f | closed form | order 2; agrees in the limit | 1e-5
+    """
     plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
     damping = np.zeros_like(plain.mass)
     damping[7, 7] = damping[16, 16] = 9.0
@@ -417,6 +421,7 @@ def test_dmig_entries_keep_eleven_digits(tmp_path: Path) -> None:
 
 
 def test_op4_file_is_read_by_pyyeti_and_pynastran(tmp_path: Path) -> None:
+    """Reference: OUTPUT4 files | pyYeti 1.4.7, pyNastran 1.4.1 | matrices | equal | every bit"""
     op4 = pytest.importorskip("pyyeti.nastran.op4")
     write_op4(tmp_path / "a.op4", MATRICES)
     theirs = op4.read(str(tmp_path / "a.op4"))
@@ -429,6 +434,7 @@ def test_op4_file_is_read_by_pyyeti_and_pynastran(tmp_path: Path) -> None:
 
 
 def test_dmig_entries_are_read_by_pynastran(tmp_path: Path) -> None:
+    """Reference: DMIG entries | pyNastran 1.4.1 | the matrices | equal | 1e-10"""
     bdf = pytest.importorskip("pyNastran.bdf.bdf")
     write_dmig(tmp_path / "a.bdf", MATRICES, 3)
     theirs = bdf.read_bdf(str(tmp_path / "a.bdf"), xref=False, punch=True, debug=None)
@@ -623,6 +629,9 @@ def test_right_side_in_octave_is_that_of_the_model(curved: tuple[StoredModel, Pa
 
 @in_octave
 def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) -> None:
+    """Reference: motion of an exported nonlinear model | GNU Octave 9.4, `lsode` | its motion |
+    order 2; agrees in the limit | 1e-6
+    """
     load = {"group": "load", "direction": [0.0, 1.0], "force": 4.0, "frequency": 0.5, "phase": 0.2}
     material = {**STEEL, "mass_damping": 0.3}
     body: dict[str, Any] = {"material": material, "contacts": None, "loads": [load]}

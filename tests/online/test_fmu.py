@@ -196,6 +196,9 @@ def test_unit_without_compiler_holds_its_source_and_says_so(
 
 
 def test_unit_moves_in_fmpy_as_the_model(tmp_path: Path) -> None:
+    """Reference: motion of an exported Functional Mock-up Unit | FMPy 0.3.32; scipy | its motion |
+    agrees | 1e-6
+    """
     fmpy = pytest.importorskip(
         "fmpy", reason="fmpy is not installed; pip install fmpy in docker/run sh -c '...'"
     )

@@ -85,7 +85,10 @@ def oscillate(scheme: str, steps: int, duration: float = 4.0) -> Motion:
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
 def test_period_error_of_oscillator_is_the_known_one(scheme: str) -> None:
     """Both schemes are the trapezoidal rule here, which turns by 2 atan(omega h / 2) per step at
-    constant amplitude."""
+    constant amplitude.
+
+    Reference: period error of each scheme | discrete solution | closed form | agrees | 1e-11
+    """
     for steps in (15, 400):
         motion = oscillate(scheme, steps)
         angle = np.arange(steps + 1) * 2 * np.arctan(OMEGA * 4.0 / steps / 2)
@@ -233,7 +236,11 @@ def test_energy_over_ten_thousand_steps_is_constant() -> None:
 @pytest.mark.slow
 def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
     """To 1e-10, for steps of a tenth and of a third of a radian of the fastest mode, in the
-    compiled loop."""
+    compiled loop.
+
+    Reference: energy of a free nonlinear motion, 100,000 steps | conservation | constant | 1e-10
+    | 1e-10
+    """
     model = random_model(3, seed=3)
     for step in (0.05, 0.2):
         settings = fixed_steps("discrete-gradient", 100_000, 1e5 * step)
@@ -307,6 +314,7 @@ START = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
+    """Reference: order of each scheme on a nonlinear problem | scipy, order 8 | 2 | 2 | 0.1"""
     model = random_model(3, seed=3, damping=0.1, force=0.5, omega=1.3)
     exact = reference(model, FREE, START, 6.0)
     steps = np.array([200, 400, 800])

@@ -32,6 +32,9 @@ def whirls(speed: float, damping: float) -> NDArray[np.complex128]:
 def test_rotor_grows_only_by_its_damping_above_the_critical_speed(
     speed: float, damping: float
 ) -> None:
+    """Reference: growth rate of a Jeffcott rotor, four speeds | closed form | its roots | agree |
+    1e-9
+    """
     exact = whirls(speed, damping)
     exact = np.concatenate([exact, exact.conj()])
     found = roots(*jeffcott(speed, damping))

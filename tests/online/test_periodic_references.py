@@ -88,6 +88,9 @@ def measured(orbit: Orbit, steps: int, name: str) -> tuple[NDArray[np.complex128
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("key", ORBITS)
 def test_duffing_orbit_converges_to_reference_with_second_order(key: str, name: str) -> None:
+    """Reference: orbits of x″ + 0.05x′ + x + x³ = 0.3 cos 1.5t: multipliers | recomputed |
+    0.52172701 ± 0.73405696i; 2.124463, 0.381762; … | 3e-7 in the limit; order 2 | 1e-6
+    """
     orbit = ORBITS[key]
     coarse, middle, fine = (measured(orbit, steps, name) for steps in (400, 800, 1600))
     reference = np.array([*orbit.multipliers, *orbit.harmonics])
@@ -176,6 +179,9 @@ JENKINS = one_contact(preload=2.0, friction=0.5)
 
 @pytest.mark.parametrize("a", [1.2, 1.7, 2.0, 5.0])
 def test_jenkins_element_has_exact_loss_and_first_harmonic(a: float) -> None:
+    """Reference: loss and first harmonic of a Jenkins element | closed form | 4 μN (A − μN/k_t) |
+    2e-10; 7e-8 A | 1e-9; 1e-7 A
+    """
     loop = prescribed(JENKINS, [0.0, a], 10_000)
     theta = np.arccos(1.0 - 2.0 / a)
     cosine = a * (theta - 0.5 * np.sin(2.0 * theta)) / np.pi
@@ -218,6 +224,9 @@ def varying(n0: float, n1: float, phi: float, steps: int, **options: Any) -> Loo
 def test_varying_normal_load_has_loss_and_first_harmonic_of_yang_and_menq(
     n0: float, n1: float, phi: float, loss: float, harmonic_of_friction: complex
 ) -> None:
+    """Reference: friction under a varying normal load, six cases: loss, first harmonic | Yang and
+    Menq (1998), recomputed | 2.857142857143, …; 0.404941509991, … | 1.7e-6; 4e-7 | 2e-6; 1e-6
+    """
     loop = varying(n0, n1, phi, 4000)
     assert loop.loss == pytest.approx(loss, abs=2e-6)
     assert abs(first_harmonic(loop) - harmonic_of_friction) < 1e-6
@@ -255,7 +264,11 @@ def harmonic_derivatives(n0: float, n1: float, phi: float, steps: int, shift: fl
 
 def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> None:
     """The step is a chord of the ellipse, so an event in it has an error of first order in its
-    derivatives. The mean over shifted grids removes most of it."""
+    derivatives. The mean over shifted grids removes most of it.
+
+    Reference: derivatives of the first harmonic under a varying normal load | recomputed | ∂/∂N₀
+    = (0.20393569, −0.22943052), … | 2.6e-5 | 5e-5
+    """
     shifts = (np.arange(8) + 0.5) / 8.0
     found = np.mean([harmonic_derivatives(1.0, 2.0, np.pi / 4, 2000, s) for s in shifts], axis=0)
     reference = {
@@ -270,6 +283,9 @@ def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> 
 
 @pytest.mark.parametrize("ratio", [1.05, 1.5, 3.0])
 def test_circular_orbit_has_friction_and_loss_of_the_periodic_slider(ratio: float) -> None:
+    """Reference: circular orbit with friction in 3D, three radii: force, loss | closed form |
+    closed form | 1.4e-7 in the limit | 2e-7
+    """
     stiffness, limit = 2.0, 0.6
     contacts = one_contact(3, preload=2.0, friction=0.3, tangential_stiffness=stiffness)
     critical = limit / stiffness
@@ -334,7 +350,11 @@ def test_den_hartog_amplitude_is_the_limit_of_a_stiff_slider(
     beta: float, friction: float, amplitude: float
 ) -> None:
     """Each reversal takes half a period of the mass on its slider, so the error falls as
-    1/sqrt(k_t)."""
+    1/sqrt(k_t).
+
+    Reference: oscillator with Coulomb friction, five cases: amplitude | Den Hartog (1931) |
+    0.72111026, 1.28255685, 2.62610488, … | 1e-4 for k_t → ∞ | 2e-4
+    """
     found = [den_hartog(beta, friction, k, 4000).amplitude[0, 1] for k in (1e3, 1e4, 1e5)]
     root = np.sqrt(10.0)
     assert (found[0] - amplitude) / (found[1] - amplitude) == pytest.approx(root, abs=0.15)
@@ -346,6 +366,9 @@ def test_den_hartog_amplitude_is_the_limit_of_a_stiff_slider(
 def test_den_hartog_motion_with_stops_is_the_limit_of_a_stiff_slider(
     beta: float, friction: float, amplitude: float, stuck: float
 ) -> None:
+    """Reference: oscillator with Coulomb friction and stops, two cases: amplitude | recomputed |
+    1.35193093, 1.25159434 | 1.351925, 1.251594 | 1e-5
+    """
     motions = [den_hartog(beta, friction, k, 4000) for k in (1e4, 1e6)]
     errors = [abs(motion.amplitude[0, 1] - amplitude) for motion in motions]
     assert errors[0] < 5e-4 and errors[1] < 1e-5
@@ -397,6 +420,9 @@ def test_beam_with_slip_and_lift_off_matches_the_prototype(
     along: float,
     multiplier: float,
 ) -> None:
+    """Reference: the paper's beam, two cases: amplitude, largest multiplier | prototype in plain
+    Python | 157.58850 mm, 0.99981; 861.48418 mm, 0.99980 | agree | all digits
+    """
     found = steady_beam(slip_liftoff, "discrete-gradient", changes)
     assert found.residuals[-1] < 1e-10 and len(found.residuals) <= 8
     assert 1e3 * found.amplitude[0, 1] == pytest.approx(across, abs=1e-5)

@@ -112,7 +112,11 @@ def absolute_amplitude(scene: Scene, points: ContactPoints, motion: Motion) -> A
 
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
 def test_oscillator_on_a_shaker_has_the_transmissibility_of_the_closed_form(ratio: float) -> None:
-    """sqrt(1 + (2 zeta r)²) / sqrt((1 - r²)² + (2 zeta r)²), with its dashpot to the supports."""
+    """sqrt(1 + (2 zeta r)²) / sqrt((1 - r²)² + (2 zeta r)²), with its dashpot to the supports.
+
+    Reference: transmissibility of an oscillator at r = 0.5, 1, 2 | closed form | √(1 + (2ζr)²) /
+    √((1 − r²)² + (2ζr)²) | agrees | 0.05 %
+    """
     zeta, omega = 0.1, 2.0 * np.pi
     scene = shaken(
         f"material.mass_damping={2.0 * zeta * omega}",
@@ -138,7 +142,11 @@ def test_oscillator_on_a_shaker_has_the_transmissibility_of_the_closed_form(rati
 
 
 def test_cantilever_on_a_shaker_is_the_sum_of_its_modes() -> None:
-    """Tip of the 1D beam below its first frequency; its first mode alone is within 2 %."""
+    """Tip of the 1D beam below its first frequency; its first mode alone is within 2 %.
+
+    Reference: tip of a shaken linear cantilever | sum over its modes | closed form | agrees |
+    0.03 %
+    """
     alpha, frequency, size = 12.0, 3.0, 9.81
     scene = shaken(
         f"material.mass_damping={alpha}",

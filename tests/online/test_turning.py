@@ -92,7 +92,11 @@ def run(
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_particle_on_spring_moves_straight_in_the_fixed_frame(scheme: str) -> None:
     """Test A: the closed form (cos 10 t, 0) of an isotropic spring, seen from a frame that speeds
-    up."""
+    up.
+
+    Reference: particle on a spring, Ω = 2 + 3t rad/s: place after 2 s | closed form in the fixed
+    frame | (−0.34241004, 0.22200526) m | order 2 | 0.4 % of the errors
+    """
     history = speed_history([[0.0, 2.0], [2.0, 8.0]])
     model = turning_model(linear(100.0, 100.0), particle(history, 0.0))
     exact = np.array([-0.34241004, 0.22200526]), np.array([9.43630573, -2.22733458])
@@ -140,7 +144,11 @@ def test_engine_order_of_the_speed_times_the_time_has_its_peak_too_early() -> No
 
 
 def test_steady_resonance_at_a_constant_speed_has_the_closed_peak() -> None:
-    """Test B: the largest amplitude, 1 / (c √(10⁴ - c²/4)) at 4Ω² = 10⁴ - c²/2."""
+    """Test B: the largest amplitude, 1 / (c √(10⁴ - c²/4)) at 4Ω² = 10⁴ - c²/2.
+
+    Reference: oscillator under an engine order: largest amplitude | closed form | 1.0000125e-2 m
+    | 6e-5 below | 1e-4
+    """
     held = oscillator(speed_history([[0.0, 0.5 * np.sqrt(1e4 - 0.5)]]))
     found = run(held, 120_000, 30.0, np.zeros(1), np.zeros(1))
     last = np.abs(found.displacement[-4000:, 0, 0])
@@ -160,7 +168,11 @@ def test_steady_resonance_at_a_constant_speed_has_the_closed_peak() -> None:
 def test_run_through_resonance_has_the_peak_of_the_angle(
     first: float, last: float, duration: float, stiffening: float, peak: float, at: float
 ) -> None:
-    """Test B: an engine order sin 2θ. The stiffness is 10⁴, or 80² + 1.8 Ω²."""
+    """Test B: an engine order sin 2θ. The stiffness is 10⁴, or 80² + 1.8 Ω².
+
+    Reference: oscillator run through its resonance five times: largest displacement | another
+    program | 6.05809677e-3 m at 51.2357 rad/s; … | 5e-4 | 1e-3; 0.05 rad/s
+    """
     history = speed_history([[0.0, first], [duration, last]])
     model = oscillator(history, stiffening)
     errors = []
@@ -194,7 +206,11 @@ def equilibrium_of_bar(omega: float) -> Array:
 
 
 def test_bar_on_hub_that_speeds_up_balances_energy_and_momentum() -> None:
-    """Test C: against the motion integrated in the fixed frame by another program."""
+    """Test C: against the motion integrated in the fixed frame by another program.
+
+    Reference: bar on a hub that speeds up: place; work of the shaft | another program, fixed
+    frame | (0.0217076646, −0.0799151227) m; 217.44048039 J | order 2 | 5 % of the errors; 1e-5
+    """
     history = speed_history([[0.0, 10.0], [1.0, 30.0]])
     turning = particle(history, 0.8)
     squares = np.linspace(10.0, 30.0, 9) ** 2

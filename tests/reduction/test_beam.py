@@ -186,7 +186,11 @@ def frequencies(section: BeamSection, number: int) -> Array:
 
 
 def test_frequencies_match_paper_beam() -> None:
-    """3.276 Hz is the printed value for the paper's beam; 20 elements are 0.02 % below it."""
+    """3.276 Hz is the printed value for the paper's beam; 20 elements are 0.02 % below it.
+
+    Reference: first frequency of the paper's beam, planar beam | Timoshenko beam, exact | 3.2758
+    Hz | 0.02 % below | 0.02 %
+    """
     first, second = frequencies(PAPER, 2)
     exact = timoshenko_frequencies(PAPER, [(3, 4), (18, 23)])
     slender = (
@@ -230,7 +234,11 @@ def test_linear_amplitude_matches_paper_beam() -> None:
 @pytest.mark.parametrize("turns", [0.25, 1.0])
 def test_beam_under_end_moment_is_an_arc(turns: float) -> None:
     """The end moment is 2π EI/L times the turns: the tip turns by M L/EI, and the elements are
-    chords of an arc."""
+    chords of an arc.
+
+    Reference: beam rolled up by an end moment, up to a full turn | arc of chords | closed form |
+    agrees | 1e-9 m
+    """
     beam = TimoshenkoBeam(PAPER, STEEL, False)
     moment = 2 * np.pi * turns * rigidities(PAPER)[2] / PAPER.length
     u, w, theta = tip(
@@ -278,7 +286,11 @@ def reissner_tip(section: BeamSection, along: float, across: float) -> Array:
 @pytest.mark.parametrize("load, w, u", [(1.0, 0.30172, 0.05643), (10.0, 0.81061, 0.55500)])
 def test_large_deflection_matches_elastica(load: float, w: float, u: float) -> None:
     """Mattiasson's table of the inextensible cantilever, P L²/EI = `load`, against the shooting
-    method and then the elements."""
+    method and then the elements.
+
+    Reference: tip of a planar beam under a large force, PL²/EI = 1 and 10: w/L, u/L | elastica,
+    Mattiasson (1981) | 0.30172, −0.05643; 0.81061, −0.55500 | agree | 0.1 %
+    """
     force = load * rigidities(SLENDER)[2]
     exact = reissner_tip(SLENDER, 0.0, force)
     np.testing.assert_allclose(exact[:2], [-u, w], atol=6e-6)

@@ -132,6 +132,9 @@ def free_decay(scheme: str, damping: dict[str, Any], steps: int) -> tuple[Motion
 
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_free_motion_decays_with_the_damping_ratio(scheme: str) -> None:
+    """Reference: decay of a free motion with a damping ratio | exp(−2ζωt) | closed form | agrees |
+    0.2 %
+    """
     motion, omega = free_decay(scheme, {"ratios": [0.01]}, 2000)
     energy = motion.kinetic + motion.elastic
     assert energy[-1] / energy[0] == pytest.approx(

@@ -95,6 +95,9 @@ def test_normal_modes_are_orthogonal(beam3d: Any, method: str) -> None:
 
 
 def test_first_frequency_matches_the_paper(beam2d: Any, beam3d: Any) -> None:
+    """Reference: first frequency of the paper's beam, plane solid and solid | recomputed, same
+    meshes | 3.2800, 3.2867 Hz | 3.28002, 3.28669 Hz | 0.02 %
+    """
     assert component_modes(beam2d, Basis(method="rubin", modes=1)).frequencies_hz[
         0
     ] == pytest.approx(3.2800, rel=2e-4)

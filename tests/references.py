@@ -1,0 +1,54 @@
+"""The table of references, as Markdown: `python3 tests/references.py` writes it into README.md.
+
+A test that compares with something outside the program says so in a paragraph of its docstring:
+"Reference: what is compared | its source | the value there | ours | what the test allows".
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from itertools import groupby
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+PARAGRAPH = re.compile(r"^Reference: (.+?)(?=\n\n|\Z|\nReference: )", re.DOTALL | re.MULTILINE)
+PART = re.compile(r"(?<=<!-- references: begin -->\n).*(?=<!-- references: end -->)", re.DOTALL)
+HEAD = "| what | source | reference | ours | allowed |\n|---|---|---|---|---|\n"
+
+
+def references_of(file: Path) -> list[str]:
+    """The rows of the tests in a file.
+
+    Raises:
+        ValueError: a paragraph has not five fields.
+    """
+    rows = []
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+            for text in PARAGRAPH.findall(ast.get_docstring(node) or ""):
+                fields = " ".join(text.split()).split(" | ")
+                if len(fields) != 5:
+                    raise ValueError(f"{file.name}, {node.name}: {len(fields)} fields, not 5")
+                fields[0] = f"[{fields[0]}]({file.relative_to(TESTS).as_posix()})"
+                rows.append(f"| {' | '.join(fields)} |\n")
+    return rows
+
+
+def table() -> str:
+    """The rows of all tests, one table for each folder."""
+    text = "\n"
+    for folder, files in groupby(sorted(TESTS.glob("*/test_*.py")), lambda file: file.parent.name):
+        if rows := [row for file in files for row in references_of(file)]:
+            text += f"### `{folder}`\n\n{HEAD}{''.join(rows)}\n"
+    return text
+
+
+def replaced(page: str) -> str:
+    """The page with the current table between its markers."""
+    return PART.sub(lambda _: table(), page)
+
+
+if __name__ == "__main__":
+    readme = TESTS / "README.md"
+    readme.write_text(replaced(readme.read_text(encoding="utf-8")), encoding="utf-8")
