@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from fenicsrom.files import atomic_write
 from fenicsrom.scene.base.rules import show
@@ -21,21 +21,30 @@ from fenicsrom.scene.keys.schema import Scene
 
 PART = re.compile(r"<!-- scene keys: begin (.+?) -->\n.*?<!-- scene keys: end -->", re.DOTALL)
 TOP = "scene"  # stands for the top level of a scene file
+TABLES = ("table", "list of tables")  # what a key allows that has a section of its own
+
+
+class _Table(NamedTuple):
+    """A table of a scene file: its outermost table, its heading, what it is, and its dataclass."""
+
+    name: str
+    heading: str
+    meaning: str
+    kind: type
 
 
 def reference(names: Sequence[str]) -> str:
     """Give the Markdown tables of the keys in some tables of a scene file, inner tables included.
 
     Inner tables of one kind, such as the planes of all places, are shown once, under all their
-    headings.
+    headings. A key that an earlier table has in the same sense is only named.
     """
-    shown: dict[type, list[str]] = {}
-    for name, heading, kind in _tables(TOP, "Top level", Scene):
-        if name in names:
-            shown.setdefault(kind, []).append(heading)
-    return "\n\n".join(
-        "\n".join(_section(", ".join(headings), kind)) for kind, headings in shown.items()
-    )
+    shown: dict[type, list[_Table]] = {}
+    for table in _tables(_Table(TOP, "Top level", "", Scene)):
+        if table.name in names:
+            shown.setdefault(table.kind, []).append(table)
+    rows: dict[str, str] = {}
+    return "\n\n".join("\n".join(_section(tables, rows)) for tables in shown.values())
 
 
 def covered(page: str) -> list[str]:
@@ -49,7 +58,7 @@ def replaced(page: str) -> str:
     Raises:
         ValueError: a marker is missing, or it names a table that no scene has.
     """
-    known = [name for name, *_ in _tables(TOP, "", Scene)]
+    known = [table.name for table in _tables(_Table(TOP, "", "", Scene))]
     names = covered(page)
     if not names or not {*names} <= {*known}:
         raise ValueError(
@@ -75,26 +84,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
             temporary.write_text(text, encoding="utf-8")
 
 
-def _tables(name: str, heading: str, kind: type) -> Iterator[tuple[str, str, type]]:
-    """Yield a table and the tables in it: name of the outermost table, heading and dataclass."""
-    yield name, heading, kind
-    path = "" if name == TOP else heading.strip("`[]") + "."
-    for key, rule, _, _ in keys(kind):
-        if (inner := table_kind(rule)) is not None:
+def _tables(table: _Table) -> Iterator[_Table]:
+    """Yield a table and the tables in it."""
+    yield table
+    top = table.name == TOP
+    path = "" if top else table.heading.strip("`[]") + "."
+    required = required_keys(table.kind)
+    for key, rule, meaning, _ in keys(table.kind):
+        if (inner := table_kind(rule)) is not None and rule.allowed in TABLES:
             brackets = "`[[{}]]`" if rule.schema.get("type") == "array" else "`[{}]`"
-            yield from _tables(key if name == TOP else name, brackets.format(path + key), inner)
+            meaning = meaning[:1].upper() + meaning[1:] + " Required." * (key in required)
+            name = key if top else table.name
+            yield from _tables(_Table(name, brackets.format(path + key), meaning, inner))
 
 
-def _section(heading: str, kind: type) -> Iterator[str]:
-    yield f"## {heading}"
-    yield ""
-    yield "| key | allowed | default | unit | meaning |"
-    yield "|---|---|---|---|---|"
+def _section(tables: Sequence[_Table], shown: dict[str, str]) -> Iterator[str]:
+    """Yield the lines of tables of one kind, and add their rows to those that were `shown`."""
+    yield f"## {', '.join(table.heading for table in tables)}"
+    kind, heading = tables[0].kind, tables[0].heading
+    if tables[0].meaning:
+        yield f"\n{tables[0].meaning}"
     required = required_keys(kind)
+    rows, again = [], dict[str, list[str]]()
     for key, rule, meaning, default in keys(kind):
-        allowed = rule.allowed.replace("|", r"\|")
+        if rule.allowed in TABLES:
+            continue  # it has a section
+        allowed = rule.allowed.replace("|", r"\|") + (f" ({rule.unit})" if rule.unit else "")
         given = "required" if key in required else _default(default)
-        yield f"| `{key}` | {allowed} | {given} | {rule.unit} | {meaning} |"
+        row = f"| `{key}` | {allowed} | {given} | {meaning} |"
+        if (first := shown.setdefault(row, heading)) == heading:
+            rows.append(row)
+        else:
+            again.setdefault(first, []).append(f"`{key}`")
+    if rows:
+        yield "\n| key | allowed (unit) | default | meaning |\n|---|---|---|---|"
+        yield from rows
+    for first, names in again.items():
+        yield f"\n{', '.join(names)}: as in {first}."
 
 
 def _default(value: Any) -> str:

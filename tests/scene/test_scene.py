@@ -892,6 +892,7 @@ def test_reference_pages_are_current_and_show_each_table_once() -> None:
     tables = [name for name, rule, *_ in keys(Scene) if table_kind(rule) is not None]
     assert sorted(shown) == sorted(["scene", *tables])
     assert "| `steps_per_period` |" in reference.reference(["time"])
+    assert "`density`: as in `[material]`." in reference.reference(["material", "materials"])
 
 
 @pytest.mark.parametrize("marker", ["", "<!-- scene keys: begin tiem -->\n"])

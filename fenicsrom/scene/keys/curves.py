@@ -58,7 +58,7 @@ class Families:
     """One curve for each value of a second number of the scene.
 
     Attributes:
-        key: key of the scene, as in `--set`; a stored model must be able to run with other values.
+        key: key as in `--set`; a stored model must accept other values.
         values: its values.
     """
 
@@ -71,29 +71,23 @@ class Response:
     """The curves of `fenicsrom response`.
 
     Attributes:
-        parameter: number of the scene that changes along a curve; "frequency" is the lowest
-            frequency of the loads in Hz, and the frequencies of all loads and of the waves of
-            surfaces change in proportion to it. "rotation.speed_rpm" needs `rotation.speeds_rpm`:
-            the body and all frequencies follow the speed.
-        first: value of the parameter at which a curve starts.
-        last: value of the parameter at which a curve ends, above or below `first`.
-        points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
-            100, a curve with several contact points up to 600.
-        families: a second number of the scene; each of its values gives a curve.
-        branches: 1 follows the branches that leave a curve at period doublings (motions of twice
-            as many periods) and at branch points; 2 also follows the branches of these branches,
-            and so on.
-        isolated: values of the parameter at which the run looks for curves that are not connected
-            with the first one. From the motion at such a value, all periodic loads are increased up
-            to four times and reduced again, through all folds. Each other motion that is found at
-            the loads of the scene starts a curve.
-        peak_over: a number of the scene over which the largest amplitude of the probe is followed,
-            to find its value for the smallest peak: the optimum of a friction damper.
-            "contacts.*.preload" changes the number of all contacts at once.
-        peak_range: smallest and largest value of this number; without it a tenth and ten times the
-            value of the scene, at which the peaks begin.
-        full: values of the parameter at which the periodic motion of the full model is computed
-            too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
+        parameter: number that changes along a curve. "frequency" is the lowest of the loads; the
+            other frequencies and the waves of surfaces follow. "rotation.speed_rpm" needs
+            `rotation.speeds_rpm`.
+        first: parameter at the start of a curve.
+        last: parameter at its end, above or below `first`.
+        points: largest number of points; a smooth curve needs about 100, one with several contact
+            points up to 600.
+        families: a curve for each value of a second number.
+        branches: 1 follows branches at period doublings and branch points; 2 also follows branches
+            of these, and so on.
+        isolated: parameters at which to look for curves that are not connected with the first one,
+            by loads of up to four times.
+        peak_over: number of which the run finds the value with the smallest peak.
+            "contacts.*.preload" changes all contacts.
+        peak_range: range of this number. Default: a tenth to ten times its value.
+        full: parameters at which the full model runs too; an integer k takes the midpoints of k
+            equal parts. Not with `--from`.
     """
 
     parameter: Annotated[str, text_like(PATTERN, ALLOWED)] = "frequency"
@@ -133,16 +127,12 @@ class Backbone:
     """The nonlinear mode of `fenicsrom backbone`.
 
     Attributes:
-        mode: number of the linear mode in which the nonlinear mode begins; mode 1 has the lowest
-            frequency. Linear modes are those of small motions about the equilibrium, in which
-            contact points that touch stick.
-        first: smallest amplitude. Amplitudes are those of the linear mode at the probe, in the
-            direction in which the mode moves the probe most; the results also give the amplitudes
-            of the nonlinear motion.
-        last: largest amplitude, above `first`.
+        mode: linear mode in which the nonlinear mode begins. Contact points that touch stick in it.
+        first: smallest amplitude of the linear mode at the probe, in its direction of largest
+            motion.
+        last: largest amplitude.
         points: largest number of points.
-        load_factors: ascending factors of all harmonic loads; for each factor the run finds the
-            largest amplitude of the forced motion over the frequency.
+        load_factors: ascending factors of the harmonic loads, for peaks of the forced motion.
     """
 
     mode: Annotated[int, integer(1, 1000)] = 1
@@ -157,13 +147,12 @@ class Statics:
     """The equilibrium path of `fenicsrom statics`.
 
     Attributes:
-        last: load factor at which the path ends. The factor multiplies the static loads.
-        lowest: load factor below zero at which the path ends too; by default minus `last`.
-        displacement: displacement of the probe at which the path ends; by default no displacement
-            ends the path.
+        last: load factor at which the path ends. It multiplies the static loads.
+        lowest: load factor below zero at which the path ends. Default: minus `last`.
+        displacement: displacement of the probe at which the path ends.
         points: largest number of points.
-        loads: numbers of the static loads that the factor multiplies, from 0, such as [1] for
-            loads.1; the other static loads are constant. By default it multiplies all of them.
+        loads: numbers from 0 of the loads that the factor multiplies; the others are constant.
+            Default: all static loads.
     """
 
     last: Annotated[float, number(above=0.0)] = 1.0

@@ -22,7 +22,7 @@ class Directed:
     """An action along a direction.
 
     Attributes:
-        direction: direction of the load, scaled to unit length.
+        direction: direction, of any length.
     """
 
     direction: Annotated[tuple[float, ...], rules.direction]
@@ -33,7 +33,7 @@ class PointForce(Directed):
     """A force at a point, or on the mean displacement of a region.
 
     Attributes:
-        force: size of a force at a point, or on the mean displacement of a region.
+        force: force at a point, or on the mean displacement of a region.
     """
 
     force: Annotated[float, number(unit="N")]
@@ -44,7 +44,7 @@ class Traction(Directed):
     """A force per area on facets.
 
     Attributes:
-        traction: size of a force per area on a region of facets.
+        traction: force per area on facets.
     """
 
     traction: Annotated[float, number(unit="Pa")]
@@ -55,10 +55,9 @@ class Pressure:
     """A pressure on facets, along the normal.
 
     Attributes:
-        pressure: size of a pressure on a region of facets, positive into the body; it acts along
-            the normal and on the area of the undeformed body, unless it follows the deformation.
-        follower: whether the pressure follows the deformation: it then acts along the current
-            normal and on the current area, as a fluid does.
+        pressure: pressure on facets, positive into the body.
+        follower: whether the pressure acts along the current normal on the current area, as a fluid
+            does.
     """
 
     pressure: Annotated[float, number(unit="Pa")]
@@ -70,7 +69,7 @@ class Acceleration(Directed):
     """A force per volume: the density times an acceleration.
 
     Attributes:
-        acceleration: size of an acceleration of the whole body, a force per volume (gravity).
+        acceleration: acceleration of the whole body, a force per volume (gravity).
     """
 
     acceleration: Annotated[float, number(unit="m/s²")]
@@ -81,8 +80,8 @@ class SupportAcceleration(Directed):
     """A translation of all supports, given by its acceleration.
 
     Attributes:
-        support_acceleration: size of the acceleration of all supports, which move together;
-            displacements are relative to the supports.
+        support_acceleration: acceleration of all supports together. Displacements are relative to
+            the supports.
     """
 
     support_acceleration: Annotated[float, number(unit="m/s²")]
@@ -93,8 +92,7 @@ class SupportDisplacement(Directed):
     """A periodic translation of all supports, given by its displacement.
 
     Attributes:
-        support_displacement: size of the displacement of all supports, which move together, in a
-            load with frequency or harmonics; displacements are relative to the supports.
+        support_displacement: displacement of all supports together, with frequency or harmonics.
     """
 
     support_displacement: Annotated[float, number(unit="m")]
@@ -124,7 +122,7 @@ class SweepTable:
     Attributes:
         to: last frequency.
         duration: duration of the change.
-        kind: change at a constant rate in Hz/s (linear) or in octaves per second (logarithmic).
+        kind: change at a constant rate in Hz/s or in octaves/s.
     """
 
     to: Annotated[float, number(above=0.0, unit="Hz")]
@@ -138,7 +136,7 @@ class PulseTable:
 
     Attributes:
         duration: duration of the impact.
-        start: time at which the impact starts.
+        start: start of the impact.
     """
 
     duration: Annotated[float, number(above=0.0, unit="s")]
@@ -189,9 +187,9 @@ class Harmonic:
     """A load with the factor sin(2π frequency t + phase).
 
     Attributes:
-        frequency: frequency of the factor sin(2π frequency t + phase); without frequency, pulse and
-            table the load is static.
-        phase: phase of the sine at t = 0.
+        frequency: frequency of the factor sin(2π frequency t + phase); with a sweep, at t = 0.
+            Without frequency, pulse and table the load is static.
+        phase: phase at t = 0.
     """
 
     frequency: Frequency
@@ -216,9 +214,10 @@ class Sweep:
     """A sine with a frequency that changes.
 
     Attributes:
-        frequency: frequency at t = 0.
+        frequency: frequency of the factor sin(2π frequency t + phase); with a sweep, at t = 0.
+            Without frequency, pulse and table the load is static.
         sweep: change of the frequency.
-        phase: phase of the sine at t = 0.
+        phase: phase at t = 0.
     """
 
     frequency: Frequency
@@ -242,8 +241,7 @@ class Table:
     """A factor that is given at some times and interpolated linearly between them.
 
     Attributes:
-        table: factor as a function of time, interpolated linearly, constant before the first and
-            after the last row. When a scene is read, the rows of the file replace its path.
+        table: factor over time: linear between the rows, constant outside.
     """
 
     table: Annotated[Path | tuple[tuple[float, float], ...], rules.series]

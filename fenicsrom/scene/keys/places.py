@@ -32,8 +32,8 @@ class Plane:
 
     Attributes:
         point: a point of the plane.
-        normal: normal of the plane, scaled to unit length.
-        tolerance: points at this distance still count as points of the plane; by default 1e-6 of
+        normal: normal of the plane, of any length.
+        tolerance: distance at which a point still counts as a point of the plane. Default: 1e-6 of
             the extent of the mesh.
     """
 
@@ -47,9 +47,9 @@ class Region:
     """A part of the solid, given by a name or by coordinates; all fields except one are None.
 
     Attributes:
-        group: name of a group of facets or nodes of the mesh.
-        box: opposite corners of a box; picks the boundary facets with every vertex in it.
-        plane: a plane; picks the boundary facets with every vertex on it.
+        group: name of a group of facets or nodes.
+        box: opposite corners; picks the boundary facets with every vertex in the box.
+        plane: picks the boundary facets with every vertex on a plane.
     """
 
     group: Annotated[str | None, rules.name] = None
@@ -62,10 +62,10 @@ class Place(Region):
     """A point of the solid: on a region, or a node; exactly one of these keys is given.
 
     Attributes:
-        node: coordinates of a node, which must exist there.
-        nearest: coordinates of a point; picks the nearest node at any distance.
-        at: which point of a region is meant: its mean displacement ("mean"), the node nearest to
-            its centroid ("centre"), or, for a contact only, every node ("nodes").
+        node: coordinates of a node, which must exist.
+        nearest: a point; picks the nearest node at any distance.
+        at: the point of a region: its mean displacement ("mean"), the node nearest to its centroid
+            ("centre"), or, for a contact, every node ("nodes").
     """
 
     node: Annotated[tuple[float, ...] | None, rules.point] = None
@@ -83,11 +83,11 @@ class Support(Region):
     """A region or a node on which the displacement, or a part of it, is clamped.
 
     Attributes:
-        node: coordinates of a node, which must exist there.
-        components: components that are clamped: ["y"] for a roller on a plane y = constant or for
-            a plane of symmetry; by default all.
-        normal: direction of the only displacement that is clamped, as on a slanted roller or a
-            slanted plane of symmetry; not with components.
+        node: coordinates of a node, which must exist.
+        components: clamped components, such as ["y"] for a roller or a plane of symmetry. Default:
+            all.
+        normal: the only clamped direction: a slanted roller or plane of symmetry. Not with
+            components.
     """
 
     node: Annotated[tuple[float, ...] | None, rules.point] = None
@@ -104,15 +104,15 @@ class Attachment:
 
     Attributes:
         place: the node or the region.
-        components: directions in which spring and dashpot act, such as ["z"]; by default all.
+        components: directions in which spring and dashpot act, such as ["z"]. Default: all.
         mass: mass.
-        stiffness: stiffness k of the spring, in each of these directions.
-        stiffness_per_area: stiffness of the spring: in N/m³ on facets (in 2D edges times the
-            thickness), in N/m² on curves in 3D, in N/m for each node of a node set.
-        damping: damping coefficient c of the dashpot, in each of these directions; modes and
-            Campbell diagrams leave it out.
-        damping_per_area: damping coefficient: in N s/m³ on facets, in N s/m² on curves in 3D, in
-            N s/m for each node of a node set.
+        stiffness: stiffness k of the spring, in each direction.
+        stiffness_per_area: stiffness of the spring per area; N/m² on curves in 3D, N/m for each
+            node of a node set.
+        damping: coefficient c of the dashpot, in each direction. Modes and Campbell diagrams leave
+            it out.
+        damping_per_area: coefficient of the dashpot per area; N s/m² on curves in 3D, N s/m for
+            each node of a node set.
     """
 
     place: Annotated[Place, Place]
@@ -143,14 +143,12 @@ class Elasticity:
     """The elastic constants and the density of a material.
 
     Attributes:
-        young: Young's modulus; [E1, E2] of a transversely isotropic material, whose plane of
-            isotropy is normal to axis 1; [E1, E2, E3] of an orthotropic one.
-        poisson: Poisson's ratio; [nu12, nu23] with two Young's moduli, [nu12, nu13, nu23] with
-            three. nu12 is the contraction along axis 2 under a stress along axis 1.
-        shear: shear modulus G12 with two Young's moduli, [G12, G13, G23] with three; not for an
-            isotropic material.
-        axes: axis 1 of a material that is not isotropic and, in 3D, a vector in the plane of the
-            axes 1 and 2; by default x and y.
+        young: Young's modulus. [E1, E2] is transversely isotropic about axis 1, [E1, E2, E3]
+            orthotropic.
+        poisson: Poisson's ratio; [nu12, nu23] with two moduli, [nu12, nu13, nu23] with three. nu12
+            is the contraction along axis 2 under a stress along axis 1.
+        shear: shear modulus G12 with two Young's moduli, [G12, G13, G23] with three.
+        axes: axis 1 and, in 3D, a vector in the plane of axes 1 and 2. Default: x and y.
         density: density.
     """
 
@@ -207,7 +205,7 @@ class GroupMaterial(Elasticity):
 
     Attributes:
         group: name of a group of cells.
-        thickness: thickness of the group, in 2D only; by default that of [geometry].
+        thickness: thickness in 2D. Default: that of [geometry].
     """
 
     group: Annotated[str, rules.name]
@@ -228,9 +226,9 @@ class Damping:
     for a range of speeds has the C of `rotation.speed_rpm` at all speeds.
 
     Attributes:
-        stiffness: factor β.
-        ratios: damping ratios ζ_k of the first normal modes, or one ratio for all of them.
-        modes: number of modes, if there is one ratio for all.
+        stiffness: factor β of the stiffness matrix.
+        ratios: damping ratios ζ_k of the first normal modes, or one for all.
+        modes: number of modes with one ratio.
     """
 
     stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
@@ -256,7 +254,7 @@ class Refinement:
 
     Attributes:
         group: name of the face.
-        size: size of the cells on the face; by default half of that of the body.
+        size: cell size on the face. Default: half of that of the body.
         origin: key of the support or contact from which a default follows, for messages.
     """
 
@@ -270,13 +268,10 @@ class Meshing:
     """The sizes of the cells of a .step file, besides `geometry.size`.
 
     Attributes:
-        curvature: number of cells along a full circle, on curved faces and edges such as fillets
-            and holes; 0 for none.
-        smallest: smallest size that the curvature asks for; by default a twentieth of
-            `geometry.size`.
-        growth: ratio of the sizes of neighbouring cells, away from the refined faces.
-        near: faces with smaller cells, unless the body is structured; by default the named faces of
-            supports and contacts.
+        curvature: cells along a full circle on curved faces and edges; 0 for none.
+        smallest: smallest size by curvature. Default: a twentieth of `geometry.size`.
+        growth: ratio of neighbouring cell sizes.
+        near: faces with smaller cells. Default: named faces of supports and contacts.
     """
 
     curvature: Annotated[float, number(least=0.0, most=1000.0)] = 8.0

@@ -50,21 +50,19 @@ class Geometry:
     """The mesh and the displacement field on it.
 
     Attributes:
-        mesh: mesh file, or the .geo or .step file from which a mesh is made; relative to the scene
-            file, or one of the program's own meshes.
+        mesh: mesh, .geo or .step file, relative to the scene file; or a mesh of the program.
         dimension: dimension of space.
-        cells: shape of the cells, for a .geo or .step file only: quadrilaterals and hexahedra
-            (structured, the default of a .geo file) or triangles and tetrahedra (simplex). A .step
-            file can be structured if each body has six faces of four sides.
+        cells: cells for a .geo or .step file: quadrilaterals and hexahedra ("structured", default
+            of .geo) or triangles and tetrahedra ("simplex"). A structured .step needs bodies of six
+            faces with four sides.
         degree: polynomial degree of the displacement.
-        thickness: thickness, in 2D only, where it is required.
-        plane: plane stress (the default) or plane strain, in 2D only.
-        curved: whether the cells are curved (geometry of degree 2).
-        parameters: numbers that the .geo file reads, by name.
-        size: cell size for a .step file, where it is required.
+        thickness: thickness; required in 2D.
+        plane: plane stress (default) or plane strain in 2D.
+        curved: whether cells are curved (degree 2).
+        parameters: numbers for the .geo file, by name.
+        size: cell size; required for a .step file.
         meshing: smaller cells on parts of a .step file.
-        scale: unit of length of the coordinates in a mesh file; by default 1, in the unit of length
-            of [units].
+        scale: unit of length of the mesh file; 1 is the unit of [units].
     """
 
     mesh: Annotated[Path, rules.path]
@@ -94,17 +92,16 @@ class Surface:
     """A round rigid surface.
 
     Attributes:
-        kind: shape of the surface; in 2D a cylinder is a circle.
+        kind: shape; in 2D a cylinder is a circle.
         point: a point of the axis, or the centre.
-        axis: axis of a cylinder in 3D, scaled to unit length.
-        inside: whether the body is inside the surface, as a blade in its casing.
-        radius: radius; by default it follows from the gap.
-        spin: rate at which a cylinder turns about its axis, as seen from the body; by default the
-            casing is at rest, and the rate is minus the rate of [rotation] about this axis.
-        waves: waves of a cylinder; each moves the surface towards the body by height cos(order
-            (angle - spin t) - phase). The angle is positive about the axis.
-        angle_from: direction, seen from the axis, at which the angle of the waves starts; by
-            default the middle of the contact points that have this surface.
+        axis: axis of a cylinder in 3D, of any length.
+        inside: whether the body is inside, as a blade in its casing.
+        radius: radius. Default: from the gap.
+        spin: rate at which a cylinder turns, seen from the body. Default: the casing is at rest.
+        waves: waves of a cylinder: each moves the surface towards the body by height · cos(order
+            (angle − spin t) − phase). The angle is positive about the axis.
+        angle_from: direction from the axis where the angle starts. Default: the middle of the
+            contact points.
     """
 
     kind: Annotated[str, choice("cylinder", "sphere")]
@@ -124,14 +121,14 @@ class Abradable:
     Attributes:
         thickness: thickness of the layer.
         modulus: Young's modulus of the layer.
-        yield_stress: stress at which the new layer is crushed.
-        hardening: growth of this stress with the plastic strain.
-        viscosity: growth of the stress with the rate of the plastic strain.
-        area: area of the body that presses the layer; with at = "nodes" that of all nodes together,
-            which share it in proportion to the area, length or number that they stand for.
-        width: width along the axis of the trace on a surface that turns; by default the distance
-            along the axis between the outermost contact points, in 2D the thickness of the body.
-        cells: number of angles around a surface that turns at which the worn depth is known.
+        yield_stress: stress that crushes the new layer.
+        hardening: growth of this stress with plastic strain.
+        viscosity: growth of this stress with the rate of plastic strain.
+        area: area that presses the layer, of all nodes together. The nodes share it by their area
+            or length.
+        width: width of the trace along the axis. Default: the distance between the outermost
+            points, in 2D the thickness.
+        cells: angles of a turning surface at which the worn depth is known.
     """
 
     thickness: Annotated[float, number(above=0.0, unit="m")]
@@ -156,15 +153,14 @@ class Contact:
         normal: unit vector into the plane; not with a surface.
         surface: a round surface instead of the plane.
         abradable: a layer on the surface that the body wears; not with a preload.
-        preload: normal force at the undeformed position; with at = "nodes" in N/m² on facets (in 2D
-            edges times the thickness), in N/m on curves in 3D, in N for each node of a node set.
-        gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
-        approach: distances by which the surface has moved towards the body at some times, linear
-            between them; by default the surface is at rest.
-        normal_stiffness: contact stiffness along the normal; with at = "nodes" in N/m³ on facets,
-            in N/m² on curves, in N/m for each node. `fenicsrom plan` says which one holds.
-        tangential_stiffness: contact stiffness along the surface, in the unit of
-            `normal_stiffness`.
+        preload: normal force at the undeformed position. With at = "nodes": N/m² on facets, N/m on
+            curves in 3D, N for each node of a node set.
+        gap: initial distance, of the nearest node; not with a preload.
+        approach: how far the surface has moved towards the body, linear between the times. Default:
+            at rest.
+        normal_stiffness: stiffness along the normal. With at = "nodes": N/m³ on facets, N/m² on
+            curves, N/m for each node; `fenicsrom plan` says which.
+        tangential_stiffness: stiffness along the surface, in the same unit.
         friction: coefficient of friction.
     """
 
@@ -231,15 +227,14 @@ class Rotation:
     The scene, its loads and its surfaces are described in the frame that turns with the body.
 
     Attributes:
-        speed_rpm: speed of rotation, positive about the axis; that of all commands but a run with
-            `history`.
-        axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
-        point: a point of the axis; the origin by default.
-        coriolis: whether to include the Coriolis force.
-        speeds_rpm: speeds at which the basis of one model for all speeds between the first and the
-            last one is made, two or three as a rule; by default the model is that of `speed_rpm`.
-        history: speeds at some times of a run, linear between them and constant after the last one;
-            they must be in the range of `speeds_rpm`. By default the speed is `speed_rpm`.
+        speed_rpm: speed, positive about the axis; a run with `history` ignores it.
+        axis: axis in 3D, of any length.
+        point: a point of the axis. Default: the origin.
+        coriolis: whether the Coriolis force acts.
+        speeds_rpm: speeds for the basis of one model for a range of speeds, two or three as a rule.
+            Default: one model for `speed_rpm`.
+        history: speeds of a run over time, linear between the rows, constant after the last one,
+            inside `speeds_rpm`.
     """
 
     speed_rpm: Annotated[float, number(unit="rev/min")]
@@ -285,29 +280,22 @@ class Basis:
 
     Attributes:
         method: method of component mode synthesis.
-        modes: number of normal modes. "auto" takes the modes up to twice the highest frequency that
-            loads, surfaces and [response] excite, and the next mode; at least 3 modes and at most
-            12 (100 in a linear scene).
-        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep;
-            "principal" takes them along the principal directions of the motion, "mmi", "mmi-nls"
-            and "all" along pairs of modes; "all" also takes those of normal modes along the static
-            responses to loads that join the basis, which change the stiffness.
-        masters: contact forces for which static modes are computed: "all" directions of every
-            point, the "normal" directions only, or a number of interface modes (the combinations of
-            forces under which the body is most flexible); by default "all" for up to 4 contacts at
-            points, as many interface modes as directions for up to 8 (not with derivatives along
-            pairs of modes), otherwise 10.
-        accuracy: largest accepted estimate of the error of the displacements due to the basis, of
-            all directions together; with derivatives = "principal" the basis takes coordinates
-            until it is reached.
-        size: number of coordinates of the model, contact displacements included, instead of
-            `accuracy`: the first ones, then those with the largest energies. By default the
-            accuracy decides. Only with derivatives = "principal" and elastic_force = "polynomial".
-        threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
-            mmi-nls), and smallest amplitude of a mode.
-        differentiation: how the derivative of the tangent is computed.
-        elastic_force: elastic force of the reduced model: an exact polynomial without the mesh, or
-            the projection of the full elastic force.
+        modes: number of normal modes. "auto": up to twice the highest excited frequency and one
+            more; 3 to 12 modes (100 in a linear scene).
+        derivatives: modal derivatives: along the principal directions of the motion ("principal"),
+            along pairs of modes ("mmi", "mmi-nls", "all"), or labels. "all" also takes derivatives
+            of modes along the static shapes of loads that change the stiffness.
+        masters: contact forces with static modes: "all" directions, the "normal" ones, or a number
+            of interface modes. Default: "all" for up to 8 contacts at points (4 with pairs of
+            modes), else 10.
+        accuracy: largest accepted estimated error by the basis. With "principal" derivatives, the
+            basis takes coordinates until it is reached.
+        size: number of coordinates, with contact displacements, in place of `accuracy`. Needs
+            "principal" derivatives and a polynomial force.
+        threshold: smallest relative weight of a derivative (mmi and mmi-nls), and smallest
+            amplitude of a mode.
+        differentiation: derivative of the tangent.
+        elastic_force: an exact polynomial without the mesh, or the projection of the full force.
     """
 
     method: Annotated[str, choice(*METHODS)] = "rubin"
@@ -332,10 +320,10 @@ class BeamSection:
 
     Attributes:
         length: length of the beam.
-        height: height of the section, in the direction of bending.
+        height: height in the direction of bending.
         width: width of the section.
         elements: number of two-node elements.
-        load_at: position of the load, as a fraction of the length.
+        load_at: place of the load, as a fraction of the length.
     """
 
     length: Annotated[float, number(above=0.0, unit="m")]
@@ -350,9 +338,9 @@ class ReferenceTable:
     """The table [reference] of the file.
 
     Attributes:
-        full: whether to run the full solid model.
+        full: whether to run the full model.
         beam: whether to run the beam model.
-        beam_section: beam that stands for the solid, required with beam = true.
+        beam_section: the beam that stands for the solid; required with beam = true.
     """
 
     full: Annotated[bool, flag] = False
@@ -392,12 +380,10 @@ class Output:
     Attributes:
         pictures: PNG pictures.
         paraview: ParaView files of modes and derivatives.
-        motion: ParaView files of the last period of motion, and of the contact points in it.
-        animation: an animated picture of the last period.
-        stresses: elastic stresses and reactions of the equilibrium, the modes and the motion: a
-            table with the places of the maxima, a picture, arrays in the ParaView files, and the
-            largest values in the summary. The stored model can then give stresses under other
-            loads. Viscous forces are part of the reactions, not of the stresses.
+        motion: ParaView files of the last period, with the contact points.
+        animation: a moving picture of the last period.
+        stresses: elastic stresses and reactions, in tables, pictures and the stored model. Viscous
+            forces are in the reactions, not in the stresses.
     """
 
     pictures: Annotated[bool, flag] = True
@@ -412,18 +398,15 @@ class Compare:
     """The models of `fenicsrom compare`: every combination of these lists.
 
     Attributes:
-        full: whether to run the full model; otherwise the bases are ranked by their residual.
+        full: whether to run the full model. Without it, residuals rank the bases.
         methods: values of `basis.method`.
         derivatives: values of `basis.derivatives`.
         modes: values of `basis.modes`.
-        sizes: values of `basis.size` with derivatives = "principal", besides the size by
-            `basis.accuracy`.
+        sizes: values of `basis.size`, besides the size by `basis.accuracy`.
         elastic_force: values of `basis.elastic_force`.
-        schemes: values of `time.scheme`; by default that of [time].
-        meshes: changes of the mesh, each as a text KEY=VALUE with a key of [geometry] and an SI
-            value, besides the mesh of the scene, on which the full model runs.
-        steps: values of `time.steps_per_period`; by default that of [time], which the full model
-            uses.
+        schemes: values of `time.scheme`. Default: that of [time].
+        meshes: changes of the mesh in SI units. The full model keeps the mesh of the scene.
+        steps: values of `time.steps_per_period`. The full model keeps that of [time].
     """
 
     full: Annotated[bool, flag] = True
@@ -442,11 +425,9 @@ class Campbell:
     """The diagram of `fenicsrom campbell`.
 
     Attributes:
-        speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation], or over its
-            range of speeds.
-        modes: number of modes, from the lowest one at the first speed; by default 6, but
-            at most as many as the body or the basis of a model for a range of speeds has.
-        engine_orders: numbers of excitations per revolution.
+        speeds_rpm: speeds. Default: 13 from rest to that of [rotation], or over its range.
+        modes: number of modes, from the lowest one at the first speed. Default: 6.
+        engine_orders: excitations per revolution.
     """
 
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
@@ -459,18 +440,16 @@ class Map:
     """The interaction map of `fenicsrom map`.
 
     Attributes:
-        speeds_rpm: speeds of rotation; by default 40 over the range of speeds of [rotation].
-        revolutions: revolutions that the body makes at each speed.
-        last: number of revolutions, at the end, whose motion is shown; the engine orders have the
-            resolution 1 / last.
-        orders: highest engine order of the map.
-        start: the state in which a speed begins: at rest in the equilibrium, or where the next
-            lower ("up") or higher ("down") speed ended.
-        steady: way to the motion of a speed: by time steps over all revolutions, at the end of
-            which Newton's method is tried where they do not repeat, or by Newton's method, which
-            tries for a stable periodic motion as in `time.steady` and ends there.
-        clearance: where `contacts.gap` holds: at the undeformed body, so that the casing is the
-            same at all speeds, or in the equilibrium at each speed.
+        speeds_rpm: speeds. Default: 40 over the range of [rotation].
+        revolutions: revolutions at each speed.
+        last: revolutions at the end that are shown: a resolution of 1 / last engine order.
+        orders: highest engine order.
+        start: start of a speed: at rest, or where the next lower ("up") or higher ("down") speed
+            ended.
+        steady: "march" makes all revolutions, and tries Newton's method where the motion does not
+            repeat. "newton" ends in a stable periodic motion as soon as it finds one.
+        clearance: where `contacts.gap` holds: on the undeformed body (one casing for all speeds),
+            or at each speed.
     """
 
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
@@ -491,30 +470,30 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
-        units: the units of the numbers below.
+        units: units of the numbers.
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
-        geometrically_nonlinear: whether large displacements are taken into account.
+        geometrically_nonlinear: whether displacements may be large.
         geometry: the mesh.
-        material: the material of all cells that are in no group of `materials`.
+        material: the material of cells that are in no group of `materials`.
         materials: materials of groups of cells.
-        supports: the supports, at least one.
+        supports: where the body is held.
         attachments: concentrated masses, springs and dashpots.
-        loads: the loads.
-        contacts: the contact points.
-        rotation: the rotation of the body; without this table the body is at rest.
+        loads: what acts on the body: one action and one history.
+        contacts: contact points.
+        rotation: without this table the body does not rotate.
         damping: damping besides that of the material.
-        probe: the place whose motion gives the amplitudes in a scene without contact; by default
-            the place of the first load.
+        probe: the place whose motion gives the amplitudes in a scene without contact. Default: the
+            place of the first load.
         basis: the reduction basis.
         time: the time integration.
         reference: the models with which the reduced model is compared.
         output: the files to write.
-        compare: the models of `fenicsrom compare`.
-        campbell: the diagram of `fenicsrom campbell`.
-        map: the interaction map of `fenicsrom map`.
-        response: the curves of `fenicsrom response`.
-        backbone: the nonlinear mode of `fenicsrom backbone`.
-        statics: the equilibrium path of `fenicsrom statics`.
+        compare: models of `fenicsrom compare`.
+        campbell: diagram of `fenicsrom campbell`.
+        map: interaction map of `fenicsrom map`.
+        response: curves of `fenicsrom response`.
+        backbone: nonlinear mode of `fenicsrom backbone`.
+        statics: equilibrium path of `fenicsrom statics`.
         source: the file of the scene.
     """
 

@@ -21,12 +21,11 @@ class Periodic:
     """A run until the motion repeats, with loads that repeat.
 
     Attributes:
-        periods: largest number of periods; a run ends earlier if it reaches a steady state.
-        steady_tolerance: relative change over a period below which the motion is steady; 0 runs all
-            periods; by default the larger of 1e-5 and `tolerance`.
-        steady: how the reduced model reaches its steady state: "newton" finds the periodic motion
-            by Newton's method after 5, 10, 20, .. periods, and judges its stability; "march" runs
-            until the motion repeats, as the full model and the beam always do.
+        periods: largest number of periods. A steady motion ends earlier.
+        steady_tolerance: relative change over a period of a steady motion; 0 runs all periods.
+            Default: the larger of 1e-5 and `tolerance`.
+        steady: "newton" finds the periodic motion by Newton's method after 5, 10, 20, ... periods
+            and judges its stability. "march" runs until the motion repeats.
     """
 
     periods: Annotated[int, integer(1, 1_000_000)] = 100
@@ -39,7 +38,7 @@ class Duration:
     """A run for a given time, with loads that do not repeat or without loads.
 
     Attributes:
-        duration: time to integrate, for loads that do not repeat.
+        duration: time to integrate, if loads do not repeat.
     """
 
     duration: Annotated[float, number(above=0.0, unit="s")]
@@ -55,7 +54,7 @@ class FixedStep:
     """A fixed step.
 
     Attributes:
-        step: fixed time step, with `duration`.
+        step: fixed step, with `duration`.
     """
 
     step: Annotated[float, number(above=0.0, unit="s")]
@@ -66,7 +65,7 @@ class StepsPerPeriod:
     """A fixed step as a fraction of the period.
 
     Attributes:
-        steps_per_period: fixed number of steps in a period, with loads that repeat.
+        steps_per_period: fixed steps in a period, if loads repeat. Default: 200.
     """
 
     steps_per_period: Annotated[int, integer(4, 1_000_000)]
@@ -77,7 +76,7 @@ class StepsPerRevolution:
     """Steps of equal angles at a speed of rotation that varies.
 
     Attributes:
-        steps_per_revolution: fixed number of steps in a revolution, with rotation.history.
+        steps_per_revolution: steps in a revolution, with rotation.history.
     """
 
     steps_per_revolution: Annotated[int, integer(4, 1_000_000)]
@@ -88,8 +87,7 @@ class Tolerance:
     """An adaptive step.
 
     Attributes:
-        tolerance: adaptive step, with a local error of at most a hundredth of this value relative
-            to the size of the motion.
+        tolerance: adaptive step with a relative local error of a hundredth of this value.
     """
 
     tolerance: Annotated[float, number(above=0.0, below=1.0)]

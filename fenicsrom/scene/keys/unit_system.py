@@ -73,11 +73,10 @@ class Units:
     """The units of the numbers of the scene; results are in SI units.
 
     Attributes:
-        length: unit of length; also that of the coordinates in a mesh file, unless
-            `geometry.scale` says otherwise; a .geo file is in m.
+        length: unit of length, also of the mesh file without `geometry.scale`. A .geo file is in m.
         mass: unit of mass.
         time: unit of time.
-        si: whether the numbers are in SI units already, as in the scenes that this program stores.
+        si: whether the numbers are in SI units already, as in stored scenes.
     """
 
     length: Annotated[str, choice(*LENGTHS)] = "m"
