@@ -31,7 +31,7 @@ from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
 from fenicsrom.formats.collector import reading
-from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.points import ContactPoints, all_points, points_on
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.kernels.dense import scaled
 from fenicsrom.online.model.loads import of_loads
@@ -215,7 +215,7 @@ class _Builder:
 
     def _contacts(self) -> tuple[ContactPoints, Array, Array]:
         """The contact points, their rows (P d, n) in local frames, and their offsets (P d,)."""
-        found = [no_points(self.d)]
+        found: list[ContactPoints] = []
         rows: list[Array] = [np.zeros((0, self.kept.size))]
         offsets: list[Array] = [np.zeros(0)]
         for k, contact in enumerate(self.scene.contacts):
@@ -223,12 +223,12 @@ class _Builder:
             for block, offset, position, area in self._points(contact.place, key):
                 where = f"{self.scene.source}: {key}"
                 axes = frame(surface_normal(contact, position, where))
-                one = np.array([k]), np.array([area]), position[None, :], axes[None, :]
                 lengths = 2 if contact.place.at == "nodes" else 0  # the area is a mere number
-                found.append(ContactPoints(*one, np.array([lengths])))
+                one = np.array([area]), position[None, :], axes[None, :]
+                found.append(points_on(k, *one, lengths))
                 rows.append(axes @ block)
                 offsets.append(axes @ offset)
-        points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
+        points = all_points(self.d, found)
         return points, np.concatenate(rows), np.concatenate(offsets)
 
     def _points(self, place: Place, key: str) -> list[tuple[Array, Array, Array, float]]:

@@ -39,7 +39,7 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.notes import Note
-from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.points import no_points, points_on
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of, no_pressure
 from fenicsrom.online.model.matrices import DenseModel
@@ -341,8 +341,7 @@ class BeamStructure(DenseBody):
         if frames:
             position = np.zeros((1, d))
             position[0, 0] = beam.length
-            number = np.zeros(1, dtype=np.int64)
-            self.points = ContactPoints(number, np.ones(1), position, np.array(frames))
+            self.points = points_on(0, np.ones(1), position, np.array(frames))
             rows = np.concatenate([axes @ self.probe_rows for axes in frames])
         self.contact_rows = csr_array(rows)
         self.equilibrium: Array = np.zeros(self.size)

@@ -297,7 +297,7 @@ def _modes_contents(run: Run) -> Contents:
 
 def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     """Read the equilibrium and the modes into the record."""
-    from fenicsrom.online.contact.points import ContactPoints
+    from fenicsrom.online.contact.points import stored_points
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
 
@@ -307,7 +307,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         **header["solid"],
         comm=run.comm,
         equilibrium=arrays["equilibrium"],
-        points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
+        points=stored_points(arrays),
         warnings=unpacked(header["warnings"]),
     )
     inverse: Any = Late(lambda: solid.factor)

@@ -30,7 +30,7 @@ from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
-from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.points import ContactPoints, all_points, points_on
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
@@ -227,7 +227,8 @@ class Solid(ElasticBody):
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
         d = self.dimension
-        rows, found = [csr_array((0, self.local))], [no_points(d)]
+        rows: list[csr_array] = [csr_array((0, self.local))]
+        found: list[ContactPoints] = []
         for k, contact in enumerate(contacts):
             key = f"contacts[{k}]"
             at, position, area = self._places.contact_points(contact.place, key)
@@ -236,10 +237,9 @@ class Solid(ElasticBody):
             points = np.arange(area.size + 1)
             rows.append(scipy.sparse.bsr_array((axes, points[:-1], points)) @ at)
             lengths = self.mesh.unit_lengths(contact.place) if contact.place.at == "nodes" else 0
-            contact_of, completed = np.full((2, area.size), [[k], [lengths]])
-            found.append(ContactPoints(contact_of, area, position[:, :d], axes, completed))
+            found.append(points_on(k, area, position[:, :d], axes, lengths))
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
-        self.points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
+        self.points = all_points(d, found)
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Find the probe: the first of the places, or that of the first load that has a place."""

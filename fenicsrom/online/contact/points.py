@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import Any, NamedTuple
 
@@ -50,15 +51,27 @@ class ContactPoints(NamedTuple):
     unit_lengths: NDArray[np.int64] = FACETS
 
 
+def points_on(
+    contact: int, area: Array, position: Array, frame: Array, unit_lengths: int = 0
+) -> ContactPoints:
+    """The points of one contact of the scene, of which all have these `unit_lengths`."""
+    numbers = np.full((2, area.size), [[contact], [unit_lengths]])
+    return ContactPoints(numbers[0], area, position, frame, numbers[1])
+
+
 def no_points(dimension: int) -> ContactPoints:
     """The contact points of a scene without contact."""
-    return ContactPoints(
-        np.zeros(0, dtype=np.int64),
-        np.zeros(0),
-        np.zeros((0, dimension)),
-        np.zeros((0, dimension, dimension)),
-        np.zeros(0, dtype=np.int64),
-    )
+    return points_on(0, np.zeros(0), np.zeros((0, dimension)), np.zeros((0, dimension, dimension)))
+
+
+def all_points(dimension: int, parts: Iterable[ContactPoints]) -> ContactPoints:
+    """The points of several contacts as one, in their order."""
+    return ContactPoints(*map(np.concatenate, zip(no_points(dimension), *parts, strict=True)))
+
+
+def stored_points(arrays: Mapping[str, Array]) -> ContactPoints:
+    """The points whose fields a file holds, by the names `point_*`."""
+    return ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields))
 
 
 def shares(scene: Any, points: ContactPoints) -> Array:

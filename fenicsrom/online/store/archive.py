@@ -76,7 +76,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import stored_points
 from fenicsrom.online.contact.surfaces import history_of, speed_history
 from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
@@ -634,7 +634,7 @@ def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
         damping=float(data["damping"]),
         elastic=ElasticPolynomial(data["force"], data["stiffness"], data["quadratic"], cubic),
         load_histories=load_histories(scene),
-        points=ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
+        points=stored_points(data),
         pressure=None if pressures is None else PressurePolynomial(followers, *pressures),
         turning=Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
         if f"{TURNING}history" in data
