@@ -2,6 +2,7 @@
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
@@ -290,3 +291,13 @@ def add_to_diagonal(matrix: PETSc.Mat, values: Array) -> None:
     vector.array[:] = values
     matrix.setDiagonal(vector, PETSc.InsertMode.ADD_VALUES)
     vector.destroy()
+
+
+def add_entries(matrix: PETSc.Mat, entries: csr_array) -> None:
+    """Add a sparse (local, local) matrix to the entries that a matrix has. Collective."""
+    if matrix.comm.tompi4py().allreduce(entries.nnz) == 0:
+        return
+    starts = entries.indptr.astype(PETSc.IntType)
+    columns = (matrix.getOwnershipRange()[0] + entries.indices).astype(PETSc.IntType)
+    matrix.setValuesCSR(starts, columns, entries.data, PETSc.InsertMode.ADD_VALUES)
+    matrix.assemble()

@@ -44,12 +44,13 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form, quadrature_degree
-from fenicsrom.fem.base.linalg import add_to_diagonal
+from fenicsrom.fem.base.linalg import add_entries
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
@@ -216,7 +217,7 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         inertia: the matrices of inertia forces.
-        springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
+        couplings: sparse, symmetric (local, local) stiffness of the springs, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
         pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
@@ -264,7 +265,8 @@ class ElasticBody:
             self.slanted = Slanted(self.space, held)
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, scene)
-        self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
+        self.couplings = csr_array((self.local, self.local))
+        self.point_masses, self.dashpots = np.zeros((2, self.local))
         self._compile_forms()
         self.inertia = Inertia(self)
         self._turning = scene.rotation
@@ -278,6 +280,11 @@ class ElasticBody:
             if np.mean(np.any(self.comm.allgather(touched), axis=0)) < 0.5:
                 return False
         return True
+
+    @property
+    def springs(self) -> Array:
+        """(local,) stiffness of the springs at each unknown, N/m."""
+        return np.asarray(self.couplings.diagonal())
 
     @property
     def extent(self) -> float:
@@ -398,9 +405,7 @@ class ElasticBody:
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
         self.set_field(self._u, u)
-        force = self._vector(self._force_form)
-        if self.springs.any():
-            force += self.springs * u
+        force = self._vector(self._force_form) + self.couplings @ u
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
     @property
@@ -441,7 +446,7 @@ class ElasticBody:
             matrix.zeroEntries()
             self._assemble(matrix, self._tangent_form, 1.0)
         self._change.x.array[:] = 0.0
-        add_to_diagonal(matrix, self.springs)
+        add_entries(matrix, self.couplings)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         factors = self.pressures.part * self.pressures.static
@@ -467,7 +472,7 @@ class ElasticBody:
         self._weight.value = weight
         self.add_form(matrix, self._tangent_form)
         self._weight.value = 1.0
-        add_to_diagonal(matrix, weight * self.springs)
+        add_entries(matrix, weight * self.couplings)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, weight)
 
@@ -477,7 +482,7 @@ class ElasticBody:
         The centrifugal potential of the undeformed body is zero.
         """
         self.set_field(self._u, u)
-        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.springs * u))
+        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.couplings @ u))
         energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 

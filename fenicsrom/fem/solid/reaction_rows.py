@@ -151,7 +151,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
 
     velocity = np.zeros((tests.shape[1], vectors.shape[1]))
     centrifugal = np.zeros((tests.shape[1], fields.shape[1]))
-    springs = solid.inner(tests, solid.springs[:, None] * fields)
+    springs = solid.inner(tests, solid.couplings @ fields)
     frame = solid.rotation
     if frame is not None:
         form = compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)

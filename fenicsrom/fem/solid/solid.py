@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, eigenmodes, multiply
+from fenicsrom.fem.base.linalg import Factorisation, add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.places import Places
@@ -185,7 +185,7 @@ class Solid(ElasticBody):
         """
         self.set_field(self._u, np.zeros(self.local))
         stiffness = self.matrix(self._tangent_form, 1.0)
-        add_to_diagonal(stiffness, self.springs)
+        add_entries(stiffness, self.couplings)
         factor = Factorisation(stiffness, "fenicsrom_stiffness")
         if self._known is not None and self._bends:
             if self.symmetric:
@@ -208,6 +208,7 @@ class Solid(ElasticBody):
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, the dashpots and the concentrated masses."""
+        springs = np.zeros(self.local)
         for k, found in enumerate(attachments):
             spread = bool(found.stiffness_per_area or found.damping_per_area)
             weights, area = self._places.shares(found.place, f"attachments[{k}]", spread)
@@ -220,8 +221,10 @@ class Solid(ElasticBody):
             self.point_masses += found.mass * each
             axes = AXES[: self.dimension]
             each *= np.tile(np.isin(axes, found.components or axes), len(weights))
-            self.springs += (found.stiffness + found.stiffness_per_area * area) * each
+            springs += (found.stiffness + found.stiffness_per_area * area) * each
             self.dashpots += (found.damping + found.damping_per_area * area) * each
+        self.couplings = csr_array(scipy.sparse.diags_array(springs))
+        self.couplings.eliminate_zeros()
         self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
@@ -352,9 +355,9 @@ class Solid(ElasticBody):
             chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
             products = products + strain_products(chunks, self.materials.tensor(k), n)
         elastic = elastic_polynomial(self.comm.allreduce(products), n)
-        if not self.comm.allreduce(bool(self.springs.any())):
+        if not self.comm.allreduce(bool(self.couplings.nnz)):
             return elastic
-        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
+        held = self.couplings @ np.column_stack([self.equilibrium, vectors])
         found = self.inner(vectors, held)
         return elastic._replace(
             force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
