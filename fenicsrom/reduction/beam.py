@@ -307,6 +307,8 @@ class DenseBody:
         """K times a block (n, k)."""
         return self.stiffness @ block
 
+    held_times = stiffness_times
+
     def gyroscopic_times(self, block: Array) -> Array:
         """G times a block (n, k), where the Coriolis force acts."""
         assert self.gyroscopic is not None

@@ -168,7 +168,7 @@ def _moved_by_inertia(
         deflections: (local, k).
     """
     found = modes.inverse.solve(structure.mass_times(deflections))
-    gram = structure.inner(found, structure.stiffness_times(found))
+    gram = structure.inner(found, structure.held_times(found))
     sizes = np.sqrt(np.abs(np.diag(gram)))
     sizes[sizes == 0.0] = 1.0
     values, axes = np.linalg.eigh(gram / np.outer(sizes, sizes))
@@ -234,7 +234,7 @@ def _combinations(
     found = derivatives_along(structure, options, modes, wanted, along)
     x = along.vectors
     # follower pressures may make an energy negative, though not the equilibrium unstable
-    sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.stiffness_times(x)))))
+    sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.held_times(x)))))
     size = dict(zip(along.labels, sizes, strict=True))
     for k, label in enumerate(wanted):
         first, second = split(label)

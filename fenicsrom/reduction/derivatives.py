@@ -105,7 +105,7 @@ def principal_directions(
         vectors: (local, k) Y; they may depend on one another.
         coordinates: (k, s) η.
     """
-    stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
+    stiffness = structure.inner(vectors, structure.held_times(vectors))
     size = np.sqrt(np.abs(np.diag(stiffness)))
     values, axes = np.linalg.eigh(stiffness / np.outer(size, size))
     kept = values > RANK_TOLERANCE * values[-1]
@@ -146,7 +146,7 @@ def combinations(
     rest = vectors - modes.masters @ structure.comm.allreduce(modes.rows @ vectors)
     for _ in range(2):  # the second pass removes rounding errors of the first
         rest = rest - inner @ structure.mass_inner(inner, rest)
-    gram = structure.inner(rest, structure.stiffness_times(rest))
+    gram = structure.inner(rest, structure.held_times(rest))
     values, axes = np.linalg.eigh(0.5 * (gram + gram.T))
     kept = values > LEAST_ENERGY * np.max(values, initial=0.0)
     return np.asarray(rest @ axes[:, kept][:, ::-1]), values[kept][::-1]

@@ -289,7 +289,7 @@ def _share_left_out(structure: Structure, vectors: Array, load: Array, response:
     work = float(inner(load, response)[0, 0])
     if vectors.shape[1] == 0 or work <= 0.0:
         return float(work > 0.0)
-    stiffness = inner(vectors, structure.stiffness_times(vectors))
+    stiffness = inner(vectors, structure.held_times(vectors))
     size = np.sqrt(np.abs(np.diag(stiffness)))
     scaled = stiffness / np.outer(size, size)
     # nearly dependent vectors (static and normal modes): the pseudo-inverse drops round-off

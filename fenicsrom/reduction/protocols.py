@@ -114,6 +114,9 @@ class Structure(Protocol):
     def stiffness_times(self, block: Array) -> Array:
         """K at the equilibrium times a block (local, k)."""
 
+    def held_times(self, block: Array) -> Array:
+        """The matrix of which `factor` is the inverse, times a block (local, k)."""
+
     def gyroscopic_times(self, block: Array) -> Array:
         """G times a block (local, k), where the Coriolis force acts."""
 

@@ -360,7 +360,7 @@ def static_snapshots(structure: Structure, deflection: Array) -> Array:
     Raises:
         ConvergenceError: the statics did not converge.
     """
-    force = structure.stiffness_times(deflection[:, None])[:, 0]
+    force = structure.held_times(deflection[:, None])[:, 0]
     parts = [level / STATIC_LEVELS for level in range(1, STATIC_LEVELS + 1)]
     found = structure.load_path(force, tracked(parts), STATIC_ACCURACY)
     return np.asarray(found - structure.equilibrium[:, None])

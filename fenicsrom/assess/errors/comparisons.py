@@ -116,7 +116,7 @@ def mode_agreement(structure: Structure, vectors: Array) -> ModeAgreement:
 
     size = vectors.shape[1]
     squares, full = structure.eigenmodes(structure.factor, min(size, MOST_COMPARED))
-    stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
+    stiffness = structure.inner(vectors, structure.held_times(vectors))
     both = (0.5 * (a + a.T) for a in (stiffness, structure.mass_inner(vectors, vectors)))
     reduced_squares, shapes = scipy.linalg.eigh(*both)
     products = structure.mass_inner(full, vectors) @ shapes
@@ -391,7 +391,7 @@ def unseen(
     vectors, energies = combinations(body, modes, basis, found / np.sqrt(found.shape[1]))
     assert motion.coordinates is not None
     moved = basis.vectors @ motion.coordinates[_instants(motion)].T
-    energy = np.mean(np.diag(body.inner(moved, body.stiffness_times(moved))))
+    energy = np.mean(np.diag(body.inner(moved, body.held_times(moved))))
     return vectors, np.sqrt(energies / energy) if energy > 0.0 else np.zeros(energies.size)
 
 

@@ -126,7 +126,7 @@ def check_stability(body: Any) -> int:
         )
         return unstable
     body.equilibrium = stable
-    body.tangent(stable, body.stiffness)
+    body.tangent(stable, body.factor.matrix)
     body.factor.update()
     _warn(
         body,
@@ -255,7 +255,7 @@ def _stable_equilibrium(body: Any, unstable: int) -> Array | None:
     push = modes[:, softest] * _side(body, modes[:, softest])
     push *= PUSH * body.mesh.extent() / float(body.largest(push[:, None])[0])
     u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
-    matrix = body.stiffness.duplicate(copy=True)
+    matrix = body.factor.matrix.duplicate(copy=True)
     factor = Factorisation(matrix, "fenicsrom_buckling")
     try:
         for _ in range(STEPS):

@@ -299,6 +299,10 @@ class Solid(ElasticBody):
         """K times a block (local, k)."""
         return multiply(self.stiffness, block)
 
+    def held_times(self, block: Array) -> Array:
+        """The matrix of which `factor` is the inverse, times a block (local, k)."""
+        return multiply(self.factor.matrix, block)
+
     def mass_times(self, block: Array) -> Array:
         """M times a block (local, k)."""
         return multiply(self.mass, block)
@@ -383,7 +387,7 @@ class Solid(ElasticBody):
 
         `inverse` is K⁻¹, or the inverse with the contact displacements held at zero.
         """
-        return eigenmodes(self.stiffness, self.mass, inverse, count, "fenicsrom_modes")
+        return eigenmodes(self.factor.matrix, self.mass, inverse, count, "fenicsrom_modes")
 
     # ------------------------------------------------------------------ statics
 
