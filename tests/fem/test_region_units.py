@@ -10,6 +10,8 @@ from mpi4py import MPI
 
 from fenicsrom import build_model, build_solid, make_scene
 from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.exchange.deck import scene_deck
+from fenicsrom.fem.solid.finer import FinerSolid
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.scene import Scene
 from fenicsrom.study.forecast import region_units, set_up
@@ -126,7 +128,8 @@ def test_region_in_other_units_has_the_numbers_of_si_units(
             np.testing.assert_allclose(getattr(other, name), getattr(solid, name), rtol=1e-12)
 
 
-DECK = """*NODE
+DECKS = {
+    "brick": """*NODE
 1, 0, 0, 0
 2, 0, 10, 0
 3, 0, 10, 10
@@ -143,10 +146,8 @@ DECK = """*NODE
 5, 6
 *NSET, NSET=face
 5, 6, 7, 8
-"""
-
-
-TETRAHEDRON = """*NODE
+""",
+    "quadratic": """*NODE
 1, 0, 0, 0
 2, 20, 0, 0
 3, 0, 20, 0
@@ -157,53 +158,107 @@ TETRAHEDRON = """*NODE
 8, 0, 0, 10
 9, 10, 0, 10
 10, 0, 10, 10
+11, 20, 20, 20
+12, 20, 10, 10
+13, 10, 20, 10
+14, 10, 10, 20
 *ELEMENT, TYPE=C3D10
 1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+2, 2, 3, 4, 11, 6, 10, 9, 12, 13, 14
 *NSET, NSET=root
 1, 2, 3, 5, 6, 7
 *NSET, NSET=edge
-1, 4, 8
+4, 11, 14
 *NSET, NSET=ends
-1, 4
+4, 11
+*NSET, NSET=half
+4, 14
 *NSET, NSET=face
-1, 2, 4, 5, 8, 9
-"""
+2, 4, 11, 9, 12, 14
+""",
+    "plane": """*NODE
+1, 0, 0
+2, 20, 0
+3, 40, 0
+4, 40, 20
+5, 20, 20
+6, 0, 20
+7, 10, 0
+8, 30, 0
+9, 40, 10
+10, 30, 20
+11, 10, 20
+12, 0, 10
+13, 20, 10
+*ELEMENT, TYPE=CPS8
+1, 1, 2, 5, 6, 7, 13, 11, 12
+2, 2, 3, 4, 5, 8, 9, 10, 13
+*NSET, NSET=root
+1, 6, 12
+*NSET, NSET=inner
+2, 5, 13
+*NSET, NSET=face
+3, 4, 9
+""",
+}
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
     ("deck", "group", "unit", "total"),
     [
-        (DECK, "edge", "node", 2 * 2e4),
-        (DECK, "face", "mm² of facets", 100 * 2e4),
-        (TETRAHEDRON, "edge", "node", 3 * 2e4),
-        (TETRAHEDRON, "ends", "node", 2 * 2e4),
+        ("brick", "edge", "node", 2 * 2e4),
+        ("brick", "face", "mm² of facets", 100 * 2e4),
+        ("quadratic", "edge", "node", 3 * 2e4),
+        ("quadratic", "ends", "node", 2 * 2e4),
+        ("quadratic", "half", "node", 2 * 2e4),
+        ("plane", "inner", "node", 3 * 2e4),
+        ("plane", "face", "mm² of facets", 20 * 2e4),
     ],
 )
 def test_node_set_of_a_deck_has_the_stiffness_of_its_nodes_unless_it_is_a_face(
     tmp_path: Path, deck: str, group: str, unit: str, total: float, degree: int
 ) -> None:
-    (tmp_path / "bar.inp").write_text(deck)
-    contact = {"group": group, "at": "nodes", "normal": [0.0, 0.0, 1.0], "friction": 0.1}
+    (tmp_path / "bar.inp").write_text(DECKS[deck])
+    d = 2 if deck == "plane" else 3
+    across = [0.0, 0.0, 1.0][-d:]
+    contact = {"group": group, "at": "nodes", "normal": across, "friction": 0.1}
     contact |= {"normal_stiffness": 20.0, "tangential_stiffness": 5.0}
+    thick = {"thickness": 1.0} if d == 2 else {}
     scene = make_scene(
         folder=tmp_path,
         units={"length": "mm", "mass": "t"},
-        geometry={"mesh": "bar.inp", "dimension": 3, "degree": degree},
+        geometry={"mesh": "bar.inp", "dimension": d, "degree": degree, **thick},
         material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
         supports=[{"group": "root"}],
         attachments=[{"group": group, "stiffness_per_area": 20.0}],
-        loads=[{"group": "face", "direction": [0, 0, 1], "force": 1.0, "frequency": 1.0}],
+        loads=[{"group": "face", "direction": across, "force": 1.0, "frequency": 1.0}],
         contacts=[contact],
     )
     solid = set_up(scene)
     assert contacts_of(scene, solid.points).normal_stiffness.sum() == pytest.approx(total)
-    assert solid.springs.sum() == pytest.approx(3 * total)  # along three directions
+    finer = FinerSolid(scene, solid)  # has more nodes on the edges
+    for found in (solid, finer):
+        assert found.springs.sum() == pytest.approx(d * total)  # along each direction
+    assert finer.points.tributary_area.all()
     assert region_units(scene, solid) == [
         f"contacts[0].normal_stiffness = 20 N/mm per {unit}",
         f"contacts[0].tangential_stiffness = 5 N/mm per {unit}",
         f"attachments[0].stiffness_per_area = 20 N/mm per {unit}",
     ]
+
+
+def test_node_set_of_a_deck_is_exported_with_its_nodes(tmp_path: Path) -> None:
+    (tmp_path / "bar.inp").write_text(DECKS["brick"])
+    scene = make_scene(
+        folder=tmp_path,
+        geometry={"mesh": "bar.inp", "dimension": 3, "degree": 2},
+        material={"young": 2.1e11, "poisson": 0.3, "density": 7850.0},
+        supports=[{"group": "root"}],
+        loads=[{"group": "face", "direction": [0, 0, 1], "force": 1.0}],
+    )
+    groups = scene_deck(scene).mesh.node_groups
+    assert {name: len(nodes) for name, nodes in groups.items()} == {"root": 8, "edge": 2, "face": 8}
 
 
 @pytest.mark.parametrize(("dimension", "region"), [(2, "nodes"), (3, "edges")])

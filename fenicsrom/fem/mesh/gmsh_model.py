@@ -8,7 +8,7 @@ Checks that the cells of a mesh join at whole facets.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -179,10 +179,10 @@ class CleanModel:
         nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of
             each node group.
         warnings: sentences for the user.
-        node_sets: names of the node groups that are node sets alone.
+        node_sets: for each node group that is a node set alone, the ends (k, 2), from 0, of the
+            edges whose middle node is in the set.
         glued: names of the faces of a CAD file along which bodies are glued.
         sector: set if the body is one sector of a disk.
-        has_middles: whether the cells of the file have nodes in the middle of their edges.
     """
 
     facet_groups: dict[str, tuple[int, ...]]
@@ -190,10 +190,9 @@ class CleanModel:
     facets: dict[str, int]
     nodes: dict[str, tuple[Ints, Ints]]
     warnings: tuple[str, ...]
-    node_sets: frozenset[str] = frozenset()
+    node_sets: dict[str, Ints] = field(default_factory=dict)
     glued: Collection[str] = ()
     sector: Sector | None = None
-    has_middles: bool = False
 
 
 def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:
@@ -227,7 +226,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     used = np.unique(cells)
     vertices = SHAPES[kind].corners
     corners = np.unique(cells[:, :vertices])
-    node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
+    edges = _edges_of_sets(gmsh, in_cells[SOLID], given, sets, corners)
+    node_groups, left_out = _node_groups(gmsh, source, d, sets, edges, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
     boundary = boundary_facets(gmsh, d, in_cells[SOLID], given)
     if sets:
@@ -255,11 +255,15 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         for name, (a, b) in node_groups.items()
     }
     curves = group_entities(gmsh, source, 1) if d == 3 else {}
-    alone = frozenset(sets.keys() - curves.keys())
+    alone = {
+        name: np.searchsorted(used, middles)
+        for name, (_, middles) in edges.items()
+        if name in found and name not in curves
+    }
     sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
     sector = find_sector(points, sides) if d == 3 else None
     of = facet_groups, cell_groups, sizes, found, warnings
-    return CleanModel(*of, alone, sector=sector, has_middles=given != kind)
+    return CleanModel(*of, alone, sector=sector)
 
 
 def _solid_cells(
@@ -303,13 +307,41 @@ def _facets_of_sets(boundary: Ints, width: int, sets: dict[str, Ints]) -> dict[s
     return {name: facets for name, facets in found.items() if len(facets)}
 
 
+def _edges_of_sets(
+    gmsh: Any, solid: list[int], kind: int, sets: dict[str, Ints], corners: Ints
+) -> dict[str, tuple[Ints, Ints]]:
+    """Find the edges of the cells that belong to node sets.
+
+    Args:
+        gmsh: the open gmsh.
+        solid: the entities of the cells.
+        kind: kind of the cells.
+        sets: node numbers of each node set.
+        corners: sorted node numbers of the vertices of the cells.
+
+    Returns:
+        For each set, the ends (k, 2) of the edges that have all their nodes in the set, and of
+        those that have their middle node in the set.
+    """
+    if not sets:
+        return {}
+    sides = [cell_sides(gmsh, entity, kind, 1) for entity in solid]
+    edges = np.concatenate([rows for rows in sides if len(rows)])
+    edges = edges[np.isin(edges[:, :2], corners).all(axis=1)].astype(np.int64)
+    inside = {name: np.isin(edges, nodes) for name, nodes in sets.items()}
+
+    def ends(marks: Ints) -> Ints:
+        return np.unique(np.sort(edges[marks, :2], axis=1), axis=0)
+
+    return {n: (ends(of.all(axis=1)), ends(of[:, 2:].any(axis=1))) for n, of in inside.items()}
+
+
 def _node_groups(
     gmsh: Any,
     source: str,
     d: int,
-    solid: list[int],
-    kind: int,
     sets: dict[str, Ints],
+    edges: dict[str, tuple[Ints, Ints]],
     corners: Ints,
 ) -> tuple[dict[str, tuple[Ints, Ints]], tuple[str, ...]]:
     """Collect the node groups: points, node sets and, in 3D, curves.
@@ -318,9 +350,8 @@ def _node_groups(
         gmsh: the open gmsh.
         source: name of the file.
         d: dimension of the cells.
-        solid: the entities of the cells.
-        kind: kind of the cells.
         sets: node numbers of each node set.
+        edges: the edges of each node set.
         corners: sorted node numbers of the vertices of the cells.
 
     Returns:
@@ -331,13 +362,9 @@ def _node_groups(
     pairs = {name: elements_of(gmsh, 1, on, 1) for name, on in curves.items()}
     single = group_entities(gmsh, source, 0)
     points = {name: elements_of(gmsh, 0, on, 15).ravel() for name, on in single.items()} | sets
-    if d == 3 and sets:
-        edges = [cell_sides(gmsh, entity, kind, 1) for entity in solid]
-        whole = np.concatenate([edge for edge in edges if len(edge)])
-        for name, nodes in sets.items():
-            within = np.sort(whole[np.isin(whole, nodes).all(axis=1), :2], axis=1)
-            inside = np.unique(within, axis=0)
-            pairs[name] = np.concatenate([pairs[name], inside]) if name in pairs else inside
+    if d == 3:
+        for name, (whole, _) in edges.items():
+            pairs[name] = np.concatenate([pairs[name], whole]) if name in pairs else whole
     found, warnings = {}, []
     for name in sorted(pairs.keys() | points.keys()):
         ends = pairs.get(name, np.empty((0, 2), dtype=np.int64)).astype(np.int64)

@@ -59,11 +59,11 @@ class Mesh:
         node_groups: local vertices and, in 3D, local edges of each node group by name: of a point
             or a curve of a gmsh file, or a node set. A node set on the boundary has its facets in a
             facet group of the same name.
-        node_sets: names of the node groups that are node sets of the file. Where the numbers of a
-            contact are those of its nodes, each of their nodes counts as one, on an edge too.
+        node_sets: for each node group that is a node set of the file, the local edges whose middle
+            node is in the set. Where the numbers of a contact are those of its nodes, each node of
+            the file counts as one.
         glued: names of the faces of a CAD file along which bodies are glued.
         sector: set if the body is one sector of a disk.
-        has_middles: whether the cells of the file have nodes in the middle of their edges.
     """
 
     domain: dolfinx.mesh.Mesh
@@ -74,10 +74,9 @@ class Mesh:
     source: str
     warnings: tuple[str, ...] = ()
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
-    node_sets: frozenset[str] = frozenset()
+    node_sets: dict[str, Ints] = field(default_factory=dict)
     glued: Collection[str] = ()
     sector: Sector | None = None
-    has_middles: bool = False
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
@@ -264,17 +263,17 @@ class Mesh:
         Raises:
             SceneError: the mesh has no such group.
         """
-        found, dofmap = self.entities(where), space.dofmap
+        vertices, dofmap = self.entities(where)[0], space.dofmap
+        name = where.group if isinstance(where, Region) else where
         counts = fem.Function(space, dtype=np.float64)
-        if self.has_middles:
-            for cell, side in self.sides(1, found.get(1, np.empty(0, dtype=np.int32))):
-                inside = dofmap.dof_layout.entity_dofs(1, side)
-                inside = inside or dofmap.dof_layout.entity_closure_dofs(1, side)
-                counts.x.array[dofmap.cell_dofs(cell)[inside]] += 1.0 / len(inside)
-            counts.x.scatter_reverse(dolfinx.la.InsertMode.add)
-            counts.x.scatter_forward()
+        for cell, side in self.sides(1, self.node_sets.get(str(name), np.empty(0, dtype=np.int32))):
+            inside = dofmap.dof_layout.entity_dofs(1, side)
+            inside = inside or dofmap.dof_layout.entity_closure_dofs(1, side)
+            counts.x.array[dofmap.cell_dofs(cell)[inside]] += 1.0 / len(inside)
+        counts.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        counts.x.scatter_forward()
         self.domain.topology.create_connectivity(0, self.domain.topology.dim)
-        counts.x.array[fem.locate_dofs_topological(space, 0, found[0].astype(np.int32))] += 1.0
+        counts.x.array[fem.locate_dofs_topological(space, 0, vertices.astype(np.int32))] += 1.0
         return np.asarray(counts.x.array)
 
     def bounds(self) -> tuple[Floats, Floats]:
@@ -574,27 +573,27 @@ def _distributed(
     domain, cell_tags, facet_tags = compat.model_to_mesh(model, comm, geometry.dimension)
     domain.topology.create_entities(geometry.dimension - 1)
     facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
-    nodes = _local_node_groups(clean.nodes, domain)
+    nodes, middles = _local_node_groups(clean.nodes, clean.node_sets, domain)
     found = domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings
-    of = clean.node_sets, clean.glued, clean.sector, clean.has_middles
-    return Mesh(*found, nodes, *of)
+    return Mesh(*found, nodes, middles, clean.glued, clean.sector)
 
 
 def _local_node_groups(
-    nodes: dict[str, tuple[Ints, Ints]], domain: dolfinx.mesh.Mesh
-) -> dict[str, tuple[Ints, Ints]]:
+    nodes: dict[str, tuple[Ints, Ints]], middles: dict[str, Ints], domain: dolfinx.mesh.Mesh
+) -> tuple[dict[str, tuple[Ints, Ints]], dict[str, Ints]]:
     """Find the vertices and edges of the node groups on this rank.
 
     Args:
-        nodes: numbers in the model of the vertices, shape (n,), and of the ends of the edges, shape
-        (k, 2).
+        nodes: for each group, numbers in the model of the vertices, shape (n,), and of the ends of
+            the edges, shape (k, 2).
+        middles: numbers of the ends of other edges of some groups, shape (k, 2).
         domain: the mesh.
 
     Returns:
-        The local vertices and edges of each group.
+        The local vertices and edges of each group, and the local edges of `middles`.
     """
     if not nodes:
-        return {}
+        return {}, {}
     topology = domain.topology
     for pair in ((0, topology.dim), (1, 0), (1, topology.dim)):
         topology.create_entities(pair[0])
@@ -603,12 +602,16 @@ def _local_node_groups(
     vertices = np.arange(number[0], dtype=np.int32)
     places = compat.entity_nodes(domain, 0, vertices).reshape(-1)
     model = np.asarray(domain.geometry.input_global_indices)[places]
-    ends = np.sort(model[topology.connectivity(1, 0).array].reshape(number[1], 2), axis=1)
-    found = {}
-    for name, (points, pairs) in nodes.items():
-        marks = np.isin(model, points), np.isin(_keys(ends), _keys(np.sort(pairs, axis=1)))
-        found[name] = tuple(np.flatnonzero(mark).astype(np.int32) for mark in marks)
-    return found
+    ends = _keys(np.sort(model[topology.connectivity(1, 0).array].reshape(number[1], 2), axis=1))
+
+    def local(numbers: Ints, among: Ints) -> Ints:
+        return np.flatnonzero(np.isin(among, numbers)).astype(np.int32)
+
+    def edges(pairs: Ints) -> Ints:
+        return local(_keys(np.sort(pairs, axis=1)), ends)
+
+    found = {name: (local(points, model), edges(pairs)) for name, (points, pairs) in nodes.items()}
+    return found, {name: edges(pairs) for name, pairs in middles.items()}
 
 
 def _keys(pairs: Ints) -> Ints:
