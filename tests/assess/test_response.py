@@ -366,12 +366,16 @@ def test_second_number_that_cannot_be_used_is_refused_by_its_own_key(
     assert (caught.value.key, caught.value.kind) == ("response.families.key", kind)
 
 
+def test_second_number_may_be_an_integer() -> None:
+    check_response(scene_with('response.families={key="time.steps_per_period", values=[64, 96]}'))
+
+
 def test_second_number_with_a_bad_value_is_refused_by_the_key_of_the_values() -> None:
     scene = scene_with('response.families={key="material.mass_damping", values=[1.0, -2.0]}')
     with pytest.raises(SceneError) as caught:
         check_response(scene)
     assert (caught.value.key, caught.value.kind) == ("response.families.values", ErrorKind.RANGE)
-    assert "response.families.values: material.mass_damping = -2.0: must be" in str(caught.value)
+    assert "response.families.values: material.mass_damping = -2: must be" in str(caught.value)
 
 
 @pytest.mark.parametrize(

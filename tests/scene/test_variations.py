@@ -32,7 +32,7 @@ def test_axes_combine_and_zipped_keys_change_together() -> None:
     positions = list(combinations(axes))
     assert len(positions) == 6
     assert positions[:4] == [(0, 0), (0, 1), (0, 2), (1, 0)]
-    assert axes[1].overrides(2) == ["b=5", "c=8.0"]
+    assert axes[1].overrides(2) == ["b=5", "c=8"]
 
 
 @pytest.mark.parametrize(

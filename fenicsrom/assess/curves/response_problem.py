@@ -79,7 +79,7 @@ def _changed(scene: Scene, key: str, value: float, place: str) -> Scene:
     Raises:
         SceneError: the scene may not have this value.
     """
-    table = override_table(scene_table(scene), [f"{key}={value!r}"], place)
+    table = override_table(scene_table(scene), {key: value}, place)
     return parse_scene(table, place, None)
 
 

@@ -127,7 +127,7 @@ def _list(text: str, key: str, values: str) -> list[Any]:
     return found
 
 
-def _range(text: str, key: str, values: str) -> list[float]:
+def _range(text: str, key: str, values: str) -> list[float | int]:
     """Read a range FIRST:LAST:COUNT or FIRST:LAST:COUNT:log."""
     parts = [part.strip() for part in values.split(":")]
     try:
@@ -149,7 +149,7 @@ def _range(text: str, key: str, values: str) -> list[float]:
         spaced = [first * (last / first) ** part for part in shares]
     else:
         spaced = [first + (last - first) * part for part in shares]
-    return [float(f"{value:.{DIGITS}g}") for value in spaced]
+    return [_whole(float(f"{value:.{DIGITS}g}")) for value in spaced]
 
 
 def _refuse_values(text: str, reason: str, key: str) -> SceneError:
@@ -174,10 +174,15 @@ def override_texts(overrides: Overrides) -> list[str]:
     if not isinstance(overrides, Mapping):
         return [overrides] if isinstance(overrides, str) else list(overrides)
     try:
-        return [f"{key}={toml_value(plain(value))}" for key, value in overrides.items()]
+        return [f"{key}={toml_value(plain(_whole(value)))}" for key, value in overrides.items()]
     except TypeError as error:
         sentence = f"overrides {show(overrides)}: {error}"
         raise SceneError(sentence, kind=ErrorKind.TYPE) from None
+
+
+def _whole(value: Any) -> Any:
+    """A whole number as an integer, which keys of integers and of other numbers take."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def override_table(table: Mapping[str, Any], overrides: Overrides, source: str) -> dict[str, Any]:
