@@ -60,7 +60,7 @@ from fenicsrom.reduction.stages import (
     load_pairs,
     with_loads,
 )
-from fenicsrom.scene import Basis
+from fenicsrom.scene import Basis, Scene
 
 NEXT_INTERFACE_MODES = 10
 """Interface modes beyond those of the basis, where there are any."""
@@ -85,6 +85,21 @@ INERTIA_LINEAR, INERTIA_NONLINEAR = 12, 6
 
 INDEPENDENT = 1e-3
 """Smaller independent parts of a vector, relative to it in the energy norm, are rounding."""
+
+
+def most_coordinates(scene: Scene, modes: ComponentModes) -> int:
+    """An upper bound of the number of coordinates of (1), known as soon as the modes are.
+
+    Args:
+        scene: the scene.
+        modes: the component modes of its basis.
+    """
+    own = modes.vectors.shape[1] + len(modes.loads.labels)
+    linear = own + NEXT_MODES + NEXT_INTERFACE_MODES + len(scene.loads)
+    if not scene.geometrically_nonlinear:
+        return linear + INERTIA_LINEAR
+    pairs = own * (own + 1) // 2
+    return linear + INERTIA_NONLINEAR + pairs + COMBINATIONS
 
 
 def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:

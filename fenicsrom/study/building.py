@@ -66,6 +66,7 @@ def check_size(study: Study) -> None:
         SceneError: the model cannot have this `basis.size`.
     """
     from fenicsrom.online.store.archive import require_size
+    from fenicsrom.reduction.candidates import most_coordinates
 
     size = study.scene.basis.size
     if size is None or study.modes is None:
@@ -73,6 +74,9 @@ def check_size(study: Study) -> None:
     masters = study.modes.rows.shape[0]
     if size <= masters:
         raise Where(study.scene.source, "basis.size").refuse(size, too_small(masters))
+    if size >= (most := most_coordinates(study.scene, study.modes)):
+        allowed = f"must be below {most}: with these modes and loads, no model has as many"
+        raise Where(study.scene.source, "basis.size").refuse(size, f"{allowed} coordinates")
     if study.extended is not None and study.basis is not None:
         require_size(study.scene, study.extended.labels, study.basis.size)
 

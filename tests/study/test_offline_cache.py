@@ -519,7 +519,7 @@ def test_runs_at_the_same_time_read_whole_archives(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [3, 400])
-def test_size_that_no_model_has_is_refused_before_the_projection_and_keeps_the_cache(
+def test_size_that_no_model_has_is_refused_after_the_modes_and_keeps_the_cache(
     size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from fenicsrom.study import building
@@ -530,7 +530,7 @@ def test_size_that_no_model_has_is_refused_before_the_projection_and_keeps_the_c
     scene = beam_scene(2, SHORT, contacts=[contact], loads=[SHAKE])
     wrong = replace(scene, basis=replace(scene.basis, size=size))
     with monkeypatch.context() as patched:
-        patched.setattr(building, "reduced_model", lambda run: pytest.fail("it is projected"))
+        patched.setattr(building, "linear_transient", lambda run: pytest.fail("it goes on"))
         with refusal(ErrorKind.RANGE, "basis.size"):
             study.build_model(wrong)
     study.build_model(scene)
