@@ -285,8 +285,11 @@ def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...
             np.isin(np.arange(len(block.nodes)), of)
             for block, of in zip(blocks, chosen, strict=True)
         ]
-        found.pressures[float(row[2])] += faces(blocks, members, int(kind[1:]) - 1)
+        if pressed := faces(blocks, members, int(kind[1:]) - 1):
+            found.pressures[float(row[2])] += pressed
+        else:
+            found.leave(f"*{name} {', '.join(row[:2])}: the elements have no such face")
     elif name == "DSLOAD" and kind == "P" and (surface := _surface(state, row[0])):
         found.others.append(DeckLoad("pressure", (float(row[2]),), group=surface))
     else:
-        found.leave(f"*{name} {', '.join(row[:2])}")
+        found.leave(said(f"*{name} {', '.join(row[:2])}", f"{name} {kind}"))

@@ -73,7 +73,7 @@ def faces(blocks: list[Block], members: list[Marks], face: int) -> list[Block]:
     found = []
     for block, marks in zip(blocks, members, strict=True):
         shape = block.shape
-        if not marks.any() or face >= len(shape.facets):
+        if not marks.any() or not 0 <= face < len(shape.facets):
             continue
         if shape.edges:
             rows = facets_of(block.kind, block.nodes[marks])[:, face]

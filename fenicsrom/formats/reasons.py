@@ -11,6 +11,7 @@ _REASONS: dict[str, tuple[str, ...]] = {
     "bolts without pretension": ("PRE-TENSION SECTION", "BOLT", "PTSECT"),
     "temperatures are not supported": (
         *("TEMPERATURE", "EXPANSION", "TEMP", "TEMPD", "TREF", "BF", "BFE", "MP,ALPX"),
+        *("BFBLOCK", "DFLUX", "DSFLUX", "FILM", "SFILM"),
     ),
     "materials are elastic": (
         *("PLASTIC", "HYPERELASTIC", "HYPERFOAM", "USER MATERIAL", "VISCOELASTIC", "MATS1"),
@@ -20,8 +21,25 @@ _REASONS: dict[str, tuple[str, ...]] = {
     "loads of a deck are static": ("AMPLITUDE", "DLOAD", "TLOAD1", "TLOAD2", "RLOAD1", "RLOAD2"),
     "springs lie between a node and the ground": ("CBUSH", "CELAS3", "CELAS4", "CONNECTOR SECTION"),
     "give [damping]": ("DAMPING", "TABDMP1", "GLOBAL DAMPING", "DMPRAT", "ALPHAD", "BETAD"),
-    "give [rotation]": ("OMEGA", "RFORCE"),
-    "give a [[loads]] with a pressure on a group": ("SFE", "SFEBLOCK", "SF", "PLOAD", "PLOAD2"),
+    "give [rotation]": ("OMEGA", "CMOMEGA", "RFORCE", "DLOAD CENTRIF", "DLOAD CENT"),
+    "give a [[loads]] with a pressure on a group": (
+        *("SFE", "SFEBLOCK", "SF", "SFA", "SFL", "SFBLOCK", "PLOAD", "PLOAD2", "DSLOAD P"),
+    ),
+    "pressures do not depend on the place": ("SFGRAD", "DLOAD HP", "DSLOAD HP"),
+    "give a [[loads]] with a force and a direction on a group": (
+        *("DSLOAD TRVEC", "DSLOAD TRSHR", "FORCE2"),
+    ),
+    "give a [[loads]] with an acceleration": (
+        "DLOAD BX",
+        "DLOAD BY",
+        "DLOAD BZ",
+        "ACCEL",
+        "ACCEL1",
+    ),
+    "a scene has no equations between displacements": (
+        *("CP", "CPNGEN", "CPINTF", "CEBLOCK", "CERIG"),
+    ),
+    "loads on beams are not supported": ("PLOAD1",),
 }
 
 REASONS = {name: reason for reason, names in _REASONS.items() for name in names}

@@ -81,7 +81,8 @@ def test_components_are_groups_and_the_rest_is_named(tmp_path: Path) -> None:
     mesh = model(tmp_path, archive([(3, CUBE[:8]), (4, [1, 2, 3, 4]), (5, [1, 2])], more))
     assert list(mesh.node_groups["ROOT"]) == [0, 1, 2, 3, 7]
     assert mesh.blocks[0].groups.keys() == {"BODY"}
-    assert mesh.not_read == ("1 CP", "1 MP,DENS")
+    reason = "a scene has no equations between displacements"
+    assert mesh.not_read == (f"1 CP ({reason})", "1 MP,DENS")
     assert any(what.startswith("springs") for what in mesh.physics.not_taken)
 
 

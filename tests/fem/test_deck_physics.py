@@ -158,6 +158,24 @@ def test_what_a_scene_cannot_state_is_named(tmp_path: Path) -> None:
     assert any("moment" in what for what in found.not_taken)
 
 
+@pytest.mark.parametrize(
+    ("load", "reason"),
+    [
+        ("*DSLOAD\nTOP, TRVEC, 1.\n", "a force and a direction on a group"),
+        ("*DLOAD\nEALL, CENTRIF, 1., 0, 0, 0, 0, 0, 1.\n", "[rotation]"),
+        ("*DLOAD\nEALL, P0, 1.\n", "no such face"),
+        ("*DLOAD\nEALL, P7, 1.\n", "no such face"),
+    ],
+)
+def test_load_that_is_not_taken_is_named_with_its_reason(
+    tmp_path: Path, load: str, reason: str
+) -> None:
+    step = "*STEP\n*STATIC\n"
+    found, _ = physics(tmp_path / "a.inp", ABAQUS.replace(step, step + load))
+    (left,) = found.not_taken
+    assert reason in left and not any(load.kind == "pressure" for load in found.loads)
+
+
 def test_shear_modulus_gives_poissons_ratio(tmp_path: Path) -> None:
     found, _ = physics(tmp_path / "a.bdf", NASTRAN.replace("2.1+5,,.3,", "2.1+5,8.4+4,,"))
     assert found.materials[0].poisson == pytest.approx(0.25)
