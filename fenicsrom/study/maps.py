@@ -60,6 +60,8 @@ def interaction_map(
     from fenicsrom.post.studies.interaction_report import write_hdf5
 
     interaction.map_speeds(scene_of(given))
+    if resume and folder is not None:
+        interaction.check_kept(folder / LINES)
     with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
         source = source_of(given, comm, Stopwatch(), folder, stop, fresh)
         model = Path(place) / f"{'' if source.stored is not given else 'stored_'}{MODEL}"

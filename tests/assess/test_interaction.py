@@ -360,13 +360,14 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [lambda x: x[:200], lambda x: b"", lambda x: x[:-30]])
 def test_map_does_not_continue_from_a_damaged_file(
-    tmp_path: Path, damage: Callable[[bytes], bytes]
+    tmp_path: Path, damage: Callable[[bytes], bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stored, few = two_modes("output.pictures=false"), ("map.revolutions=10",)
     mapped(stored, "[2000, 2100]", *few, folder=tmp_path)
     file = max((tmp_path / LINES).glob("*.npz"))
     file.write_bytes(damage(file.read_bytes()))
-    with refusal(ErrorKind.FORMAT, "", file.name):
+    monkeypatch.setattr("fenicsrom.study.maps.source_of", pytest.fail)  # refused before the work
+    with refusal(ErrorKind.FORMAT, "", file.name, "delete this file"):
         mapped(stored, "[2000, 2100]", *few, folder=tmp_path, resume=True)
 
 

@@ -359,9 +359,13 @@ def check_folder(folder: Path) -> None:
     """Check that a folder holds the state of curves.
 
     Raises:
-        SceneError: it does not.
+        SceneError: it does not, or a file is damaged.
     """
-    if not any(folder.glob("curve_*.npz")):
+    files = sorted(folder.glob("curve_*.npz"))
+    for file in files:
+        with read_archive(file, WHAT, FORMAT):
+            pass
+    if not files:
         raise SceneError(
             f"{folder}: must be a folder with curve_1.npz, such as the response_state of an "
             "earlier run",

@@ -314,10 +314,28 @@ def _kept(job: _Job) -> Line | None:
     """
     for found in (replace(job, checked=True), job):
         if found.file.exists():
-            with read_archive(found.file, "a speed of a map", FORMAT, EARLIER) as (_, arrays):
-                values = {key: x if x.ndim else x.item() for key, x in arrays.items()}
-                return Line(**values)
+            return _read_line(found.file)
     return None
+
+
+def check_kept(folder: Path) -> None:
+    """Check that the files of an earlier map can be read.
+
+    Raises:
+        SceneError: a file is damaged, or of another version of the program.
+    """
+    for file in sorted(folder.glob("*.npz")):
+        _read_line(file)
+
+
+def _read_line(file: Path) -> Line:
+    """Read the line of a speed; errors as `check_kept`."""
+    try:
+        with read_archive(file, "a speed of a map", FORMAT, EARLIER) as (_, arrays):
+            return Line(**{key: x if x.ndim else x.item() for key, x in arrays.items()})
+    except SceneError as error:
+        reason = f"{error}; delete this file, and the map computes its speed again"
+        raise SceneError(reason, kind=error.kind, source=error.source) from None
 
 
 def _warnings(found: InteractionMap) -> list[Note]:
