@@ -220,7 +220,7 @@ def sentences(found: InteractionMap) -> list[str]:
     if found.reused:
         lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
     if found.interrupted:
-        lines.append("The map was interrupted; --resume continues it.")
+        lines.append("The map was interrupted.")
     return lines
 
 

@@ -87,7 +87,7 @@ def sentences(found: Sweep) -> list[str]:
             f"The results of {counted(found.reused, 'run')} are those of an earlier sweep."
         )
     if found.interrupted:
-        lines.append("The sweep was interrupted; --resume continues it.")
+        lines.append("The sweep was interrupted.")
     return lines
 
 
