@@ -50,6 +50,8 @@ def init(options: argparse.Namespace) -> int:
     warnings += [f"not taken from the file: {what}" for what in found.physics.not_taken]
     if leaves_support(found) and options.root is None:
         warnings.append("the support is a guess, because that of the file is not taken: check it")
+    if options.template == "rub":
+        warnings.append("the axis of rotation is a guess from the box of the body: check it")
     system, why = units_of(found, options.units)
     if why and options.units is None:
         warnings.append(f"the units {system.names} are {why}")

@@ -44,6 +44,9 @@ TIP_SPEED = 50.0
 RUB_STEPS = 600
 """Steps in a revolution of a starter scene with a casing."""
 
+GUESS = "a guess from the box of the body, check it"
+"""What the comments of a starter scene say of its axis of rotation."""
+
 HUB = 0.5
 """Distance of a blade's root from the axis, relative to the length of the blade."""
 
@@ -375,12 +378,15 @@ def _task_lines(
     along = _rounded(mode.direction)
     frequency = float(f"{mode.frequency:.5g}")
     if template == "statics":
-        return [
+        load = [
             "[[loads]] # static: moves the place by about a hundredth of the body",
             place,
             f"direction = {along}",
             _given(units, "force", "N", 10.0 * mode.stiffness * mode.amplitude),
             "",
+        ]
+        return [
+            *(load if tip is not None or not found.physics.loads else []),
             "[statics] # fenicsrom statics SCENE",
             "last = 1.0 # factor on the static loads",
             "",
@@ -423,12 +429,12 @@ def _rub_lines(
     root, length = (low if outward else high)[along], (high - low)[along]
     centre = 0.5 * (low + high)
     centre[along] = root + (-HUB if outward else HUB) * length
-    axis = [f"point = {[float(f'{x:.6g}') for x in centre]} # on the axis: check it"]
+    axis = [f"point = {[float(f'{x:.6g}') for x in centre]} # on the axis: {GUESS}"]
     if found.geometry.dimension == 3:
         across = np.abs(mode.direction)
         across[along] = np.inf
         unit = [float(k == int(np.argmin(across))) for k in range(3)]
-        axis = [f"axis = {unit} # check it", *axis]
+        axis = [f"axis = {unit} # {GUESS}", *axis]
     return [
         "[rotation]",
         f"speed_rpm = {float(f'{60.0 * rate:.2g}'):g}",
