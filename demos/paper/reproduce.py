@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from paper_cases import BODIES, HERE, LINEAR, Table, body, full, scene, tried
-from paper_curves import marching_table, response_figure, response_table
+from paper_curves import response_figure, response_table
 from paper_tables import (
     plain_table,
     selection_table,
@@ -108,7 +108,6 @@ PARTS: dict[str, Callable[[], Table]] = {
     "table 3": table_3,
     "figures 5 to 7, 12, 13": state_table,
     "figure 4": response_table,
-    "figure 4, marching": marching_table,
     "figure 8, left": lambda: selection_table("slip_liftoff", CHOSEN),
     "figure 8, right": lambda: selection_table("high_load", CHOSEN),
     "figure 9, left": lambda: plain_table("slip_liftoff", PLAIN),
@@ -152,7 +151,7 @@ PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
 def markdown(table: Table) -> str:
     """A table in Markdown."""
     lines = ["| " + " | ".join(str(value) for value in row) + " |" for row in table]
-    return "\n".join([lines[0], "|" + " --- |" * len(table[0]), *lines[1:]])
+    return "\n".join([lines[0], "|" + "---|" * len(table[0]), *lines[1:]])
 
 
 def fill(readme: Path, name: str, text: str) -> None:
