@@ -34,7 +34,8 @@ from fenicsrom.online.motion.measures import lobes_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.online.store.archive import StoredModel, changed_scene
-from fenicsrom.post.studies.interaction_report import wear_row
+from fenicsrom.post.base.tables import rows_of
+from fenicsrom.post.studies.interaction_report import quantities
 from fenicsrom.study.maps import LINES
 
 Array = NDArray[np.float64]
@@ -450,7 +451,7 @@ def worn_map(speeds: str, steps: int, *changes: str, **options: Any) -> Interact
 def worn_line(rpm: float, steps: int) -> tuple[dict[str, Any], Line]:
     """The wear and the line of one speed, at which the casing closes in ten revolutions."""
     found = worn_map(f"[{rpm}, 8999]", steps, approach=[[0.0, 0.0], [600.0 / rpm, 1e-4]])
-    return wear_row(found, found.lines[0]), found.lines[0]
+    return rows_of(found.lines, quantities(found))[0], found.lines[0]
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ class Line:
         resolved: the smallest amplitude that is no rounding, m.
         seconds: CPU time.
         force_error: estimated error of the largest normal force by the step and the basis, relative
-            to this force; 0 unchecked.
+            to this force; nan unchecked.
         end: (2, n) displacement and velocity at the end in the coordinates of the range model.
     """
 
@@ -110,12 +110,17 @@ class Line:
     resolved: float
     seconds: float
     end: Array
-    force_error: float = 0.0
+    force_error: float = np.nan
 
     @property
     def largest(self) -> float:
         """The amplitude that errors are relative to: the largest one, or the smallest resolved."""
         return max(float(self.amplitudes.max(initial=0.0)), self.resolved)
+
+    def error(self, cause: str) -> float:
+        """The largest of the errors by "basis", "step" or "mesh", relative; nan unchecked."""
+        found: Array = getattr(self, f"by_{cause}")
+        return float(found.max()) / self.largest if found.size else np.nan
 
     @property
     def errors(self) -> Array:
@@ -127,6 +132,11 @@ class Line:
     def worn_errors(self) -> Array:
         """(nodes,) estimated errors of the worn depth by the step, relative to the largest one."""
         return np.asarray(self.worn_by_step / max(float(self.worn.max(initial=0.0)), 1e-300))
+
+    @property
+    def motion(self) -> str:
+        """The verdict with the period."""
+        return f"period {self.period}" if self.period else self.verdict
 
     @property
     def coexists(self) -> bool:

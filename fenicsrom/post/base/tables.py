@@ -13,7 +13,8 @@ import io
 import json
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,90 @@ def table_of(rows: Iterable[Mapping[str, Any]]) -> list[list[Any]]:
     """The table of rows with the same keys, which are its header; empty without rows."""
     rows = list(rows)
     return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
+
+
+FACTORS = {"mm": 1e3, "µm": 1e6, "%": 100.0, "ms": 1e3, "MPa": 1e-6}
+"""From units of SI to those of tables and pictures."""
+LABEL = 18  # characters of a line of the label of an axis
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is told of each record of a result: declared once for files, tables, axes and sentences.
+
+    Attributes:
+        key: its name in CSV and JSON files, with the unit there; "" leaves it out of them.
+        of: the attribute of a record, or a function of it; by default the attribute named `key`.
+        head: its name and unit for people, such as "amplitude, mm"; "" leaves it out of tables.
+        digits: significant digits for people.
+    """
+
+    key: str
+    of: str | Callable[[Any], Any] = ""
+    head: str = ""
+    digits: int = 5
+
+    @property
+    def unit(self) -> str:
+        """The unit for people, as `head` gives it."""
+        return self.head.rpartition(", ")[2]
+
+    @property
+    def factor(self) -> float:
+        """From the unit in files, which is that of SI, to that for people."""
+        return 1.0 if self.key.endswith("_percent") else FACTORS.get(self.unit.split(" ")[0], 1.0)
+
+    def value(self, record: Any) -> Any:
+        """What files have of a record; None in place of a number that is not finite."""
+        value = self.of(record) if callable(self.of) else getattr(record, self.of or self.key)
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    def cell(self, record: Any) -> Any:
+        """What a table has of a record: a number with its digits; anything else as it is."""
+        value = self.value(record)
+        if isinstance(value, float):
+            return f"{self.factor * value:.{self.digits}g}"
+        return value
+
+    def text(self, record: Any) -> str:
+        """The number of a record with its unit, for sentences."""
+        return f"{self.cell(record)} {self.unit}"
+
+    def column(self, records: Iterable[Any]) -> Array:
+        """The numbers of records as an axis shows them; nan where there is none."""
+        return self.factor * np.array([self.value(one) for one in records], dtype=np.float64)
+
+    @property
+    def label(self) -> str:
+        """The label of an axis; the unit stands beside a word."""
+        return textwrap.fill(self.head.replace(", ", ",\N{NO-BREAK SPACE}"), LABEL)
+
+
+def components(
+    key: str, of: str | Callable[[Any], Any], names: Iterable[Any], head: str = "", digits: int = 5
+) -> list[Quantity]:
+    """A quantity for each component of a vector; key and head have {} in the place of its name."""
+    whole = Quantity("", of)
+
+    def component(k: int) -> Callable[[Any], Any]:
+        return lambda record: float(whole.value(record)[k])
+
+    return [
+        Quantity(key.format(name), component(k), head.format(name), digits)
+        for k, name in enumerate(names)
+    ]
+
+
+def rows_of(records: Iterable[Any], quantities: Iterable[Quantity]) -> list[dict[str, Any]]:
+    """The rows of records in files."""
+    kept = [quantity for quantity in quantities if quantity.key]
+    return [{one.key: one.value(record) for one in kept} for record in records]
+
+
+def table(records: Iterable[Any], quantities: Iterable[Quantity]) -> list[list[Any]]:
+    """The table of records for people; empty without records."""
+    shown = [quantity for quantity in quantities if quantity.head]
+    return table_of({one.head: one.cell(record) for one in shown} for record in records)
 
 
 def named(pattern: str, names: Iterable[str], values: Iterable[float]) -> dict[str, float]:

@@ -6,6 +6,7 @@ The wear of an interaction map: its numbers and its picture.
 from __future__ import annotations
 
 from dataclasses import fields
+from operator import itemgetter, methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +21,62 @@ from fenicsrom.online.motion.measures import Wear, lobes_of, worn_profile
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, missing_module, new_panels, styled
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table
 from fenicsrom.words import counted
 
+SPEED = Quantity("speed_rpm", head="speed, rpm", digits=6)
+AMPLITUDE = Quantity("amplitude_m", "amplitude", "amplitude, mm", 4)
+FORCE = Quantity("peak_normal_force_N", "peak_force", "peak normal force, N", 4)
+CONTACT = Quantity("contact_fraction", "contact", "contact, % of time", 3)
+CLEARANCE = Quantity("clearance_consumed", "clearance", "clearance consumed, %", 3)
+MOTION = Quantity("", "motion", "motion")
+ERRORS = [
+    Quantity(f"{cause}_error", methodcaller("error", cause), f"{cause} error, %", 2)
+    for cause in ("basis", "step", "mesh")
+]
+DEPTH = Quantity("worn_depth_m", lambda line: line.worn.max(), "worn depth, µm", 4)
+DEPTH_ERROR = Quantity(
+    "worn_depth_error", lambda line: line.worn_errors.max(), "worn depth error, %", 2
+)
+ONSETS = [
+    Quantity(key, itemgetter(k), key.replace("_rpm", ", rpm").replace("_", " "), 6)
+    for k, key in enumerate(("mode", "engine_order", "free_rpm", "closed_rpm"))
+]
 
-def wear_row(found: InteractionMap, line: Line) -> dict[str, Any]:
-    """The wear of a line in `map.csv`; empty without abradable layers."""
-    rings = [Wear(ring, ring.depth(line.worn), 0.0) for ring in found.rings]
-    if not rings:
-        return {}
-    return {
-        "worn_depth_m": float(line.worn.max()),
-        "worn_depth_error": float(line.worn_errors.max()),
-        "worn_area_m_rad": max(ring.area for ring in rings),
-        "worn_volume_m3": sum(ring.volume for ring in rings),
-        "worn_lobes": lobes_of(worn_profile(found.rings, line.worn)[1]) or None,
-    }
+
+def quantities(found: InteractionMap) -> list[Quantity]:
+    """What is told of each line."""
+
+    def order(line: Line) -> float:
+        return float(found.orders[np.argmax(line.amplitudes)])
+
+    modes = range(1, 1 + (found.lines[0].free_hz.size if found.lines else 0))
+    return [
+        *(SPEED, AMPLITUDE, Quantity("engine_order", order, "engine order"), FORCE, CONTACT),
+        *(CLEARANCE, Quantity("verdict"), MOTION),
+        Quantity("period_revolutions", lambda line: line.period or None),
+        *(*ERRORS, Quantity("peak_normal_force_error", "force_error")),
+        Quantity("other_amplitude_m", "other", "amplitude from another start, mm", 4),
+        *(_wear(found) if found.rings else ()),
+        *components("mode_{}_free_hz", "free_hz", modes),
+        *components("mode_{}_closed_hz", "closed_hz", modes),
+    ]
+
+
+def _wear(found: InteractionMap) -> list[Quantity]:
+    """The wear of a line."""
+
+    def worn(line: Line) -> list[Wear]:
+        return [Wear(ring, ring.depth(line.worn), 0.0) for ring in found.rings]
+
+    def lobes(line: Line) -> int | None:
+        return lobes_of(worn_profile(found.rings, line.worn)[1]) or None
+
+    return [
+        *(DEPTH, DEPTH_ERROR, Quantity("worn_lobes", lobes, "lobes")),
+        Quantity("worn_area_m_rad", lambda line: max(ring.area for ring in worn(line))),
+        Quantity("worn_volume_m3", lambda line: sum(ring.volume for ring in worn(line))),
+    ]
 
 
 def wear_sentence(found: InteractionMap) -> str:
@@ -44,9 +86,8 @@ def wear_sentence(found: InteractionMap) -> str:
         return "Abradable layer: not worn at any speed."
     first = "each speed" if found.scene.map.start == "rest" else "the first speed"
     return (
-        f"Abradable layer: worn by at most {1e6 * line.worn.max():.4g} µm at {line.speed_rpm:g} "
-        f"rpm, with an estimated error of {100 * line.worn_errors.max():.2g} % by the step; "
-        f"{first} begins with a new layer."
+        f"Abradable layer: worn by at most {DEPTH.text(line)} at {SPEED.text(line)}, with an "
+        f"estimated error of {DEPTH_ERROR.text(line)} by the step; {first} begins with a new layer."
     )
 
 
@@ -86,14 +127,14 @@ def wear_figure(found: InteractionMap, edges: Array) -> Figure:
     shade.grid(False)
     if wrong.any():
         shade.set_title(f"grey: estimated error above {100 * LARGE:g} % of the largest depth")
-    largest = 1e6 * found.column("worn").max(axis=1)
+    largest = DEPTH.column(found.lines)
     line.errorbar(speeds, largest, largest * errors, fmt=".-", color=COLOURS[0], capsize=2)
     line.set(ylabel="largest, µm")
     line.set_ylim(0.0, 1.1 * np.max(largest * (1.0 + errors)))
-    counts = [wear_row(found, one)["worn_lobes"] or np.nan for one in found.lines]
+    counts = [lobes_of(row) or np.nan for row in depth]
     lobes.plot(speeds, counts, ".", color=COLOURS[0])
     most = np.nanmax(counts, initial=1.0)
-    lobes.set(xlabel="speed, rpm", ylabel="lobes", xlim=speeds[[0, -1]], ylim=(0.0, most + 1.0))
+    lobes.set(xlabel=SPEED.label, ylabel="lobes", xlim=speeds[[0, -1]], ylim=(0.0, most + 1.0))
     lobes.yaxis.get_major_locator().set_params(integer=True)
     lobes.ticklabel_format(axis="x", style="plain")
     return drawn
@@ -104,107 +145,32 @@ THICKNESS = 0.005  # half of the smallest thickness of a line, relative to the h
 ROWS = 2000  # engine orders that are drawn
 VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
-CURVES = (
-    ("amplitude", 1e3, "amplitude, mm"),
-    ("peak_force", 1.0, "peak force, N"),
-    ("contact", 100.0, "contact, % of time"),
-    ("clearance", 100.0, "clearance\nconsumed, %"),
-)
-"""Attribute of a line, its factor and its label."""
-
-
-def _errors(line: Line) -> dict[str, float | None]:
-    """The largest errors of a line by their causes, relative; None unchecked."""
-    found = {"basis": line.by_basis, "step": line.by_step, "mesh": line.by_mesh}
-    return {name: float(e.max()) / line.largest if e.size else None for name, e in found.items()}
 
 
 def _judged(line: Line) -> str:
     """The estimated errors of a line in words; empty if it was not checked."""
-    pairs = _errors(line).items()
-    found = [f"{100 * error:.2g} % by the {name}" for name, error in pairs if error is not None]
+    known = [one for one in ERRORS if one.value(line) is not None]
+    found = [f"{one.text(line)} by the {one.head.split()[0]}" for one in known]
     return f", with an estimated error of {' and '.join(found)}" if found else ""
-
-
-def _named(verdict: str, period: int) -> str:
-    """The verdict in words."""
-    return f"period {period}" if period else verdict
-
-
-def rows(found: InteractionMap) -> list[dict[str, Any]]:
-    """The rows of `map.csv`."""
-    made = []
-    for line in found.lines:
-        other = line.other if np.isfinite(line.other) else None
-        top = int(np.argmax(line.amplitudes))
-        made.append(
-            {
-                "speed_rpm": line.speed_rpm,
-                "amplitude_m": line.amplitude,
-                "engine_order": float(found.orders[top]),
-                "peak_force_N": line.peak_force,
-                "contact_fraction": line.contact,
-                "clearance_consumed": line.clearance if np.isfinite(line.clearance) else None,
-                "verdict": line.verdict,
-                "period_revolutions": line.period or None,
-                **{f"{name}_error": error for name, error in _errors(line).items()},
-                "peak_force_error": line.force_error if line.errors.size else None,
-                "other_amplitude_m": other,
-                **wear_row(found, line),
-                **{f"mode_{k + 1}_free_hz": float(f) for k, f in enumerate(line.free_hz)},
-                **{f"mode_{k + 1}_closed_hz": float(f) for k, f in enumerate(line.closed_hz)},
-            }
-        )
-    return made
-
-
-def onset_table(found: InteractionMap) -> list[list[Any]]:
-    """The speeds at which the excitation meets the modes; the first row is the header."""
-    head = ["mode", "engine order", "free rpm", "closed rpm"]
-    lines = [
-        [mode, order, *("" if at is None else f"{at:.6g}" for at in speeds)]
-        for mode, order, *speeds in found.onsets()
-    ]
-    return [head, *lines]
-
-
-def speed_table(found: InteractionMap) -> list[list[Any]]:
-    """The largest amplitude at each speed; the first row is the header."""
-    head = ["rpm", "amplitude mm", "engine order", "peak N", "contact %", "motion"]
-    head += ["basis error %", "step error %", "mesh error %", "from another start mm"]
-    head += ["worn µm", "worn error %", "lobes"] if found.rings else []
-    lines = []
-    for line, row in zip(found.lines, rows(found), strict=True):
-        known = _errors(line).values()
-        errors = [None if error is None else f"{100 * error:.2g}" for error in known]
-        other = f"{1e3 * line.other:.4g}" if line.coexists else None
-        numbers = [f"{line.speed_rpm:g}", f"{1e3 * line.amplitude:.4g}"]
-        numbers += [f"{row['engine_order']:g}", f"{line.peak_force:.4g}"]
-        motion = _named(line.verdict, line.period)
-        lines.append([*numbers, f"{100 * line.contact:.0f}", motion, *errors, other])
-        if found.rings:
-            depth, error = row["worn_depth_m"], row["worn_depth_error"]
-            lines[-1] += [f"{1e6 * depth:.4g}", f"{100 * error:.2g}", row["worn_lobes"]]
-    return [head, *lines]
 
 
 def sentences(found: InteractionMap) -> list[str]:
     """The results in sentences."""
-    table, top = found.scene.map, max(found.lines, key=lambda line: line.amplitude)
+    keys, top = found.scene.map, max(found.lines, key=lambda line: line.amplitude)
     start = {
         "rest": "each from rest in its equilibrium",
         "up": "each from the end of the next lower speed",
         "down": "each from the end of the next higher speed",
-    }[table.start]
+    }[keys.start]
     kinds = [line.verdict for line in found.lines]
     verdicts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in VERDICTS if kind in kinds)
     lines = [
-        f"{counted(len(found.lines), 'speed')} from {found.lines[0].speed_rpm:g} to "
-        f"{found.lines[-1].speed_rpm:g} rpm, {start}: {table.revolutions} revolutions of "
-        f"{found.steps} steps with {counted(found.size, 'coordinate')}; the last {table.last} are "
-        f"shown. The clearance holds {table.clearance}.",
-        f"Largest amplitude {1e3 * top.amplitude:.4g} mm at {top.speed_rpm:g} rpm, with a peak "
-        f"force of {top.peak_force:.4g} N ({_named(top.verdict, top.period)}){_judged(top)}.",
+        f"{counted(len(found.lines), 'speed')} from {SPEED.cell(found.lines[0])} to "
+        f"{SPEED.text(found.lines[-1])}, {start}: {keys.revolutions} revolutions of "
+        f"{found.steps} steps with {counted(found.size, 'coordinate')}; the last {keys.last} are "
+        f"shown. The clearance holds {keys.clearance}.",
+        f"Largest amplitude {AMPLITUDE.text(top)} at {SPEED.text(top)}, with a peak normal force "
+        f"of {FORCE.text(top)} ({MOTION.cell(top)}){_judged(top)}.",
         f"Motions: {verdicts}.",
         f"The speeds took {found.column('seconds').sum():.0f} CPU s, all {found.seconds:.0f} s.",
     ]
@@ -215,7 +181,7 @@ def sentences(found: InteractionMap) -> list[str]:
         worst = max(checked, key=lambda line: float(line.errors.max()))
         lines.append(
             f"Errors were estimated at {counted(len(checked), 'speed')}. The largest is that at "
-            f"{worst.speed_rpm:g} rpm{_judged(worst)}, of the largest amplitude there."
+            f"{SPEED.text(worst)}{_judged(worst)}, of the largest amplitude there."
         )
     if found.reused:
         lines.append(f"{counted(found.reused, 'speed')} are those of an earlier map.")
@@ -226,13 +192,12 @@ def sentences(found: InteractionMap) -> list[str]:
 
 def summary(found: InteractionMap) -> dict[str, Any]:
     """What `map.json` has of a map."""
-    names = ("mode", "engine_order", "free_rpm", "closed_rpm")
     return {
         "coordinates": found.size,
         "steps_per_revolution": found.steps,
         "excited_orders": list(found.excited),
-        "onsets": [dict(zip(names, onset, strict=True)) for onset in found.onsets()],
-        "speeds": rows(found),
+        "onsets": rows_of(found.onsets(), ONSETS),
+        "speeds": rows_of(found.lines, quantities(found)),
         "reused": found.reused,
     }
 
@@ -258,12 +223,12 @@ def figure(found: InteractionMap) -> Figure:
         cmap="viridis_r",
         rasterized=True,
     )
-    bar = drawn.colorbar(mesh, ax=axis, label="amplitude, mm")
+    bar = drawn.colorbar(mesh, ax=axis, label=AMPLITUDE.head)
     ticks = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
     bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
     _draw_modes(axis, found)
     _draw_marks(axis, found)
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
+    axis.set(xlabel=SPEED.label, ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
     axis.ticklabel_format(axis="x", style="plain")
     axis.grid(False)
     drawn.legend(loc="outside upper center", ncols=4)
@@ -326,22 +291,22 @@ def _draw_marks(axis: Axes, found: InteractionMap) -> None:
 @styled
 def curves_figure(found: InteractionMap) -> Figure:
     """Amplitude, peak force, contact and clearance over the speed."""
-    chosen = [curve for curve in CURVES if np.any(np.isfinite(found.column(curve[0])))]
+    drawable = {one: one.column(found.lines) for one in (AMPLITUDE, FORCE, CONTACT, CLEARANCE)}
+    chosen = {one: values for one, values in drawable.items() if np.isfinite(values).any()}
     drawn, panels = new_panels(9.0, 1.9 * len(chosen), len(chosen), sharex=True)
     speeds, verdicts = found.speeds_rpm, found.column("verdict")
-    for panel, (name, factor, label) in zip(panels, chosen, strict=True):
-        values = factor * found.column(name)
+    for panel, (quantity, values) in zip(panels, chosen.items(), strict=True):
         panel.plot(speeds, values, "-", color="#A6ABB0", lw=1.0)
         for verdict, mark in VERDICTS.items():
             mine = verdicts == verdict
             if mine.any():
                 look = {"ms": 3.5, "color": COLOURS[0], "label": verdict}
                 panel.plot(speeds[mine], values[mine], mark, **look)
-        panel.set_ylabel(label)
+        panel.set_ylabel(quantity.label)
     others = [(line.speed_rpm, 1e3 * line.other) for line in found.lines if line.coexists]
     if others:
         panels[0].plot(*np.transpose(others), "v", color=COLOURS[2], label="from another start")
-    panels[-1].set_xlabel("speed, rpm")
+    panels[-1].set_xlabel(SPEED.label)
     panels[-1].ticklabel_format(axis="x", style="plain")
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=5)
@@ -360,24 +325,24 @@ def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
         return []
     import h5py  # type: ignore[import-untyped]
 
-    names = ("speed_rpm", "amplitude", "peak_force", "contact", "clearance", "period", "other")
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
-        file["engine_order"], file["amplitudes"] = found.orders, found.amplitudes
+        file["engine_orders"], file["amplitudes_m"] = found.orders, found.amplitudes
         errors = np.full(found.amplitudes.shape, np.nan)
         for row, line in zip(errors, found.lines, strict=True):
             row[: line.errors.size] = line.errors
         file["relative_errors"] = errors
-        for name in (*names, "free_hz", "closed_hz"):
-            file[name] = found.column(name)
-        file["verdict"] = [line.verdict for line in found.lines]
+        for one in (one for one in quantities(found) if one.key):
+            values = [one.value(line) for line in found.lines]
+            file[one.key] = values if one.key == "verdict" else np.array(values, dtype=float)
         if found.rings:
-            file["angle"], file["worn_depth"] = profiles(found, "worn")
-            file["worn_depth_error"] = profiles(found, "worn_errors")[1]
+            file["angle_rad"], file["worn_profile_m"] = profiles(found, "worn")
+            file["worn_profile_error"] = profiles(found, "worn_errors")[1]
     return [path]
 
 
 def report(found: InteractionMap) -> Report:
     """The report of a map: `map.csv`, `map.json`, `map.png`, `map_curves.png`, and its wear."""
+    shown = quantities(found)
     pictures = [
         Picture("Interaction map", "map.png", lambda: figure(found)),
         Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
@@ -391,10 +356,10 @@ def report(found: InteractionMap) -> Report:
         found,
         sentences(found),
         [
-            Section("Speeds of resonance", [onset_table(found)], keys=2, most=20),
-            Section("Speeds", [speed_table(found)], most=20),
+            Section("Speeds of resonance", [table(found.onsets(), ONSETS)], keys=2, most=20),
+            Section("Speeds", [table(found.lines, shown)], most=20),
         ],
-        rows(found),
+        rows_of(found.lines, shown),
         summary(found),
         pictures,
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
