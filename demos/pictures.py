@@ -354,7 +354,7 @@ def backbone_picture(folder: Path) -> Figure:
     figure, (upper, lower) = plt.subplots(2, sharex=True, figsize=(4.4, 3.2), layout="constrained")
     upper.plot(size, [float(row["frequency_Hz"]) for row in rows], color="#0072B2", linewidth=1.6)
     upper.plot(
-        [1e3 * peak["amplitude_m"] for peak in peaks],
+        [1e3 * peak["probe_amplitude_m"] for peak in peaks],
         [peak["frequency_Hz"] for peak in peaks],
         "o",
         color="#D55E00",

@@ -23,7 +23,7 @@ from fenicsrom.online.model.polynomial import elastic_polynomial
 from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
-from fenicsrom.post.curves.backbone_report import rows, sentences
+from fenicsrom.post.curves.backbone_report import report, sentences
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
@@ -77,7 +77,7 @@ def test_curve_spans_the_amplitudes_of_the_probe() -> None:
     a = 0.5 * LAST
     assert 2.0 * np.pi * end.frequency == pytest.approx(np.sqrt(1 + 0.75 * CUBIC * a**2), rel=1e-3)
     assert 4.0 * np.pi * end.frequency * end.damping_ratio == pytest.approx(DAMPING, rel=1e-6)
-    assert unexplained(rows(found)[0], "backbone.csv") == []
+    assert unexplained(report(found).rows[0], "backbone.csv") == []
 
 
 @pytest.mark.slow

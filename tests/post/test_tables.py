@@ -12,14 +12,40 @@ from fenicsrom.online.contact.points import no_points
 from fenicsrom.post.base.page import html_report
 from fenicsrom.post.base.tables import (
     TERMINAL_WIDTH,
+    Quantity,
     direction_names,
     direction_note,
     filled_columns,
+    rows_of,
+    table_of,
     text_table,
 )
 from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"
+
+
+def test_files_have_si_units_and_tables_and_axes_those_of_the_head() -> None:
+    shown = [
+        Quantity("amplitude_m", head="amplitude of the probe, mm", digits=3),
+        Quantity("gap_mm", head="gap, mm"),
+        Quantity("error", head="error, %", digits=2),
+        Quantity("error_percent", "error", "error of the curve, %"),
+        Quantity("kind"),
+    ]
+    records = [
+        {"amplitude_m": 0.0123456, "gap_mm": 2.5, "error": 0.5, "kind": "fold"},
+        {"amplitude_m": float("inf"), "gap_mm": 3.5, "kind": ""},
+    ]
+    first, second = rows_of(records, shown)
+    assert first["amplitude_m"] == 0.0123456 and first["gap_mm"] == 2.5
+    assert second["amplitude_m"] is None and second["error"] is None
+    head, *cells = table_of(records, shown)
+    assert cells == [["12.3", "2.5", "50", "0.5"], [None, "3.5", None, None]]
+    assert head[0] == "amplitude of the probe, mm" and shown[0].text(records[0]) == "12.3 mm"
+    assert shown[0].label == "amplitude of the\nprobe,\N{NO-BREAK SPACE}mm"
+    assert shown[0].column(records[:1]).tolist() == [12.3456]
+    assert table_of([], shown) == []
 
 
 def test_narrow_table_stays_on_one_line() -> None:

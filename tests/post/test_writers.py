@@ -26,11 +26,11 @@ def test_text_table_aligns_columns():
     ]
     lines = text_table(rows).split("\n")
     assert lines == [
-        "model    amplitude, mm  steady",
-        "───────  ─────────────  ──────",
-        "full             157.6  yes",
-        "reduced              9  no",
-        "beam                 –  yes",
+        "model    amplitude mm  steady",
+        "───────  ────────────  ──────",
+        "full            157.6  yes",
+        "reduced             9  no",
+        "beam                –  yes",
     ]
 
 

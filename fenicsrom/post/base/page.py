@@ -163,7 +163,7 @@ def _table(rows: Sequence[Sequence[Any]]) -> str:
     """Compose a table: headers may break between words, short cells do not."""
     if len(rows) <= 1 + FEW_ROWS and len(rows[0]) > FEW_COLUMNS:
         rows = list(zip(*rows, strict=True))
-    right = numeric_columns([[_as_number(value) for value in row] for row in rows])
+    right = numeric_columns(rows)
     lines = []
     for i, row in enumerate(rows):
         tag = "td" if i else "th"
@@ -181,14 +181,6 @@ def _table(rows: Sequence[Sequence[Any]]) -> str:
         f'<div class="{kinds}"><table><thead>{head}</thead><tbody>{"".join(rest)}</tbody></table>'
         "</div>"
     )
-
-
-def _as_number(value: Any) -> Any:
-    """The number that a text is; other values as they are."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
 
 
 def _picture(content: bytes, heading: str, kind: str) -> str:

@@ -8,14 +8,18 @@ All tables, sentences and pictures have the same order: the axes, or the normal 
 then its tangents.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 import json
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import zip_longest
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -123,13 +127,7 @@ TERMINAL_WIDTH = 100  # characters of the widest line of a table
 GAP = "  "  # between two columns
 
 
-def table_of(rows: Iterable[Mapping[str, Any]]) -> list[list[Any]]:
-    """The table of rows with the same keys, which are its header; empty without rows."""
-    rows = list(rows)
-    return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
-
-
-FACTORS = {"mm": 1e3, "µm": 1e6, "%": 100.0, "ms": 1e3, "MPa": 1e-6}
+FACTORS = {"mm": 1e3, "µm": 1e6, "%": 100.0, "ms": 1e3, "MPa": 1e-6, "MPa/mm": 1e-9}
 """From units of SI to those of tables and pictures."""
 LABEL = 18  # characters of a line of the label of an axis
 
@@ -140,7 +138,8 @@ class Quantity:
 
     Attributes:
         key: its name in CSV and JSON files, with the unit there; "" leaves it out of them.
-        of: the attribute of a record, or a function of it; by default the attribute named `key`.
+        of: the attribute of a record, such as "motion.residual", or a function of it; by default
+            the attribute named `key`. A record may be a mapping, too.
         head: its name and unit for people, such as "amplitude, mm"; "" leaves it out of tables.
         digits: significant digits for people.
     """
@@ -152,17 +151,23 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        """The unit for people, as `head` gives it."""
-        return self.head.rpartition(", ")[2]
+        """The unit for people, as `head` gives it; "" without one."""
+        return self.head.partition(", ")[2]
 
     @property
     def factor(self) -> float:
         """From the unit in files, which is that of SI, to that for people."""
-        return 1.0 if self.key.endswith("_percent") else FACTORS.get(self.unit.split(" ")[0], 1.0)
+        unit = self.unit.split(" ")[0]
+        return 1.0 if self.key.endswith((f"_{unit}", "_percent")) else FACTORS.get(unit, 1.0)
 
     def value(self, record: Any) -> Any:
         """What files have of a record; None in place of a number that is not finite."""
-        value = self.of(record) if callable(self.of) else getattr(record, self.of or self.key)
+        if callable(self.of):
+            value = self.of(record)
+        elif isinstance(record, Mapping):
+            value = record.get(self.of or self.key)
+        else:
+            value = attrgetter(self.of or self.key)(record)
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     def cell(self, record: Any) -> Any:
@@ -174,7 +179,11 @@ class Quantity:
 
     def text(self, record: Any) -> str:
         """The number of a record with its unit, for sentences."""
-        return f"{self.cell(record)} {self.unit}"
+        return f"{self.cell(record)} {self.unit}".rstrip()
+
+    def inside(self, part: str) -> Quantity:
+        """The quantity of records that have an attribute with such a record."""
+        return replace(self, of=lambda record: self.value(getattr(record, part)))
 
     def column(self, records: Iterable[Any]) -> Array:
         """The numbers of records as an axis shows them; nan where there is none."""
@@ -207,10 +216,14 @@ def rows_of(records: Iterable[Any], quantities: Iterable[Quantity]) -> list[dict
     return [{one.key: one.value(record) for one in kept} for record in records]
 
 
-def table(records: Iterable[Any], quantities: Iterable[Quantity]) -> list[list[Any]]:
-    """The table of records for people; empty without records."""
+def table_of(records: Iterable[Any], quantities: Iterable[Quantity] = ()) -> list[list[Any]]:
+    """The table of records for people; empty without records.
+
+    Without quantities, each record is a row: a mapping whose keys are the heads.
+    """
     shown = [quantity for quantity in quantities if quantity.head]
-    return table_of({one.head: one.cell(record) for one in shown} for record in records)
+    rows = [{one.head: one.cell(record) for one in shown} or record for record in records]
+    return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
 
 
 def named(pattern: str, names: Iterable[str], values: Iterable[float]) -> dict[str, float]:
@@ -230,12 +243,17 @@ def cell_text(value: Any) -> str:
 
 def numeric_columns(rows: Sequence[Sequence[Any]]) -> list[bool]:
     """Tell for each column whether all cells below the header are numbers or None."""
-    numbers = (int, float, np.number, type(None))
-    return [
-        all(isinstance(value, numbers) and not isinstance(value, bool) for value in column[1:])
-        and len(column) > 1
-        for column in zip(*rows, strict=True)
-    ]
+    columns = [column[1:] for column in zip(*rows, strict=True)]
+    return [bool(column) and all(map(_is_number, column)) for column in columns]
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a cell is a number, as a text or not, or empty."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            float(value)
+            return True
+    return isinstance(value, int | float | np.number | None) and not isinstance(value, bool)
 
 
 def filled_columns(rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
@@ -260,6 +278,7 @@ def text_table(rows: Sequence[Sequence[Any]], keys: int = 1) -> str:
     """
     rows = filled_columns(rows)
     cells = [[cell_text(value) for value in row] for row in rows]
+    cells[0] = [head.replace(", ", " ") for head in cells[0]]  # the columns are narrow
     right = numeric_columns(rows)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     if _total(widths) > TERMINAL_WIDTH:

@@ -10,8 +10,8 @@ from fenicsrom.notes import AMPLITUDES, FREQUENCIES, PEAKS
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
-from fenicsrom.post.base.tables import named, table_of
-from fenicsrom.post.curves.response_figures import contact_columns
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
+from fenicsrom.post.curves.response_figures import CONTACT, PEAK
 from fenicsrom.words import counted
 
 AMPLITUDES_NOTE = (
@@ -21,30 +21,36 @@ AMPLITUDES_NOTE = (
 )
 
 
-def rows(found: Backbone) -> list[dict[str, Any]]:
-    """The rows of `backbone.csv`: the points of the mode."""
-    return [_row(found, point) for point in found.points]
+LINEAR = Quantity("linear_amplitude_m", "linear_amplitude", "linear amplitude, mm", 4)
+FREQUENCY = Quantity("frequency_Hz", "frequency", "frequency, Hz", 7)
+DAMPING = Quantity("damping_ratio", head="damping ratio, %", digits=4)
+PEAKS_OVER = (
+    Quantity("load_factor", "value", "load factor"),
+    *PEAK,
+    Quantity("residual", "point.residual"),
+)
 
 
-def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
-    """One point as a row. Of several contact points, each number is the largest."""
-    motion = point.motion
-    return {
-        "linear_amplitude_m": point.linear_amplitude,
-        "modal_amplitude_sqrtkg_m": point.modal_amplitude,
-        "frequency_Hz": point.frequency,
-        "damping_ratio": point.damping_ratio,
-        **named("amplitude_{}_m", "xyz", point.amplitude),
-        **(contact_columns(motion) if found.contacts else {}),
-        "residual": motion.residual,
-    }
+def quantities(found: Backbone) -> list[Quantity]:
+    """What is told of each point."""
+    return [
+        *(LINEAR, Quantity("modal_amplitude_sqrtkg_m", "modal_amplitude"), FREQUENCY, DAMPING),
+        *components("amplitude_{}_m", "amplitude", "xyz"[: found.scene.geometry.dimension]),
+        *(one.inside("motion") for one in CONTACT if found.contacts),
+        Quantity("residual", "motion.residual"),
+    ]
 
 
 def summary(found: Backbone) -> dict[str, Any]:
     """What `backbone.json` has of a nonlinear mode."""
-    table = found.table
+    shown, told = quantities(found), (found.points[0], found.points[-1], _most_damped(found))
+    errors = [
+        Quantity("point", lambda error: error.point + 1),
+        Quantity(LINEAR.key, lambda error: LINEAR.value(found.points[error.point])),
+        *(Quantity("frequency_relative", "frequency"), Quantity("damping_ratio")),
+    ]
     return {
-        "mode": table.mode,
+        "mode": found.table.mode,
         "linear_frequency_Hz": found.mode.omega / (2.0 * np.pi),
         "linear_damping_ratio": found.mode.damping_ratio,
         "probe_direction": "xyz"[found.direction],
@@ -54,28 +60,9 @@ def summary(found: Backbone) -> dict[str, Any]:
         "steps_per_period": found.steps,
         "points": len(found.points),
         "end": found.reason,
-        "first": _row(found, found.points[0]),
-        "last": _row(found, found.points[-1]),
-        "largest_damping": _row(found, _most_damped(found)),
-        "step_errors": [
-            {
-                "point": error.point + 1,
-                "linear_amplitude_m": found.points[error.point].linear_amplitude,
-                "frequency_relative": error.frequency,
-                "damping_ratio": error.damping_ratio,
-            }
-            for error in found.step_errors
-        ],
-        "peaks": [
-            {
-                "load_factor": peak.value,
-                "frequency_Hz": peak.frequency,
-                "amplitude_m": peak.amplitude,
-                "stability": peak.point.verdict,
-                "residual": peak.point.residual,
-            }
-            for peak in found.peaks
-        ],
+        **dict(zip(("first", "last", "largest_damping"), rows_of(told, shown), strict=True)),
+        "step_errors": rows_of(found.step_errors, errors),
+        "peaks": rows_of(found.peaks, PEAKS_OVER),
     }
 
 
@@ -92,9 +79,7 @@ def sentences(found: Backbone) -> list[str]:
         f"{_words(found, first)} to {_words(found, last)}."
     ]
     if top.damping_ratio > NO_DAMPING:
-        lines.append(
-            f"Largest damping ratio {100.0 * top.damping_ratio:.4g} %, at {_words(found, top)}."
-        )
+        lines.append(f"Largest damping ratio {DAMPING.text(top)}, at {_words(found, top)}.")
     if found.basis_error is not None:
         lines.append(
             "With all coordinates that the model holds, frequency and amplitude of the largest "
@@ -118,23 +103,9 @@ def sentences(found: Backbone) -> list[str]:
 def _words(found: Backbone, point: ModePoint) -> str:
     """Frequency and amplitude of a point."""
     amplitude = 1e3 * float(point.amplitude[found.direction])
-    axis, linear = "xyz"[found.direction], 1e3 * point.linear_amplitude
     return (
-        f"{point.frequency:.6g} Hz (probe {amplitude:.4g} mm along {axis}, linear amplitude "
-        f"{linear:.4g} mm)"
-    )
-
-
-def peak_table(found: Backbone) -> list[list[Any]]:
-    """The peaks of the forced response; empty without peaks."""
-    return table_of(
-        {
-            "load factor": f"{peak.value:g}",
-            "frequency, Hz": f"{peak.frequency:.7g}",
-            "largest amplitude of the probe, mm": f"{1e3 * peak.amplitude:.5g}",
-            "stability": "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
-        }
-        for peak in found.peaks
+        f"{FREQUENCY.text(point)} (probe {amplitude:.4g} mm along {'xyz'[found.direction]}, linear "
+        f"amplitude {LINEAR.text(point)})"
     )
 
 
@@ -145,8 +116,8 @@ def report(found: Backbone) -> Report:
         f"nonlinear mode {found.table.mode}",
         found,
         sentences(found),
-        [Section("Peaks of the forced response", [peak_table(found)])],
-        rows(found),
+        [Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])],
+        rows_of(found.points, quantities(found)),
         summary(found),
         [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
         [AMPLITUDES_NOTE],
@@ -162,8 +133,7 @@ NO_DAMPING = 1e-9  # a largest damping ratio below this is rounding
 def figure(found: Backbone) -> Figure:
     """Draw frequency and damping ratio of the mode, and the peaks of the forced response."""
     amplitude = 1e3 * np.array([point.amplitude[found.direction] for point in found.points])
-    frequency = [point.frequency for point in found.points]
-    damping = np.array([point.damping_ratio for point in found.points])
+    frequency, damping = FREQUENCY.column(found.points), DAMPING.column(found.points)
     drawn, (upper, lower) = new_panels(8.4, 6.6, 2, sharex=True)
     upper.plot(amplitude, frequency, color=COLOURS[0], label="nonlinear mode")
     if found.peaks:
@@ -188,13 +158,13 @@ def figure(found: Backbone) -> Figure:
                 color=COLOURS[1],
             )
         upper.legend(loc="best")
-    upper.set_ylabel("frequency, Hz")
-    shown = damping if np.max(np.abs(damping)) > NO_DAMPING else np.zeros_like(damping)
-    lower.plot(amplitude, 100.0 * shown, color=COLOURS[0])
+    upper.set_ylabel(FREQUENCY.label)
+    shown = damping if np.max(np.abs(damping)) > 100.0 * NO_DAMPING else np.zeros_like(damping)
+    lower.plot(amplitude, shown, color=COLOURS[0])
     if np.min(shown) >= 0.0:
-        top = 100.0 * float(np.max(shown))
+        top = float(np.max(shown))
         lower.set_ylim(0.0, 1.1 * top if top > 0.0 else 1.0)
-    lower.set_ylabel("damping ratio, %")
+    lower.set_ylabel(DAMPING.label)
     axis = "xyz"[found.direction]
     lower.set_xlabel(f"amplitude of the probe along {axis}, mm")
     reached = [*amplitude, *(1e3 * peak.amplitude for peak in found.peaks)]

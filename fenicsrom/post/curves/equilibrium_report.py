@@ -1,6 +1,7 @@
 """The report of an equilibrium path: sentences, tables and files."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from fenicsrom.online.stress.stress import extremes
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
-from fenicsrom.post.base.tables import named, table_of
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.response_figures import STYLES, stretches
 from fenicsrom.words import counted
 
@@ -23,36 +24,36 @@ ENDS = {
 }
 
 
-def rows(found: EquilibriumPath) -> list[dict[str, Any]]:
-    """The rows of `equilibria.csv`."""
-    return [_row(point) for point in found.points]
+FACTOR = Quantity("load_factor", head="load factor", digits=7)
 
 
-def _row(point: Equilibrium) -> dict[str, Any]:
-    return {
-        "load_factor": point.load_factor,
-        **named("probe_{}_m", "xyz", point.probe),
-        "largest_displacement_m": point.largest,
-        "negative_pivots": point.negative_pivots,
-        "residual": point.residual,
-        "smallest_volume_ratio": point.deformation.volume_ratio,
-        "smallest_stretch": point.deformation.smallest_stretch,
-        "largest_stretch": point.deformation.largest_stretch,
-        "kind": point.kind,
-    }
+def quantities(found: EquilibriumPath) -> list[Quantity]:
+    """What is told of each equilibrium."""
+    probe = components("probe_{}_m", "probe", "xyz"[: found.points[0].probe.size])
+    axis = found.direction
+    probe[axis] = replace(probe[axis], head=f"probe along {'xyz'[axis]}, mm", digits=6)
+    return [
+        *(Quantity("kind", head="kind"), FACTOR),
+        *probe,
+        Quantity("largest_displacement_m", "largest", "largest displacement, mm", 6),
+        *map(Quantity, ("negative_pivots", "residual")),
+        Quantity("smallest_volume_ratio", "deformation.volume_ratio"),
+        Quantity("smallest_stretch", "deformation.smallest_stretch"),
+        Quantity("largest_stretch", "deformation.largest_stretch"),
+    ]
 
 
 def summary(found: EquilibriumPath) -> dict[str, Any]:
     """What `equilibria.json` has of a path."""
-    table = found.scene.statics
+    shown = quantities(found)
     strained = extremes([point.deformation for point in found.points])
     return {
-        "unknowns": found.unknowns,
-        "loads": table.loads,
+        "dofs": found.unknowns,
+        "loads": found.scene.statics.loads,
         "points": len(found.points),
         "end": found.reason,
-        "special_points": [_row(point) for point in found.special],
-        "last": _row(found.points[-1]),
+        "special_points": rows_of(found.special, shown),
+        "last": rows_of(found.points[-1:], shown)[0],
         "largest_stable_load_factor": largest_stable(found).load_factor,
         "largest_compressive_strain": 1.0 - strained.smallest_stretch,
         "largest_tensile_strain": strained.largest_stretch - 1.0,
@@ -65,20 +66,6 @@ def largest_stable(found: EquilibriumPath) -> Equilibrium:
     return max(found.points[: first + 1], key=lambda point: point.load_factor)
 
 
-def special_table(found: EquilibriumPath) -> list[list[Any]]:
-    """The limit points and bifurcations; empty if the path has none."""
-    axis = found.direction
-    return table_of(
-        {
-            "": point.kind,
-            "load factor": f"{point.load_factor:.7g}",
-            f"probe along {'xyz'[axis]}, mm": f"{1e3 * point.probe[axis]:.6g}",
-            "largest displacement, mm": f"{1e3 * point.largest:.6g}",
-        }
-        for point in found.special
-    )
-
-
 def sentences(found: EquilibriumPath) -> list[str]:
     """The results in sentences, for the terminal and the report."""
     last, axis = found.points[-1], found.direction
@@ -86,7 +73,7 @@ def sentences(found: EquilibriumPath) -> list[str]:
     crossed = [point for point in found.special if point.kind == "bifurcation"]
     lines = [
         f"{counted(len(found.points), 'equilibrium', 'equilibria')} in {found.seconds:.1f} s, up "
-        f"to the load factor {last.load_factor:.6g}, where the probe is displaced by "
+        f"to the load factor {FACTOR.cell(last)}, where the probe is displaced by "
         f"{1e3 * last.probe[axis]:.5g} mm along {'xyz'[axis]}.",
         ENDS[found.reason],
         *filter(None, [found.mesh_check.sentence()]),
@@ -97,9 +84,7 @@ def sentences(found: EquilibriumPath) -> list[str]:
     lines.append(f"{counted(len(limits), 'limit point')}, {counted(len(crossed), 'bifurcation')}.")
     first = found.special[0]
     what = "snaps through" if first.kind == "limit point" else "buckles"
-    lines.append(
-        f"Under a growing load the body {what} at the load factor {first.load_factor:.6g}."
-    )
+    lines.append(f"Under a growing load the body {what} at the load factor {FACTOR.cell(first)}.")
     return lines
 
 
@@ -115,8 +100,8 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         "equilibria",
         found,
         sentences(found),
-        [Section("Limit points and bifurcations", [special_table(found)])],
-        rows(found),
+        [Section("Limit points and bifurcations", [table_of(found.special, quantities(found))])],
+        rows_of(found.points, quantities(found)),
         summary(found),
         [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
         quantities=[DEFLECTION, STABILITY],
@@ -166,7 +151,7 @@ def figure(found: EquilibriumPath) -> Figure:
         if special:
             axes.plot(*place(special), marker, **look)
     axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
-    axes.set_ylabel("load factor")
+    axes.set_ylabel(FACTOR.label)
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(loc="best")
     return drawn

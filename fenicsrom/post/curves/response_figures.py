@@ -13,7 +13,7 @@ from fenicsrom.online.model.loads import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.post.base.chart import Detail, detailed, noted
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.post.base.tables import direction_names, plain_names
+from fenicsrom.post.base.tables import Quantity, direction_names, plain_names
 from fenicsrom.scene.reading.overrides import unit_of
 
 MARKERS = {
@@ -88,12 +88,6 @@ def key_label(found: Response, key: str) -> str:
     """A key of the scene with its unit, for people."""
     unit = unit_of(found.scene, key)
     return f"{key}, {unit}" if unit else key
-
-
-def family(found: Response, curve: ResponseCurve) -> dict[str, Any]:
-    """The second number of a curve as the first column of tables; none without families."""
-    families = found.table.families
-    return {} if families is None else {key_label(found, families.key): curve.value}
 
 
 def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
@@ -198,13 +192,21 @@ def draw_curves(
                 _mark(axis, points, heights[0], shades[0])
 
 
-def contact_columns(motion: Any) -> dict[str, Any]:
-    """The numbers on contact of a point of a curve, or of the motion of a nonlinear mode."""
-    return {
-        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
-        "friction_dissipation_per_period_J": motion.friction_dissipation,
-        "contact_states": " ".join(state_names(motion)),
-    }
+FORCE = Quantity(
+    "peak_normal_force_N", lambda p: float(p.peak_force.max(initial=0.0)), "peak normal force, N"
+)
+CONTACT = (
+    FORCE,
+    Quantity("friction_dissipation_per_period_J", "friction_dissipation"),
+    Quantity("contact_states", lambda point: " ".join(state_names(point))),
+)
+"""What is told of the contact of a point of a curve, or of the motion of a nonlinear mode."""
+PEAK = (
+    Quantity("frequency_Hz", "frequency", "frequency, Hz", 7),
+    Quantity("probe_amplitude_m", "amplitude", "amplitude of the probe, mm"),
+    Quantity("stability", "point.verdict", "stability"),
+)
+"""What is told of a peak of the forced response."""
 
 
 def state_names(point: Any) -> list[str]:

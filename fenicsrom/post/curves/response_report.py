@@ -46,7 +46,7 @@ from fenicsrom.post.base.style import (
     state_map,
     styled,
 )
-from fenicsrom.post.base.tables import write_arrays
+from fenicsrom.post.base.tables import rows_of, table_of, write_arrays
 from fenicsrom.post.curves import response_tables
 from fenicsrom.post.curves.response_figures import (
     INK,
@@ -62,7 +62,7 @@ from fenicsrom.post.curves.response_figures import (
     state_names,
     style_handles,
 )
-from fenicsrom.post.curves.response_tables import peak_figure, peak_rows, peak_table
+from fenicsrom.post.curves.response_tables import peak_figure
 from fenicsrom.post.paraview.paraview import write_last_period
 from fenicsrom.post.run.report import MULTIPLIER_NOTE
 from fenicsrom.records import Study
@@ -275,14 +275,14 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         clicked: what a click on a point of the curves shows.
     """
     keys = 1 if found.table.families is None else 2
-    peaks = peak_table(found)
-    more = {
-        "response_full.csv": response_tables.full_rows(found),
-        "response_peaks.csv": peak_rows(found),
-    }
+    peaks, full = response_tables.peaks_of(found), response_tables.full_of(found)
+    told = response_tables.check_quantities(found)
+    checks = response_tables.each(found, lambda curve: curve.checks, told)
+    more = {"response_full.csv": rows_of(*full), "response_peaks.csv": rows_of(*peaks)}
     states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
+    over = Picture(PEAKS_HEADING, "peaks.png", lambda: peak_figure(found))
     return Report(
         "response",
         "response curves",
@@ -291,11 +291,11 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         [
             Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
             Section("Special points", [response_tables.event_table(found)], keys=keys),
-            Section(PEAKS_HEADING, [peaks], keys=keys, terminal=False),
-            Section("Full model", [response_tables.full_table(found)], keys=keys),
+            Section(PEAKS_HEADING, [table_of(*peaks)], keys=keys, terminal=False),
+            Section("Full model", [table_of(*full)], keys=keys),
             Section(
                 "Estimated errors",
-                [response_tables.trust_table(found), CHECKS_NOTE],
+                [table_of(*checks), CHECKS_NOTE],
                 terminal=False,
             ),
             Section("Effort", [response_tables.run_table(found)], terminal=False),
@@ -306,7 +306,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         if found.interrupted
         else [
             Picture("Response curves", "response.png", lambda: figure(found, clicked)),
-            *([Picture(PEAKS_HEADING, "peaks.png", lambda: peak_figure(found))] if peaks else []),
+            *([over] if peaks[0] else []),
             *([states] if found.contacts else []),
             Picture(
                 "Floquet multipliers",
@@ -321,7 +321,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         quantities=[
             *(AMPLITUDES, STABILITY),
             *([EVENTS] if found.contacts else []),
-            *([PEAKS] if peaks else []),
+            *([PEAKS] if peaks[0] else []),
         ],
         unjudged=[PEAK_FORCE, DISSIPATION] if found.contacts else [],
     )

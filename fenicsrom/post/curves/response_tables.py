@@ -3,15 +3,15 @@
 The peaks of response curves over a second number: sentences, table, rows and picture.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.results import (
-    FullPoint,
     Response,
     ResponseCurve,
     curve_title,
@@ -19,27 +19,63 @@ from fenicsrom.assess.curves.results import (
     joined_titles,
     judged_multiplier,
 )
+from fenicsrom.assess.curves.trust import Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.continuation import ForcedPeak
-from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
+from fenicsrom.online.curves.curve import COMPLETE, HARMONICS, CurvePoint
 from fenicsrom.post.base.style import Figure, new_panels, styled
-from fenicsrom.post.base.tables import named, table_of
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.backbone_report import WIDE
 from fenicsrom.post.curves.response_figures import (
+    CONTACT,
+    PEAK,
     colour_of,
-    contact_columns,
     curve_name,
     direction_name,
     directions,
-    family,
     key_label,
     largest_component,
     largest_direction,
     largest_point,
-    parameter_label,
 )
 from fenicsrom.scene.reading.overrides import column_name, in_words, unit_of
 from fenicsrom.words import counted
+
+
+class Told(NamedTuple):
+    """What a row of a table tells of.
+
+    Attributes:
+        curve: the curve.
+        item: a point of it, or another part.
+        piece: number of the piece.
+    """
+
+    curve: ResponseCurve
+    item: Any
+    piece: int = 0
+
+
+def each(
+    found: Response,
+    items: Callable[[ResponseCurve], Iterable[Any]],
+    quantities: Iterable[Quantity],
+) -> tuple[list[Told], list[Quantity]]:
+    """The items of all curves, and their quantities after the second number of the curves."""
+    families, told = found.table.families, [one.inside("item") for one in quantities]
+    if families is not None:
+        told.insert(0, scene_number(found, families.key, "curve.value"))
+    return [Told(curve, one) for curve in found.curves for one in items(curve)], told
+
+
+def scene_number(found: Response, key: str, of: str, digits: int = 7) -> Quantity:
+    """A number of the scene, as an attribute."""
+    return Quantity(column_name(found.scene, key), of, key_label(found, key), digits)
+
+
+def parameter(found: Response, of: str = "parameter", digits: int = 7) -> Quantity:
+    """The parameter of the curves, as an attribute."""
+    return scene_number(found, found.table.parameter, of, digits)
 
 
 def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:
@@ -78,15 +114,6 @@ def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:
     return lines
 
 
-def _each(found: Response) -> list[tuple[ResponseCurve, ForcedPeak, bool]]:
-    """The largest peaks by their values, each with its curve and whether it is the optimum."""
-    return [
-        (curve, peak, curve.optimum is not None and peak is curve.optimum.peak)
-        for curve in found.curves
-        for peak in _with_optimum(curve)
-    ]
-
-
 def _with_optimum(curve: ResponseCurve) -> list[ForcedPeak]:
     """The largest peaks of a curve with the optimum, in the order of their values."""
     peaks = {peak.value: peak for peak in largest_peaks(curve.peaks)}
@@ -95,54 +122,30 @@ def _with_optimum(curve: ResponseCurve) -> list[ForcedPeak]:
     return [peaks[value] for value in sorted(peaks)]
 
 
-def peak_table(found: Response) -> list[list[Any]]:
-    """A row for each peak; empty without `peak_over`."""
-    return table_of(
-        family(found, curve)
-        | {
-            key_label(found, str(found.table.peak_over)): f"{peak.value:.5g}",
-            "frequency, Hz": f"{peak.frequency:.6g}",
-            "amplitude of the probe, mm": f"{1e3 * peak.amplitude:.5g}",
-            "stability": peak.point.verdict,
-            "": "smallest" if smallest else "",
-        }
-        for curve, peak, smallest in _each(found)
-    )
+def peaks_of(found: Response) -> tuple[list[Told], list[Quantity]]:
+    """The largest peaks of all curves over the second number; none without `peak_over`."""
+    best = [curve.optimum.peak for curve in found.curves if curve.optimum is not None]
+    smallest = Quantity("smallest", lambda peak: any(peak is one for one in best), "smallest")
+    return each(found, _with_optimum, [*peak_quantities(found), smallest])
 
 
-def peak_rows(found: Response) -> list[dict[str, Any]]:
-    """The rows of `response_peaks.csv`."""
-    families = found.table.families
+def peak_quantities(found: Response) -> list[Quantity]:
+    """What is told of a peak."""
     return [
-        ({} if families is None else {column_name(found.scene, families.key): curve.value})
-        | _peak_row(found, peak)
-        | {"smallest": smallest}
-        for curve, peak, smallest in _each(found)
+        scene_number(found, str(found.table.peak_over), "value", 5),
+        *PEAK,
+        Quantity("largest_contact_amplitude_m", lambda peak: float(peak.point.amplitude.max())),
+        Quantity("friction_dissipation_per_period_J", "point.friction_dissipation"),
     ]
-
-
-def _peak_row(found: Response, peak: ForcedPeak) -> dict[str, Any]:
-    return {
-        column_name(found.scene, str(found.table.peak_over)): peak.value,
-        "frequency_Hz": peak.frequency,
-        "probe_amplitude_m": peak.amplitude,
-        "largest_contact_amplitude_m": float(peak.point.amplitude.max()),
-        "friction_dissipation_per_period_J": peak.point.friction_dissipation,
-        "stability": peak.point.verdict,
-    }
 
 
 def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | None:
     """The smallest peak of a curve for `response.json`."""
-    best = curve.optimum
-    if best is None:
+    if curve.optimum is None:
         return None
-    return {
-        **_peak_row(found, best.peak),
-        "step_error": best.step_error,
-        "basis_error": best.basis_error,
-        "within": best.within,
-    }
+    errors = map(Quantity, ("step_error", "basis_error", "within"))
+    told = [*(one.inside("peak") for one in peak_quantities(found)), *errors]
+    return rows_of([curve.optimum], told)[0]
 
 
 @styled
@@ -161,7 +164,7 @@ def peak_figure(found: Response) -> Figure:
             best, look = curve.optimum.peak, {"color": colour, "label": curve_name(found, curve)}
             upper.plot(best.value, 1e3 * best.amplitude, "D", **look)
             lower.plot(best.value, best.frequency, "D", **look)
-    sizes = [peak.amplitude for _, peak, _ in _each(found)]
+    sizes = [peak.amplitude for curve in found.curves for peak in _with_optimum(curve)]
     if max(sizes) > WIDE * min(sizes):
         upper.set_yscale("log")
     else:
@@ -188,28 +191,30 @@ def _millimetres(found: Response, amplitude: Array, digits: int = 5) -> str:
     return f"{1e3 * float(amplitude[:, largest_direction(found)].max()):.{digits}g}"
 
 
-def _percent(error: float | None) -> str:
-    """A relative error as text in percent."""
-    return "unknown" if error is None else f"{100.0 * error:.2g}"
+def _known(name: str) -> Callable[[Any], Any]:
+    """What gives an error, or "unknown"."""
+    return lambda of: "unknown" if (error := getattr(of, name)) is None else error
+
+
+BY_STEP, BY_BASIS = "change by half the time step, %", "change by a richer basis, %"
 
 
 def result_table(found: Response) -> list[list[Any]]:
     """The largest amplitude of each curve, where it is, and how far it can be trusted."""
-    return table_of(
-        family(found, curve)
-        | {
-            f"largest {direction_name(found)} amplitude, mm": (
-                f"{_millimetres(found, top.amplitude)}{_so_far(curve)}"
-            ),
-            f"at {parameter_label(found)}": f"{top.parameter:.6g}",
-            "stability": top.known_stability,
-            "change by half the time step, %": _percent(curve.step_error),
-            "change by a richer basis, %": _percent(curve.basis_error),
-            "unstable points": sum(point.known_unstable for point in curve.points),
-        }
-        for curve in found.curves
-        for top in [largest_point(found, curve)]
-    )
+
+    def top(curve: ResponseCurve) -> CurvePoint:
+        return largest_point(found, curve)
+
+    amplitude, at = f"largest {direction_name(found)} amplitude, mm", parameter(found, digits=6)
+    shown = [
+        Quantity("", lambda c: f"{_millimetres(found, top(c).amplitude)}{_so_far(c)}", amplitude),
+        replace(at, of=lambda curve: top(curve).parameter, head=f"at {at.head}"),
+        Quantity("", lambda curve: top(curve).known_stability, "stability"),
+        Quantity("", _known("step_error"), BY_STEP, 2),
+        Quantity("", _known("basis_error"), BY_BASIS, 2),
+        Quantity("", lambda c: sum(p.known_unstable for p in c.points), "unstable points"),
+    ]
+    return table_of(*each(found, lambda curve: [curve], shown))
 
 
 def sentences(found: Response) -> list[str]:
@@ -321,119 +326,121 @@ def event_table(found: Response) -> list[list[Any]]:
             by_step = [point.within]
         return f"{max(by_basis, *by_step):.1g}" if by_step else None
 
-    return table_of(
-        family(found, curve)
-        | {
-            "event": f"{point.kind}{f', contact point {point.contact + 1}' * (point.contact >= 0)}",
-            parameter_label(found): f"{point.parameter:.7g}",
-            f"{direction_name(found)} amplitude, mm": _millimetres(found, point.amplitude),
-            uncertain: shift(point),
-        }
-        for curve in found.curves
-        for point in curve.special
-    )
+    def event(point: CurvePoint) -> str:
+        at = f", contact point {point.contact + 1}" if point.contact >= 0 else ""
+        return f"{point.kind}{at}"
 
-
-def full_table(found: Response) -> list[list[Any]]:
-    """A row for each motion of the full model; empty without `full`."""
     name = f"{direction_name(found)} amplitude, mm"
-    return table_of(
-        family(found, curve)
-        | {
-            parameter_label(found): f"{point.parameter:.6g}",
-            name: _millimetres(found, point.reduced_amplitude, 7),
-            "full model, mm": _millimetres(found, point.amplitude, 7),
-            "difference, %": _percent(point.error),
-            "full periods": point.periods,
-            "run time, s": f"{point.seconds:.3g}",
-        }
-        for curve in found.curves
-        for point in curve.full
-    )
+    shown = [
+        Quantity("", event, "event"),
+        parameter(found),
+        Quantity("", lambda point: _millimetres(found, point.amplitude), name),
+        Quantity("", shift, uncertain),
+    ]
+    return table_of(*each(found, lambda curve: curve.special, shown))
+
+
+def full_of(found: Response) -> tuple[list[Told], list[Quantity]]:
+    """The motions of the full model of all curves; none without `full`."""
+    return each(found, lambda curve: curve.full, full_quantities(found))
+
+
+def full_quantities(found: Response) -> list[Quantity]:
+    """What is told of a motion of the full model beside that of the reduced model."""
+    names, shown = directions(found), f"{direction_name(found)} amplitude, mm"
+    return [
+        parameter(found, digits=6),
+        Quantity("", lambda p: _millimetres(found, p.reduced_amplitude, 7), shown),
+        Quantity("", lambda p: _millimetres(found, p.amplitude, 7), "full model, mm"),
+        *components("full_amplitude_{}_m", lambda p: p.amplitude.max(axis=0), names),
+        *components("reduced_amplitude_{}_m", lambda p: p.reduced_amplitude.max(axis=0), names),
+        Quantity("relative_error", "error", "difference, %", 2),
+        Quantity("stability_of_the_reduced_motion", "verdict"),
+        Quantity("full_periods", "periods", "full periods"),
+        *(Quantity("full_periods_with_derivatives", "derived"), Quantity("residual")),
+        Quantity("seconds", head="run time, s", digits=3),
+    ]
 
 
 def run_table(found: Response) -> list[list[Any]]:
     """The points, the marched periods and the run time of each curve."""
-    return table_of(
-        family(found, curve)
-        | {
-            "points": len(curve.points),
-            "unstable": sum(point.known_unstable for point in curve.points),
-            "marched periods": curve.marches[0],
-            "with derivatives": curve.marches[1],
-            "run time, s": curve.seconds,
-            "ms per marched period": 1e3 * curve.seconds / max(curve.marches[0], 1),
-        }
-        for curve in found.curves
-    )
+    shown = [
+        Quantity("", lambda curve: len(curve.points), "points"),
+        Quantity("", lambda curve: sum(p.known_unstable for p in curve.points), "unstable"),
+        Quantity("", lambda curve: curve.marches[0], "marched periods"),
+        Quantity("", lambda curve: curve.marches[1], "with derivatives"),
+        Quantity("seconds", head="run time, s", digits=4),
+        Quantity("", lambda c: c.seconds / max(c.marches[0], 1), "time of a marched period, ms", 4),
+    ]
+    return table_of(*each(found, lambda curve: [curve], shown))
 
 
-def trust_table(found: Response) -> list[list[Any]]:
-    """The estimated errors at the selected points of all curves; empty without such points."""
+def check_quantities(found: Response) -> list[Quantity]:
+    """What is told of a point at which errors are estimated."""
 
-    def percent(error: float | None) -> float | str:
-        return "unknown" if error is None else 100.0 * error
+    def of_basis(check: Check, known: Any) -> Any:
+        return (known or "unknown") if check.compared else None
 
-    return table_of(
-        family(found, curve)
-        | {
-            "point": check.where,
-            parameter_label(found): f"{check.point.parameter:.7g}",
-            "of the": check.quantity,
-            "change by half the time step, %": percent(check.step_error),
-            "change by a richer basis, %": percent(check.basis_error) if check.compared else None,
-            "stability": check.point.verdict if check.quantity == "amplitude" else None,
-            "with half the step": check.finer_verdict,
-            "with the richer basis": (check.richer_verdict or "unknown")
-            if check.compared
-            else None,
-        }
-        for curve in found.curves
-        for check in curve.checks
-    )
+    return [
+        Quantity("where", head="point"),
+        parameter(found, "point.parameter"),
+        Quantity("quantity", head="of the"),
+        *(Quantity("step_error"), Quantity("basis_error")),
+        Quantity("", _known("step_error"), BY_STEP, 4),
+        Quantity("", lambda check: of_basis(check, check.basis_error), BY_BASIS, 4),
+        Quantity("stability", "point.verdict", "stability"),
+        Quantity("compared_with_a_richer_basis", "compared"),
+        Quantity("stability_with_half_the_step", "finer_verdict", "with half the step"),
+        Quantity("stability_with_a_richer_basis", "richer_verdict"),
+        Quantity("", lambda check: of_basis(check, check.richer_verdict), "with the richer basis"),
+    ]
 
 
 def rows(found: Response) -> list[dict[str, Any]]:
     """The rows of `response.csv`: every point and event in the order along its curve."""
-    families, component = found.table.families, largest_component(found)
-    return [
-        ({} if families is None else {column_name(found.scene, families.key): curve.value})
-        | {"piece": number}
-        | _row(found, point, component)
+    numbered = [
+        Told(curve, point, number)
         for curve in found.curves
         for number, piece in enumerate(curve.pieces, 1)
         for point in piece.in_order()
     ]
+    _, told = each(found, lambda curve: (), quantities(found))
+    return rows_of(numbered, [*told, Quantity("piece")])
 
 
-def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict[str, Any]:
-    """One point as a row. Of several contact points, amplitudes and force are the largest.
+def quantities(found: Response) -> list[Quantity]:
+    """What is told of a point. Of several contact points, amplitudes and force are the largest.
 
-    Harmonics and phase are those of the contact point and direction of `component`; the harmonics
-    are multiples of the lowest frequency of the loads.
+    Harmonics and phase are those of the contact point and direction of the largest amplitude; the
+    harmonics are multiples of the lowest frequency of the loads.
     """
-    multiplier = judged_multiplier(point)
-    main = point.harmonics[:, component[0], component[1]]
-    return {
-        column_name(found.scene, found.table.parameter): point.parameter,
-        **named("amplitude_{}_m", directions(found), point.amplitude.max(axis=0)),
-        **named("probe_amplitude_{}_m", "xyz", point.probe_amplitude),
-        "phase_deg": float(np.degrees(np.angle(main[0]))),
-        **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
-        **(contact_columns(point) if found.contacts else {}),
-        "damping_dissipation_per_period_J": point.damping_dissipation,
-        "stability": point.known_stability,
-        "event": point.kind,
-        "contact_point": None if point.contact < 0 else point.contact + 1,
-        "periods": point.periods,
-        "largest_multiplier": abs(multiplier),
-        "multiplier_real": multiplier.real,
-        "multiplier_imaginary": multiplier.imag,
-        "free_sliders": point.free_sliders,
-        "residual": point.residual,
-        "marched_periods": point.marches[0],
-        "marched_periods_with_derivatives": point.marches[1],
-    }
+    place, direction = largest_component(found)
+    probe = "xyz"[: found.curves[0].points[0].probe_amplitude.size]
+
+    def main(point: CurvePoint) -> Any:
+        return point.harmonics[:, place, direction]
+
+    def multiplier(part: Callable[[complex], float]) -> Callable[[CurvePoint], float]:
+        return lambda point: float(part(judged_multiplier(point)))
+
+    return [
+        parameter(found),
+        *components("amplitude_{}_m", lambda p: p.amplitude.max(axis=0), directions(found)),
+        *components("probe_amplitude_{}_m", "probe_amplitude", probe),
+        Quantity("phase_deg", lambda point: float(np.degrees(np.angle(main(point)[0])))),
+        *components("harmonic_{}_m", lambda point: np.abs(main(point)), range(1, HARMONICS + 1)),
+        *(CONTACT if found.contacts else ()),
+        Quantity("damping_dissipation_per_period_J", "damping_dissipation"),
+        *(Quantity("stability", "known_stability"), Quantity("event", "kind")),
+        Quantity("contact_point", lambda p: None if p.contact < 0 else p.contact + 1),
+        Quantity("periods"),
+        Quantity("largest_multiplier", multiplier(abs)),
+        Quantity("multiplier_real", multiplier(np.real)),
+        Quantity("multiplier_imaginary", multiplier(np.imag)),
+        *map(Quantity, ("free_sliders", "residual")),
+        Quantity("marched_periods", lambda point: point.marches[0]),
+        Quantity("marched_periods_with_derivatives", lambda point: point.marches[1]),
+    ]
 
 
 def summary(found: Response) -> dict[str, Any]:
@@ -452,60 +459,21 @@ def summary(found: Response) -> dict[str, Any]:
 
 def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
     """The part of `response.json` about one curve."""
-    component = largest_component(found)
+    told = quantities(found)
     return {
         "value": curve.value,
         "points": len(curve.points),
         "ends": [piece.reason for piece in curve.pieces],
-        "largest": _row(found, largest_point(found, curve), component),
-        "events": [_row(found, point, component) for point in curve.special],
+        "largest": rows_of([largest_point(found, curve)], told)[0],
+        "events": rows_of(curve.special, told),
         "pieces": [
             {"origin": piece.origin, "periods": piece.periods, "points": len(piece.points)}
             for piece in curve.pieces
         ],
-        "checks": [
-            {
-                "where": check.where,
-                found.table.parameter: check.point.parameter,
-                "quantity": check.quantity,
-                "step_error": check.step_error,
-                "basis_error": check.basis_error,
-                "stability": check.point.verdict,
-                "compared_with_a_richer_basis": check.compared,
-                "stability_with_half_the_step": check.finer_verdict,
-                "stability_with_a_richer_basis": check.richer_verdict,
-            }
-            for check in curve.checks
-        ],
+        "checks": rows_of(curve.checks, check_quantities(found)),
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
         "seconds": curve.seconds,
         "optimum": optimum_summary(found, curve),
-        "full_model": [_full_row(found, point) for point in curve.full],
+        "full_model": rows_of(curve.full, full_quantities(found)),
     }
-
-
-def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
-    """One row that compares a motion of the full model with that of the reduced model."""
-    names = directions(found)
-    return {
-        found.table.parameter: point.parameter,
-        **named("full_amplitude_{}_m", names, point.amplitude.max(axis=0)),
-        **named("reduced_amplitude_{}_m", names, point.reduced_amplitude.max(axis=0)),
-        "relative_error": point.error,
-        "stability_of_the_reduced_motion": point.verdict,
-        "full_periods": point.periods,
-        "full_periods_with_derivatives": point.derived,
-        "residual": point.residual,
-        "seconds": point.seconds,
-    }
-
-
-def full_rows(found: Response) -> list[dict[str, Any]]:
-    """The rows of `response_full.csv`: the motions of the full model."""
-    families = found.table.families
-    return [
-        ({} if families is None else {families.key: curve.value}) | _full_row(found, point)
-        for curve in found.curves
-        for point in curve.full
-    ]

@@ -548,9 +548,9 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
         return []
     name = stress_tables.MEASURE_NAMES[stresses.measure]
     tables: list[Any] = [f"Von Mises and principal values of the {name}."]
-    tables += [stress_tables.stress_rows(stresses.peaks), stress_tables.RECOVERY_NOTE]
+    tables += [stress_tables.stress_table(stresses.peaks), stress_tables.RECOVERY_NOTE]
     if stresses.modes:
-        tables += [stress_tables.modal_rows(stresses.modes), stress_tables.MODAL_NOTE]
+        tables += [stress_tables.stress_table(stresses.modes), stress_tables.MODAL_NOTE]
     reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
     return [
         Section("Stresses", tables, terminal=False),

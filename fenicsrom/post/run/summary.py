@@ -37,8 +37,12 @@ from fenicsrom.online.stress.stress import extremes
 from fenicsrom.post.base.page import failure_of, told
 from fenicsrom.post.base.style import Figure, new_panels, styled
 from fenicsrom.post.base.tables import (
+    FACTORS,
+    Quantity,
+    components,
     in_order,
     named,
+    rows_of,
     table_of,
     write_arrays,
     write_rows,
@@ -151,22 +155,34 @@ MODAL_NOTE = (
 )
 MPA = 1e-6
 ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
-PER_MM = 1e-3
 
 
-def peak_record(peak: Peak) -> dict[str, Any]:
-    """The numbers of a peak by name, with units."""
-    modal = peak.frequency is not None
-    unit = "Pa_per_m" if modal else "Pa"
-    return {
-        "state": peak.state,
-        **({"frequency_Hz": peak.frequency} if modal else {"time_s": peak.time}),
-        f"von_mises_{unit}": peak.von_mises,
-        **named("{}_m", "xyz", peak.position),
-        **named(f"principal_{{}}_{unit}", "123", peak.principal),
-        f"gauss_von_mises_{unit}": peak.point_von_mises,
-        **named("gauss_{}_m", "xyz", peak.point_position),
-    }
+def stress_quantities(peaks: Sequence[Peak]) -> list[Quantity]:
+    """What is told of peaks: of modes per metre of their largest displacement."""
+    modal, axes = peaks[0].frequency is not None, "xyz"[: peaks[0].position.size]
+    unit, shown = ("Pa_per_m", "MPa/mm") if modal else ("Pa", "MPa")
+    when = Quantity("time_s", "time", "t, s", 6)
+
+    def principal(peak: Peak) -> str:
+        return ", ".join(f"{factor * value:.4g}" for value in peak.principal)
+
+    factor = FACTORS[shown]
+    return [
+        Quantity("state", head="mode" if modal else "state"),
+        Quantity("frequency_Hz", "frequency", "frequency, Hz") if modal else when,
+        Quantity(f"von_mises_{unit}", "von_mises", f"von Mises, {shown}", 4),
+        Quantity("", lambda peak: place_text(peak.position), "at, m"),
+        Quantity("", principal, f"principal, {shown}"),
+        *components("{}_m", "position", axes),
+        *components(f"principal_{{}}_{unit}", "principal", "123"[: peaks[0].principal.size]),
+        Quantity(f"gauss_von_mises_{unit}", "point_von_mises", f"at a Gauss point, {shown}", 4),
+        *components("gauss_{}_m", "point_position", axes),
+    ]
+
+
+def stress_rows(peaks: Sequence[Peak]) -> list[dict[str, Any]]:
+    """The peaks in files."""
+    return rows_of(peaks, stress_quantities(peaks)) if peaks else []
 
 
 def stress_summary(stresses: Stresses) -> dict[str, Any]:
@@ -175,8 +191,8 @@ def stress_summary(stresses: Stresses) -> dict[str, Any]:
         "stresses": {
             "measure": stresses.measure,
             "smallest_volume_ratio": extremes(stresses.deformations).volume_ratio,
-            "largest": [peak_record(peak) for peak in stresses.peaks],
-            "modes": [peak_record(peak) for peak in stresses.modes],
+            "largest": stress_rows(stresses.peaks),
+            "modes": stress_rows(stresses.modes),
         },
         "reactions": {"equilibrium": reaction_record(stresses.reactions, 0)},
     }
@@ -201,10 +217,9 @@ def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    files = [write_rows(folder / STRESSES_FILE, [peak_record(peak) for peak in stresses.peaks])]
+    files = [write_rows(folder / STRESSES_FILE, stress_rows(stresses.peaks))]
     if stresses.modes:
-        rows = [peak_record(peak) for peak in stresses.modes]
-        files.append(write_rows(folder / MODAL_STRESSES, rows))
+        files.append(write_rows(folder / MODAL_STRESSES, stress_rows(stresses.modes)))
     return [*files, write_rows(folder / REACTIONS, _reaction_rows(stresses))]
 
 
@@ -221,33 +236,9 @@ def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
     ]
 
 
-def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
-    """The table of the largest stresses for the report, in MPa."""
-    return table_of(
-        {
-            "state": peak.state,
-            "t s": None if peak.time is None else f"{peak.time:.6g}",
-            "von Mises MPa": MPA * peak.von_mises,
-            "at m": place_text(peak.position),
-            "principal MPa": ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
-            "at a Gauss point MPa": MPA * peak.point_von_mises,
-        }
-        for peak in peaks
-    )
-
-
-def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
-    """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
-    return table_of(
-        {
-            "mode": peak.state,
-            "Hz": f"{peak.frequency:.5g}",
-            "von Mises MPa/mm": MPA * PER_MM * peak.von_mises,
-            "at m": place_text(peak.position),
-            "at a Gauss point MPa/mm": MPA * PER_MM * peak.point_von_mises,
-        }
-        for peak in peaks
-    )
+def stress_table(peaks: Sequence[Peak]) -> list[list[Any]]:
+    """The table of peaks for the report."""
+    return table_of(peaks, stress_quantities(peaks)) if peaks else []
 
 
 def reaction_rows(stresses: Stresses) -> list[list[Any]]:

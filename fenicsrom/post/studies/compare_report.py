@@ -1,6 +1,6 @@
 """The report of a comparison: tables, sentences, and pictures of error, run time and size."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.post.base.tables import error_names, table_of
+from fenicsrom.post.base.tables import Quantity, error_names, rows_of, table_of
 from fenicsrom.words import counted
 
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
@@ -38,47 +38,58 @@ ERRORS = {
     "friction_dissipation_per_period": "energy per period",
     "state": "wrong state",
 }
-VARIED = {"force": "elastic_force", "scheme": "scheme", "steps": "steps", "mesh": "mesh"}
 
 
-def rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Collect one flat row for each combination, for `comparison.csv`."""
+def quantities(comparison: Comparison) -> list[Quantity]:
+    """What is told of each combination; a table shows choices that all share in no column."""
+    outcomes = comparison.outcomes
+
+    def choice(key: str, name: str, head: str) -> Quantity:
+        varied = len({getattr(outcome.combination, name) for outcome in outcomes}) > 1
+        return Quantity(key, f"combination.{name}", head if varied else "")
+
+    def spread(outcome: Outcome) -> float | None:
+        online = outcome.online
+        return 0.5 * (max(online) - min(online)) / outcome.online_seconds if online else None
+
+    def entry(of: str, name: str) -> Callable[[Outcome], float | None]:
+        return lambda outcome: getattr(outcome, of).get(name)
+
+    stages = dict.fromkeys(stage for outcome in outcomes for stage in outcome.offline)
     return [
-        {
-            "mesh": c.mesh,
-            "steps_per_period": c.steps,
-            "method": c.method,
-            "modes": c.modes,
-            "derivatives": c.chosen,
-            "elastic_force": c.elastic_force,
-            "scheme": c.scheme,
-            "asked_size": c.size,
-            "size": len(outcome.labels) or None,
-            "labels": " ".join(outcome.labels),
-            **{f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()},
-            "offline_s": outcome.offline_seconds if outcome.offline else None,
-            "online_s": outcome.online_seconds if outcome.online else None,
-            "online_least_s": min(outcome.online, default=None),
-            "online_most_s": max(outcome.online, default=None),
-            "online_runs": len(outcome.online),
-            "timed_periods": outcome.timed_periods,
-            "steady": outcome.motion.steady if outcome.motion else None,
-            "speed_up": comparison.speed_up(outcome),
-            "break_even_runs": comparison.break_even(outcome),
-            **{f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS},
-            "indicator": outcome.indicator,
-            "residual": outcome.residual,
-            "failure": outcome.failure,
-        }
-        for outcome in comparison.outcomes
-        for c in [outcome.combination]
+        *(Quantity(name, f"combination.{name}", name) for name in ("method", "modes")),
+        Quantity("derivatives", "combination.chosen", "derivatives"),
+        choice("elastic_force", "elastic_force", "force"),
+        choice("scheme", "scheme", "scheme"),
+        choice("steps_per_period", "steps", "steps"),
+        choice("mesh", "mesh", "mesh"),
+        Quantity("asked_size", "combination.size"),
+        Quantity("size", lambda outcome: len(outcome.labels) or None, "size"),
+        Quantity("labels", lambda outcome: " ".join(outcome.labels)),
+        *(Quantity(f"offline_{s}_s", entry("offline", s)) for s in stages),
+        Quantity("offline_s", lambda o: o.offline_seconds if o.offline else None, "offline, s", 3),
+        Quantity("online_s", "online_seconds", "online, ms", 3),
+        Quantity("", spread, "±, %", 2),
+        Quantity("online_least_s", lambda outcome: min(outcome.online, default=None)),
+        Quantity("online_most_s", lambda outcome: max(outcome.online, default=None)),
+        Quantity("online_runs", lambda outcome: len(outcome.online)),
+        Quantity("timed_periods"),
+        Quantity("steady", lambda outcome: outcome.motion and outcome.motion.steady),
+        Quantity("speed_up", comparison.speed_up, "speed-up", 3),
+        Quantity("break_even_runs", comparison.break_even, "break-even"),
+        *(
+            Quantity(f"error_{name}_percent", entry("errors", name), f"{head}, %", 3)
+            for name, head in error_heads(comparison).items()
+        ),
+        Quantity("indicator", head="indicator", digits=3),
+        *map(Quantity, ("residual", "failure")),
     ]
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
     """Collect what `comparison.json` has of a comparison."""
-    combinations = []
-    for outcome, row in zip(comparison.outcomes, rows(comparison), strict=True):
+    combinations, rows = [], rows_of(comparison.outcomes, quantities(comparison))
+    for outcome, row in zip(comparison.outcomes, rows, strict=True):
         listed = ("offline_", "online_", "error_", "labels")
         combinations.append(
             {key: value for key, value in row.items() if not key.startswith(listed)}
@@ -114,43 +125,6 @@ def error_heads(comparison: Comparison) -> dict[str, str]:
         "amplitude_normal": f"{first} amplitude",
         "amplitude_tangential": f"{others} amplitude",
     }
-
-
-def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the combinations."""
-    varied = {
-        head: name
-        for head, name in VARIED.items()
-        if len({getattr(o.combination, name) for o in comparison.outcomes}) > 1
-    }
-    lines = []
-    for outcome in comparison.outcomes:
-        c, online = outcome.combination, outcome.online
-        line: dict[str, Any] = {"method": METHODS[c.method], "modes": c.modes}
-        line |= {"derivatives": c.chosen}
-        line |= {head: getattr(c, name) or None for head, name in varied.items()}
-        line |= {"size": len(outcome.labels) or None}
-        line |= {"offline s": round(outcome.offline_seconds, 3) if outcome.offline else None}
-        line |= {"online ms": None, "±": None}
-        if online:
-            spread = 0.5 * (max(online) - min(online)) / outcome.online_seconds
-            line["online ms"] = _rounded(1e3 * outcome.online_seconds)
-            line["±"] = f"{100.0 * spread:.0f} %"
-        if comparison.full is not None:
-            line["speed-up"] = _rounded(comparison.speed_up(outcome))
-            line["break-even"] = comparison.break_even(outcome)
-            for name, head in error_heads(comparison).items():
-                line[f"{head} %"] = _rounded(outcome.errors.get(name))
-        lines.append(line | {"indicator": _rounded(outcome.indicator)})
-    return table_of(lines)
-
-
-def _rounded(value: float | None) -> float | int | None:
-    """Round a number to three digits."""
-    if value is None:
-        return None
-    rounded = float(f"{value:.3g}")
-    return int(rounded) if rounded >= 100 else rounded
 
 
 def sentences(comparison: Comparison) -> list[str]:
@@ -393,7 +367,7 @@ def pictures(comparison: Comparison) -> list[Picture]:
 
 def report(comparison: Comparison) -> Report:
     """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
-    whole = table(comparison)
+    whole = table_of(comparison.outcomes, quantities(comparison))
     return Report(
         "comparison",
         "error against run time",
@@ -403,7 +377,7 @@ def report(comparison: Comparison) -> Report:
             Section("All combinations", [whole], keys=whole[0].index("size")),
             Section("Timing", timing_note(comparison), terminal=False),
         ],
-        rows(comparison),
+        rows_of(comparison.outcomes, quantities(comparison)),
         summary(comparison),
         pictures(comparison),
     )

@@ -21,7 +21,7 @@ from fenicsrom.online.motion.measures import Wear, lobes_of, worn_profile
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import COLOURS, Axes, Figure, missing_module, new_panels, styled
-from fenicsrom.post.base.tables import Quantity, components, rows_of, table
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.words import counted
 
 SPEED = Quantity("speed_rpm", head="speed, rpm", digits=6)
@@ -356,8 +356,8 @@ def report(found: InteractionMap) -> Report:
         found,
         sentences(found),
         [
-            Section("Speeds of resonance", [table(found.onsets(), ONSETS)], keys=2, most=20),
-            Section("Speeds", [table(found.lines, shown)], most=20),
+            Section("Speeds of resonance", [table_of(found.onsets(), ONSETS)], keys=2, most=20),
+            Section("Speeds", [table_of(found.lines, shown)], most=20),
         ],
         rows_of(found.lines, shown),
         summary(found),

@@ -1,17 +1,13 @@
 """The report of `fenicsrom stability`: table, picture and files."""
 
 import textwrap
-from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
-
-import numpy as np
 
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.words import counted
 
 COLOURS = {
@@ -23,49 +19,29 @@ COLOURS = {
 HOW = (
     "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
     "error is the difference from the run with half the step; the estimate comes from the run with "
-    f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. The columns are relative to "
-    "the amplitude. Basis: difference from a basis with more modes and all derivatives, or, of "
-    "random variants, from the full model. Peak N: difference of the largest normal force from the "
-    "run with half the step. Ledger: imbalance of "
-    "the energies."
+    f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. Errors are relative to the "
+    "amplitude. Basis error: difference from a basis with more modes and all derivatives, or, of "
+    "random variants, from the full model. Force error: difference of the largest normal force "
+    "from the run with half the step. Ledger: imbalance of the energies."
 )
 
 
-def row(finding: Finding) -> dict[str, Any]:
-    """A finding as a flat row: the columns of `stability.csv`."""
-    case, names = finding.case, [item.name for item in fields(finding) if item.name != "case"]
-    found: dict[str, Any] = {name: getattr(case, name) for name in ("axis", "value", "model")}
-    found |= {"overrides": " ".join(case.overrides)}
-    found |= {name: getattr(finding, name) for name in names} | {"verdict": finding.verdict.value}
-    return {
-        key: None if isinstance(value, float) and not np.isfinite(value) else value
-        for key, value in found.items()
-    }
-
-
-def table(findings: Sequence[Finding]) -> list[list[Any]]:
-    """The findings as a table; empty without findings."""
-
-    def short(value: float | None) -> str | None:
-        return None if value is None else f"{value:.1e}"
-
-    return table_of(
-        {
-            "verdict": f.verdict.value,
-            "model": f.case.model,
-            "axis": f.case.axis,
-            "value": f.case.value,
-            "amplitude mm": f"{1e3 * f.amplitude:.4g}" if f.amplitude is not None else None,
-            "estimate": short(f.estimate),
-            "error": short(f.error),
-            "basis": short(f.basis_error),
-            "peak N": short(f.force_error),
-            "ledger": short(f.imbalance),
-            "periods": f.periods,
-            "why": f.why,
-        }
-        for f in findings
-    )
+QUANTITIES = [
+    Quantity("verdict", "verdict.value", "verdict"),
+    Quantity("model", "case.model", "model"),
+    Quantity("axis", "case.axis", "axis"),
+    Quantity("value", "case.value", "value"),
+    Quantity("overrides", lambda finding: " ".join(finding.case.overrides)),
+    Quantity("amplitude", head="amplitude, mm", digits=4),
+    *(
+        Quantity(key, head=key.replace("_", " "), digits=2)
+        for key in ("estimate", "error", "basis_estimate", "basis_error", "force_error")
+    ),
+    Quantity("imbalance", head="ledger", digits=2),
+    Quantity("periods", head="periods"),
+    Quantity("why", head="why"),
+    *map(Quantity, ("steady", "seconds", "force_estimate", "buckled")),
+]
 
 
 def sentences(matrix: Matrix) -> list[str]:
@@ -120,9 +96,9 @@ def figure(matrix: Matrix) -> Any:
 
 def report(matrix: Matrix) -> Report:
     """The report of a matrix: `stability.csv`, `stability.json` and `stability.png`."""
-    rows = [row(finding) for finding in matrix.findings]
+    rows = rows_of(matrix.findings, QUANTITIES)
     tables = {
-        verdict: table([f for f in matrix.findings if f.verdict is verdict])
+        verdict: table_of([f for f in matrix.findings if f.verdict is verdict], QUANTITIES)
         for verdict in (Verdict.WRONG, Verdict.REFUSED, Verdict.UNSTEADY, Verdict.CONVERGED)
     }
     return Report(

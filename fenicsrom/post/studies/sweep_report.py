@@ -2,8 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,44 +13,23 @@ from fenicsrom.notes import AMPLITUDES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import Figure, line_styles, new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.tables import Quantity, table_of
 from fenicsrom.scene.reading.overrides import column_name, given_unit_of
 from fenicsrom.words import counted
 
-
-class Column(NamedTuple):
-    """A column of `sweep.csv`.
-
-    Attributes:
-        key: its name there.
-        factor: from the unit there to the one that is shown.
-        head: its head in tables.
-        label: its label in pictures; empty if it has no picture.
-    """
-
-    key: str
-    factor: float
-    head: str
-    label: str
-
-    def of(self, row: Mapping[str, Any]) -> float | None:
-        """The number of a run as it is shown; None if the run has none."""
-        return None if row.get(self.key) is None else self.factor * row[self.key]
-
-
 COLUMNS = (
-    Column("amplitude_normal_m", 1e3, "normal mm", "normal amplitude, mm"),
-    Column("amplitude_tangential_m", 1e3, "tangential mm", "tangential amplitude, mm"),
-    Column("amplitude_x_m", 1e3, "x mm", "amplitude in x, mm"),
-    Column("amplitude_y_m", 1e3, "y mm", "amplitude in y, mm"),
-    Column("amplitude_z_m", 1e3, "z mm", "amplitude in z, mm"),
     *(
-        Column(f"probe_amplitude_{k}_m", 1e3, f"probe {k} mm", f"amplitude of the probe in {k}, mm")
-        for k in "xyz"
+        Quantity(f"amplitude_{name}_m", head=f"{name} amplitude, mm", digits=4)
+        for name in ("normal", "tangential", *"xyz")
     ),
-    Column("peak_normal_force_N", 1.0, "peak N", "largest normal force, N"),
-    Column("largest_multiplier", 1.0, "largest Floquet multiplier", ""),
+    *(
+        Quantity(f"probe_amplitude_{axis}_m", head=f"probe amplitude in {axis}, mm", digits=4)
+        for axis in "xyz"
+    ),
+    Quantity("peak_normal_force_N", head="peak normal force, N", digits=4),
+    Quantity("largest_multiplier", head="largest Floquet multiplier", digits=4),
 )
+"""The numbers of a run for people; those with a unit have a picture."""
 
 MOST_LINES = 20  # of a table in the terminal, without its head
 
@@ -64,15 +42,22 @@ def swept_keys(found: Sweep) -> list[str]:
 def table(found: Sweep) -> list[list[Any]]:
     """The runs as a table."""
     keys = swept_keys(found)
-    labels = dict(zip(key_labels(found, tuple(keys), " "), keys, strict=True))
-    columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
+    labels, names = zip(keys, key_labels(found, tuple(keys)), strict=True), column_names(found)
     return table_of(
-        {"run": row["run"]}
-        | {label: row[key] for label, key in labels.items()}
-        | {column.head: column.of(row) for column in columns}
-        | {"steady": row.get("steady"), "outcome": row.get("outcome", "not run")}
-        for row in found.rows
+        found.rows,
+        [
+            Quantity("run", head="run"),
+            *(Quantity(names[key], key, label) for key, label in labels),
+            *COLUMNS,
+            Quantity("steady", head="steady"),
+            Quantity("outcome", lambda row: row.get("outcome", "not run"), "outcome"),
+        ],
     )
+
+
+def column_names(found: Sweep) -> dict[str, str]:
+    """The columns of the swept keys in `sweep.csv`."""
+    return {key: column_name(found.scene, key, given=True) for key in swept_keys(found)}
 
 
 def sentences(found: Sweep) -> list[str]:
@@ -117,7 +102,7 @@ def summary(found: Sweep) -> dict[str, Any]:
 def report(found: Sweep) -> Report:
     """The report of a sweep: `sweep.csv`, `sweep.json` and `sweep.png`."""
     keys = swept_keys(found)
-    names = {key: column_name(found.scene, key, given=True) for key in keys}
+    names = column_names(found)
     drawn = found.with_outcome(DONE, DOUBTFUL)
     return Report(
         "sweep",
@@ -158,12 +143,12 @@ def figure(found: Sweep) -> Figure:
     not pass a check are drawn hollow; runs without a motion are missing.
     """
     usable = found.with_outcome(DONE, DOUBTFUL)
-    drawn = [item for item in COLUMNS if item.label and any(item.key in row for row in usable)]
+    drawn = [item for item in COLUMNS if item.unit and any(item.key in row for row in usable)]
     made, panels = new_panels(7.4, 3.1 * max(len(drawn), 1), max(len(drawn), 1), 1, sharex=True)
     shape = tuple(len(axis.values) for axis in found.axes)
     as_map = len(shape) == 2 and shape[1] > MOST_CURVES
     for panel, column in zip(panels, drawn, strict=False):
-        numbers = np.array([column.of(row) for row in found.rows], dtype=float).reshape(shape)
+        numbers = column.column(found.rows).reshape(shape)
         if as_map:
             _map(made, panel, found, numbers, column.label)
         else:
