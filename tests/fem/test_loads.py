@@ -348,6 +348,7 @@ def test_static_scene_ends_with_its_equilibrium(
         "equilibrium.png",
         "equilibrium.vtu",
         "groups.vtu",
+        "look.py",
         "provenance.json",
         "report.html",
         "results",

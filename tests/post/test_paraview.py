@@ -80,7 +80,7 @@ def test_one_file_opens_every_block_of_the_run(run: Any) -> None:
     }
     assert all(block.n_cells > 0 for block in blocks)
     listed = {Path(path) for path in found.files}
-    assert {folder / "results.pvd", folder / "groups.vtu"} <= listed
+    assert {folder / "results.pvd", folder / "look.py", folder / "groups.vtu"} <= listed
 
 
 def test_names_of_arrays_give_units_and_frequencies(run: Any) -> None:

@@ -48,7 +48,15 @@ RESULTS = (
     *("motion.gif", "contact_[1-4].png"),
     *("multipliers.png", "pareto.png", "size.png", "indicator.png"),
     # ParaView; the shapes are folders if several ranks wrote them
-    *("results.pvd", "results", "groups.vtu", "surface_[1-9]*", "contact_points", "motion"),
+    *(
+        "results.pvd",
+        "look.py",
+        "results",
+        "groups.vtu",
+        "surface_[1-9]*",
+        "contact_points",
+        "motion",
+    ),
     *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 
 INDEX = "results.pvd"
+LOOK = "look.py"
 BLOCKS = "results"  # folder of the lists of blocks, one per instant
 GROUPS = "groups.vtu"
 
@@ -174,7 +175,8 @@ def write_groups(solid: Solid, folder: Path) -> list[Path]:
 def write_index(folder: Path, files: Sequence[Path]) -> list[Path]:
     """Write the `.pvd` file that opens all ParaView files of a run together, block by block.
 
-    Static files are repeated at every instant. On one rank.
+    Static files are repeated at every instant. A script beside it shows the motion or a shape in
+    ParaView. On one rank.
 
     Args:
         folder: the folder of the run.
@@ -204,7 +206,10 @@ def write_index(folder: Path, files: Sequence[Path]) -> list[Path]:
             entries.append((time, f"{BLOCKS}/{file}"))
     with atomic_write(folder / INDEX) as temporary:
         write_series(temporary, entries)
-    return [folder / INDEX]
+    script = Path(__file__).with_name(LOOK).read_text(encoding="utf-8")
+    with atomic_write(folder / LOOK) as temporary:
+        temporary.write_text(script.replace('FOLDER = "."', f"FOLDER = {str(folder)!r}"))
+    return [folder / INDEX, folder / LOOK]
 
 
 def _pieces(path: Path) -> list[Path]:
