@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import re
-from itertools import groupby
 from pathlib import Path
 
 TESTS = Path(__file__).parent
@@ -36,12 +35,9 @@ def references_of(file: Path) -> list[str]:
 
 
 def table() -> str:
-    """The rows of all tests, one table for each folder."""
-    text = "\n"
-    for folder, files in groupby(sorted(TESTS.glob("*/test_*.py")), lambda file: file.parent.name):
-        if rows := [row for file in files for row in references_of(file)]:
-            text += f"### `{folder}`\n\n{HEAD}{''.join(rows)}\n"
-    return text
+    """The table with the rows of all tests."""
+    rows = [row for file in sorted(TESTS.glob("*/test_*.py")) for row in references_of(file)]
+    return f"\n{HEAD}{''.join(rows)}\n"
 
 
 def replaced(page: str) -> str:

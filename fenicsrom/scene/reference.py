@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, is_dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -110,26 +110,24 @@ def _section(tables: Sequence[_Table], shown: dict[str, str]) -> Iterator[str]:
         if rule.allowed in TABLES:
             continue  # it has a section
         allowed = rule.allowed.replace("|", r"\|") + (f" ({rule.unit})" if rule.unit else "")
-        given = "required" if key in required else _default(default)
-        row = f"| `{key}` | {allowed} | {given} | {meaning} |"
+        name = f"`{key}`, required" if key in required else f"`{key}{_default(default)}`"
+        row = f"| {name} | {allowed} | {meaning} |"
         if (first := shown.setdefault(row, heading)) == heading:
             rows.append(row)
         else:
             again.setdefault(first, []).append(f"`{key}`")
     if rows:
-        yield "\n| key | allowed (unit) | default | meaning |\n|---|---|---|---|"
+        yield "\n| key | allowed | meaning |\n|---|---|---|"
         yield from rows
     for first, names in again.items():
         yield f"\n{', '.join(names)}: as in {first}."
 
 
 def _default(value: Any) -> str:
-    """Give a default as the scene file spells it; a table has its defaults in its own section."""
+    """Give a default as the scene file spells it; empty if there is none."""
     if value is MISSING or value is None or value == () or value == {}:
-        return "–"
-    if is_dataclass(value):
-        return "–"
-    return f"`{show(plain(value))}`"
+        return ""
+    return f" = {show(plain(value))}"
 
 
 if __name__ == "__main__":

@@ -129,9 +129,8 @@ def mapped(stored: StoredModel, speeds: str, *changes: str, **options: Any) -> I
 def test_lines_match_the_exact_motions() -> None:
     """Half ranges, peak forces and contact fractions by events located to 1e-16 s.
 
-    Reference: two modes that rub a casing of two lobes, five speeds: half range, peak force |
-    exact piecewise linear motion | 3.404e-5 to 9.430e-4 m; 12.16 to 331.3 N | 0.41 %; 0.8 % |
-    0.5 %; 1 %
+    Reference: two modes rub a casing, five speeds: half range, peak force | exact motion | 3.404e-5
+    to 9.430e-4 m; 12.16 to 331.3 N | 0.41 %; 0.8 % | 0.5 %; 1 %
     """
     found = mapped(two_modes(), "[1500, 4100, 4400, 5000, 7000]")
     exact = (
@@ -156,8 +155,8 @@ def test_onsets_match_the_crossings() -> None:
     """Of the free blade; closed, with the friction of a sliding casing, from the characteristic
     polynomial.
 
-    Reference: two modes that rub: speeds where engine orders meet them, free and in contact |
-    closed form | 503.155 to 6695.27 rpm; 5354.2, 8425.3 rpm | agree | 1e-5; 1e-3
+    Reference: engine orders meet two modes, free and in contact: speeds | closed form | 503.155 to
+    6695.27 rpm; 5354.2, 8425.3 rpm | agree | 1e-5; 1e-3
     """
     found = mapped(two_modes(), "[500, 3000, 6000, 9000]", "map.revolutions=10", "map.orders=12")
     onsets = {(mode, order): speeds for mode, order, *speeds in found.onsets()}
@@ -210,8 +209,8 @@ def test_permanent_contact_converges_to_the_linear_response() -> None:
 def test_map_that_goes_up_follows_the_motions_to_their_peaks() -> None:
     """Peaks of the exact motions, each from the state before, within 1 %.
 
-    Reference: two modes that rub: peaks of a map that goes up | exact piecewise linear motion |
-    4.16e-3 m at 4650 rpm; 1.287e-3 m at 7275 rpm | 4.156e-3, 1.300e-3 m | 1.5 %
+    Reference: two modes rub, map that goes up: peaks | exact motion | 4.16e-3 m at 4650 rpm;
+    1.287e-3 m at 7275 rpm | 4.156e-3, 1.300e-3 m | 1.5 %
     """
     stored = two_modes()
     for speeds, at, amplitude, force in (
@@ -464,8 +463,8 @@ def worn_line(rpm: float, steps: int) -> tuple[dict[str, Any], Line]:
 def test_wear_of_a_map_matches_an_explicit_integration(
     rpm: float, depth: float, area: float, peak: float, within: float
 ) -> None:
-    """Reference: wear in a map at 5500 and 7500 rpm: depth, peak force | explicit integration by
-    another program | 30.50, 99.2 µm; 39.15, 59.76 N | agree | 0.5 %; 3 %
+    """Reference: wear in a map at 5500 and 7500 rpm: depth, peak force | another program | 30.50,
+    99.2 µm; 39.15, 59.76 N | agree | 0.5 %; 3 %
     """
     row, line = worn_line(rpm, 720)
     assert row["worn_depth_m"] == pytest.approx(depth, rel=within)

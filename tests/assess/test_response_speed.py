@@ -38,8 +38,8 @@ def test_motion_at_a_speed_is_the_exact_one(
 ) -> None:
     """Half radial range, peak force and largest Floquet multiplier over half a revolution.
 
-    Reference: two modes that rub, on a curve at five speeds: largest multiplier | exact
-    piecewise linear motion | 0.9418 to 0.9872 | agrees | 1e-4
+    Reference: two modes rub, curve at five speeds: largest multiplier | exact motion | 0.9418 to
+    0.9872 | agrees | 1e-4
     """
     stored = over_speeds(1000.0, 9000.0).over_speeds(1000.0, 9000.0)
     motion = start_motion(stored, family_of(stored), rpm)
@@ -62,8 +62,8 @@ def test_errors_of_the_step_are_of_second_order(
     """With 150, 300, 600 and 1200 steps per revolution, from the limit of short steps; the lobe's
     argument at 300 m changes that by less than 2e-4.
 
-    Reference: two modes that rub, 4400 rpm, 150 to 1200 steps: error of the amplitude | exact
-    piecewise linear motion | 1.4e-2 to 2.2e-4 | agrees | 5 % of the error
+    Reference: two modes rub, 4400 rpm, 150 to 1200 steps: error | exact motion | 1.4e-2 to 2.2e-4 |
+    agrees | 5 % of the error
     """
     found = []
     for steps in (150, 300, 600, 1200):
@@ -80,8 +80,8 @@ def test_errors_of_the_step_are_of_second_order(
 def test_curve_passes_the_exact_peak() -> None:
     """The motion at 4650 rpm, 4.16e-3 m +- 1 %, that a run reaches from lower speeds only.
 
-    Reference: two modes that rub: amplitude on the curve at 4650 rpm | exact piecewise linear
-    motion | 4.16e-3 m | 4.161e-3 m | 1.5 %
+    Reference: two modes rub, curve at 4650 rpm: amplitude | exact motion | 4.16e-3 m | 4.161e-3 m |
+    1.5 %
     """
     found = fr.response(over_speeds(4400.0, 4652.0))
     points = found.curves[0].points

@@ -124,8 +124,8 @@ def test_rotating_cantilever_between_two_speeds_matches_beam_theory(
     sqrt(rho A / E I) at eta = Omega L^2 sqrt(rho A / E I) of 6, 10 and 14; lag^2 = flap^2 -
     eta^2. The speeds of the basis are eta = 0 and 12; the radius of the hub is 0 or L.
 
-    Reference: first flap of a rotating cantilever at η = 6, 10, 14, from a model joined at 0 and
-    12 | Rayleigh–Ritz | 7.36037, 11.20233, 15.14936 | 7e-5 | 1.5e-4
+    Reference: flap of a rotating cantilever at η = 6, 10, 14, model joined at 0 and 12 |
+    Rayleigh–Ritz | 7.36037, 11.20233, 15.14936 | 7e-5 | 1.5e-4
     """
     scene = cantilever((0.0, 12.0), hub, modes=6)
     stored = fenicsrom.build_model(scene)
@@ -639,11 +639,11 @@ def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     """Test D: the blade of the demo without contact, from 900 to 1500 rpm in 2 s, against another
     program on matrices of the same solid.
 
-    Reference: run-up of a blade through its resonance: largest distance from its equilibrium |
-    another program on the same matrices | 7.504 mm at 1248 rpm | 7.5035 mm | 0.002 mm
+    Reference: run-up of a blade through its resonance: largest distance | another program, same
+    matrices | 7.504 mm at 1248 rpm | 7.5035 mm | 0.002 mm
 
-    Reference: this distance without the Euler force | another program on the same matrices |
-    6.904 mm | 6.9046 mm | 0.05 mm
+    Reference: this distance without the Euler force | another program, same matrices | 6.904 mm |
+    6.9046 mm | 0.05 mm
     """
     scene = blade(
         "basis.modes=4",

@@ -72,8 +72,8 @@ def flap(eta: float) -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_backbone_of_a_rotating_cantilever_matches_beam_theory() -> None:
-    """Reference: ω²/ω₁² = 1 + c (w/L)² of a rotating cantilever, η = 0, 1, 2 | recomputed for a
-    beam | c = 0.0388, −0.0082, −0.1088 | 0.0385, −0.0080, −0.1077 | 0.005
+    """Reference: hardening c of a rotating cantilever, η = 0, 1, 2 | recomputed for a beam |
+    0.0388, −0.0082, −0.1088 | 0.0385, −0.0080, −0.1077 | 0.005
     """
     found = {eta: flap(eta) for eta in (*FREQUENCY, SIGN_CHANGE - 0.03, SIGN_CHANGE + 0.03)}
     for eta, frequency in FREQUENCY.items():

@@ -45,8 +45,8 @@ def reactions(solid: Any) -> Any:
 def test_simply_supported_beam_has_the_frequencies_of_the_closed_form() -> None:
     """(n pi / L)² sqrt(E I / rho A), less rotary inertia and shear to first order.
 
-    Reference: three frequencies of a simply supported beam | closed form, shear to first order |
-    closed form | agree | 0.1 %
+    Reference: three frequencies of a simply supported beam | with shear to first order | closed
+    form | agree | 0.1 %
     """
     solid = beam(PINNED, ("length=1.0", "height=0.01", "elements_along=40", "load_at=0.5"))
     material, slope = solid.material, np.arange(1, 4) * np.pi * 0.01

@@ -103,8 +103,8 @@ def doubled() -> tuple[Family, CurvePoint, Curve]:
 
 
 def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any) -> None:
-    """Reference: first period doubling of the oscillator of Duffing and Holmes | literature | F
-    from 0.20 to 0.28 | inside | the interval
+    """Reference: first period doubling of Duffing and Holmes | literature | F from 0.20 to 0.28 |
+    inside | the interval
     """
     _, point, _ = doubled
     assert 0.20 < point.parameter < 0.28
@@ -112,8 +112,8 @@ def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any
 
 
 def test_branch_of_a_period_doubling_has_motions_of_two_periods(doubled: Any) -> None:
-    """Reference: second period doubling of the oscillator of Duffing and Holmes | literature | F
-    from 0.28 to 0.29 | inside | the interval
+    """Reference: second period doubling of Duffing and Holmes | literature | F from 0.28 to 0.29 |
+    inside | the interval
     """
     _, point, curve = doubled
     assert all(other.periods == 2 for other in curve.points)
@@ -168,8 +168,8 @@ def test_branch_leaves_along_the_eigenvector_of_its_bifurcation(kind: str, colum
 
 @pytest.mark.slow
 def test_load_connects_the_three_duffing_motions() -> None:
-    """Reference: saddle of a forced Duffing oscillator, reached through the load: multipliers |
-    recomputed | 0.381762, 2.124463 | agree in the limit | 1e-6
+    """Reference: saddle of a Duffing oscillator through the load: multipliers | recomputed |
+    0.381762, 2.124463 | agree | 1e-6
     """
     found = [through_load(steps) for steps in (200, 400, 800)]
     assert [len(motions) for motions in found] == [2, 2, 2]
@@ -184,8 +184,8 @@ def test_load_connects_the_three_duffing_motions() -> None:
 
 @pytest.mark.slow
 def test_saddle_is_reached_through_the_fold() -> None:
-    """Reference: saddle of a forced Duffing oscillator, reached through the fold: multipliers |
-    recomputed | 0.381762, 2.124463 | agree in the limit | 1e-6
+    """Reference: saddle of a Duffing oscillator through the fold: multipliers | recomputed |
+    0.381762, 2.124463 | agree | 1e-6
     """
     limits = []
     for steps in (400, 800):

@@ -83,9 +83,8 @@ class Point:
 
 @pytest.mark.parametrize("steps", [1, 1000])
 def test_layer_pressed_unloaded_and_pressed_again_matches_the_closed_form(steps: int) -> None:
-    """Reference: abradable layer pressed to 50 µm, unloaded, pressed to 60 µm: force, wear | law of
-    Legrand, Batailly and Pierre (2012) | 545.4545, 563.6364 N; 22.72727, 31.81818 µm | agree |
-    1e-6
+    """Reference: abradable layer pressed to 50 and 60 µm: force, wear | law of Legrand, Batailly
+    and Pierre (2012) | 545.4545, 563.6364 N; 22.72727, 31.81818 µm | agree | 1e-6
     """
     point = Point((made := pressed())[0])
 
@@ -135,8 +134,8 @@ def test_layer_yields_at_25_micrometres_and_opens_where_it_is_worn() -> None:
 def test_layer_without_hardening_with_viscosity_and_behind_a_spring_matches_the_closed_form(
     values: dict[str, float], duration: float, force: float, worn: float, work: float | None
 ) -> None:
-    """Reference: abradable layer without hardening, with viscosity, behind a spring: force | closed
-    form | 500, 761.9048, 535.7143 N | agree | 1e-6
+    """Reference: the layer without hardening, with viscosity, behind a spring: force | closed form
+    | 500, 761.9048, 535.7143 N | agree | 1e-6
     """
     made, ring = pressed(**values)
     point = Point(made)

@@ -265,8 +265,8 @@ def test_damping_that_is_not_proportional_rubs_as_in_the_beam(where: str, tmp_pa
 def test_dashpots_and_gyroscopic_matrix_of_a_file_give_the_exact_response() -> None:
     """The amplitude of a linear model is that of (K − ω² M + i ω C)⁻¹ f in the limit.
 
-    Reference: amplitude of a superelement with damping and gyroscopic matrices | (K − ω²M +
-    iωC)⁻¹ f | closed form | order 2; agrees in the limit | 1e-5
+    Reference: amplitude of a superelement with damping and gyroscopic matrices | (K − ω²M + iωC)⁻¹
+    f | closed form | agrees; order 2 | 1e-5
     """
     plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
     damping = np.zeros_like(plain.mass)
@@ -630,7 +630,7 @@ def test_right_side_in_octave_is_that_of_the_model(curved: tuple[StoredModel, Pa
 @in_octave
 def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) -> None:
     """Reference: motion of an exported nonlinear model | GNU Octave 9.4, `lsode` | its motion |
-    order 2; agrees in the limit | 1e-6
+    agrees; order 2 | 1e-6
     """
     load = {"group": "load", "direction": [0.0, 1.0], "force": 4.0, "frequency": 0.5, "phase": 0.2}
     material = {**STEEL, "mass_damping": 0.3}

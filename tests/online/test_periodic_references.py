@@ -88,8 +88,8 @@ def measured(orbit: Orbit, steps: int, name: str) -> tuple[NDArray[np.complex128
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("key", ORBITS)
 def test_duffing_orbit_converges_to_reference_with_second_order(key: str, name: str) -> None:
-    """Reference: orbits of x″ + 0.05x′ + x + x³ = 0.3 cos 1.5t: multipliers | recomputed |
-    0.52172701 ± 0.73405696i; 2.124463, 0.381762; … | 3e-7 in the limit; order 2 | 1e-6
+    """Reference: orbits of a Duffing oscillator: multipliers | recomputed | 0.52172701 ±
+    0.73405696i; 2.124463, 0.381762; … | 3e-7; order 2 | 1e-6
     """
     orbit = ORBITS[key]
     coarse, middle, fine = (measured(orbit, steps, name) for steps in (400, 800, 1600))
@@ -224,8 +224,8 @@ def varying(n0: float, n1: float, phi: float, steps: int, **options: Any) -> Loo
 def test_varying_normal_load_has_loss_and_first_harmonic_of_yang_and_menq(
     n0: float, n1: float, phi: float, loss: float, harmonic_of_friction: complex
 ) -> None:
-    """Reference: friction under a varying normal load, six cases: loss, first harmonic | Yang and
-    Menq (1998), recomputed | 2.857142857143, …; 0.404941509991, … | 1.7e-6; 4e-7 | 2e-6; 1e-6
+    """Reference: friction under a varying normal load: loss, first harmonic | Yang and Menq (1998),
+    recomputed | 2.857142857143, …; 0.404941509991, … | 1.7e-6; 4e-7 | 2e-6; 1e-6
     """
     loop = varying(n0, n1, phi, 4000)
     assert loop.loss == pytest.approx(loss, abs=2e-6)
@@ -266,8 +266,8 @@ def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> 
     """The step is a chord of the ellipse, so an event in it has an error of first order in its
     derivatives. The mean over shifted grids removes most of it.
 
-    Reference: derivatives of the first harmonic under a varying normal load | recomputed | ∂/∂N₀
-    = (0.20393569, −0.22943052), … | 2.6e-5 | 5e-5
+    Reference: derivatives of this harmonic | recomputed | ∂/∂N₀ = (0.20393569, −0.22943052), … |
+    2.6e-5 | 5e-5
     """
     shifts = (np.arange(8) + 0.5) / 8.0
     found = np.mean([harmonic_derivatives(1.0, 2.0, np.pi / 4, 2000, s) for s in shifts], axis=0)
@@ -284,7 +284,7 @@ def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> 
 @pytest.mark.parametrize("ratio", [1.05, 1.5, 3.0])
 def test_circular_orbit_has_friction_and_loss_of_the_periodic_slider(ratio: float) -> None:
     """Reference: circular orbit with friction in 3D, three radii: force, loss | closed form |
-    closed form | 1.4e-7 in the limit | 2e-7
+    closed form | 1.4e-7 | 2e-7
     """
     stiffness, limit = 2.0, 0.6
     contacts = one_contact(3, preload=2.0, friction=0.3, tangential_stiffness=stiffness)

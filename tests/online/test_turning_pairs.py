@@ -39,8 +39,8 @@ def test_instability_tongue_much_shorter_than_a_step_is_found(direction: float) 
 
     That is the first order of Mathieu's equation (Nayfeh and Mook 1979, chapter 5).
 
-    Reference: unstable stretch of 0.1 % of a range: width; centre | Mathieu's equation to first
-    order | closed form | agree | 1 %; 2e-6
+    Reference: short unstable stretch: width; centre | Mathieu's equation | closed form | agree | 1
+    %; 2e-6
     """
     amplitude = FORCE / 3.0
     curve = response(8.0 * TONGUE / amplitude**2, direction)

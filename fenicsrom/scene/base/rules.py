@@ -245,7 +245,7 @@ def _read_point(value: Any, where: Where) -> tuple[float, ...]:
 
 
 POINT_SCHEMA = array({"type": "number"}, 2, 3)
-point = Rule(_read_point, POINT_SCHEMA, "[x, y] or [x, y, z]", "m")
+point = Rule(_read_point, POINT_SCHEMA, "point", "m")
 
 
 def _read_box(value: Any, where: Where) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -274,7 +274,7 @@ def _read_direction(value: Any, where: Where) -> tuple[float, ...]:
     return tuple(component / math.hypot(*scaled) for component in scaled)
 
 
-direction = Rule(_read_direction, POINT_SCHEMA, "vector of any length above zero")
+direction = Rule(_read_direction, POINT_SCHEMA, "vector")
 
 
 PARAMETER = r"[A-Za-z_][A-Za-z_0-9]*"
