@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
@@ -43,9 +45,8 @@ Files with six significant digits place the nodes of a refined edge that accurat
 """
 
 WAYS_OUT = (
-    "contact between two elastic bodies is not supported: join bodies where they touch (merge "
-    "their nodes, or give both bodies in one .step file), or replace one body by a rigid surface "
-    "in [[contacts]]"
+    "give bodies that touch a contact ([[contacts]] with against), or join them (merge their "
+    "nodes, or give both bodies in one .step file)"
 )
 """What to do about bodies that touch and are not joined."""
 
@@ -81,6 +82,8 @@ def apart(low: Floats, high: Floats) -> str:
 def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimension: int) -> None:
     """Check that cells do not overlap and that no node hangs inside a facet of another cell.
 
+    Connected pieces that touch one another need not match.
+
     Args:
         source: name of the mesh, for messages.
         kind: gmsh's number of the straight cell.
@@ -90,7 +93,7 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
 
     Raises:
         SceneError: a coordinate is not finite, a facet belongs to more than two cells, or a node
-            hangs.
+            hangs inside a facet of its own piece.
     """
     if not np.isfinite(points).all():
         raise refuse(source, "a node has coordinates that are not finite", ErrorKind.MESH)
@@ -106,18 +109,25 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
     if len(crowded):
         what = "facets belong to more than two cells, so cells overlap"
         raise refused(len(crowded), what, points[crowded[0]].mean(axis=0))
-    hanging = _hanging(facets[first[count == 1]], points)
-    if len(hanging):
+    node, facet = _hanging(boundary := facets[first[count == 1]], points)
+    piece = pieces_of(cells, len(points))
+    if len(hanging := np.unique(node[piece[node] == piece[boundary[facet, 0]]])):
         what = (
             "nodes lie on a facet of a cell that does not have them, so the cells there are not "
             "joined"
         )
-        advice = f": refine with whole cells; {WAYS_OUT}"
-        raise refused(len(hanging), what, points[hanging[0]], advice)
+        raise refused(len(hanging), what, points[hanging[0]], ": refine with whole cells")
 
 
-def _hanging(facets: Ints, points: Floats) -> Ints:
-    """Nodes of the boundary that lie inside facets (k, corners) of the boundary."""
+def pieces_of(cells: Ints, size: int) -> Ints:
+    """The connected piece of each of `size` nodes; cells (k, corners) that share a node are one."""
+    rows, columns = np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()
+    graph = coo_array((np.ones(cells.size, dtype=bool), (rows, columns)), shape=(size, size))
+    return connected_components(graph, directed=False)[1]
+
+
+def _hanging(facets: Ints, points: Floats) -> tuple[Ints, Ints]:
+    """Nodes (m,) of the boundary, and those of its facets (k, corners) inside which they lie."""
     nodes = np.unique(facets)
     x = points[facets]
     centre = x.mean(axis=1)
@@ -134,7 +144,7 @@ def _hanging(facets: Ints, points: Floats) -> Ints:
         inside = _on_segment(corners[:, 0], corners[:, 1], place, size)
     for a, b, c in {2: [], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}[facets.shape[1]]:
         inside |= _on_triangle(corners[:, a], corners[:, b], corners[:, c], place, size)
-    return np.unique(node[inside & apart])
+    return node[inside & apart], which[inside & apart]
 
 
 def _on_segment(a: Floats, b: Floats, place: Floats, size: Floats) -> Ints:
@@ -240,9 +250,10 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         raise refuse(source, reason, ErrorKind.MESH)
     numbers, points = model_nodes(gmsh)
     points = points * geometry.scale
-    check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)
+    at = np.searchsorted(numbers, cells[:, :vertices])
+    check_conforming(source, kind, at, points, d)
     warnings += left_out
-    if apart := _coincident(points[np.searchsorted(numbers, corners)]):
+    if apart := _coincident(points, pieces_of(at, len(points)), np.unique(at)):
         nodes = "1 node coincides" if apart == 1 else f"{apart} nodes coincide"
         what = f"{nodes} with another node: the cells there are not joined"
         warnings += (f"{source}: {what}",)
@@ -378,11 +389,12 @@ def _node_groups(
     return found, tuple(warnings)
 
 
-def _coincident(points: Floats) -> int:
-    """Number of points (n, 3) that coincide with an earlier one."""
+def _coincident(points: Floats, piece: Ints, corners: Ints) -> int:
+    """How many corners (c,) of cells coincide with an earlier one of the same piece."""
+    points, piece = points[corners], piece[corners]
     size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
     places = np.round((points - points.min(axis=0)) / (COINCIDENT * size))
-    return len(points) - len(np.unique(places, axis=0))
+    return len(points) - len(np.unique(np.column_stack([places, piece]), axis=0))
 
 
 def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.mesh.gmsh_cad import (
@@ -19,7 +17,7 @@ from fenicsrom.fem.mesh.gmsh_cad import (
     straightened,
 )
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
-from fenicsrom.fem.mesh.gmsh_model import CleanModel, apart, clean_model, ends_of
+from fenicsrom.fem.mesh.gmsh_model import CleanModel, apart, clean_model, ends_of, pieces_of
 from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind
@@ -254,11 +252,8 @@ def _described(
 def _pieces(cells: Ints, points: Floats) -> Floats:
     """Lowest and highest coordinates (2, p, d) of the connected pieces of cells (k, corners)."""
     used, rows = np.unique(cells, return_inverse=True)
-    rows = rows.reshape(cells.shape)
-    first = np.repeat(rows[:, 0], rows.shape[1])
-    graph = coo_array((np.ones(rows.size), (first, rows.ravel())), shape=(len(used), len(used)))
-    count, piece = connected_components(graph, directed=False)
-    return ends_of(piece, points[used], count)
+    piece = pieces_of(rows.reshape(cells.shape), len(used))
+    return ends_of(piece, points[used], 1 + piece.max())
 
 
 def _group(
