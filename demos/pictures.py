@@ -29,10 +29,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+import fenicsrom as fr
+
 DEMOS = Path(__file__).parent
 BEAMS = ("open_2d", "slip_liftoff_2d", "slip_liftoff_3d", "stick_slip_2d", "high_load_2d")
 COMMANDS = {
     **dict.fromkeys(BEAMS, "run"),
+    "lap_joint": "run",
     "blade_modes": "modes",
     "blade_pressed": "run",
     "blade_campbell": "campbell",
@@ -473,6 +476,21 @@ def run_up_picture(folder: Path) -> Figure:
     return figure
 
 
+def joint_picture(folder: Path) -> Figure:
+    """Draw the vibration of the tip of a joint and the energy that friction dissipates."""
+    motion = fr.read_history(folder / "history.npz")["reduced"]
+    assert motion.probe is not None
+    drawn = (
+        ("tip, mm", 1e3 * motion.probe[:, 1], "#0072B2"),
+        ("energy dissipated by friction, mJ", 1e3 * motion.friction_dissipation, "#D55E00"),
+    )
+    figure, axes = plt.subplots(1, 2, figsize=(7.4, 2.4), layout="constrained")
+    for axis, (name, values, colour) in zip(axes, drawn, strict=True):
+        axis.plot(1e3 * motion.time, values, color=colour)
+        axis.set(title=name, xlabel="time, ms")
+    return figure
+
+
 def compare_picture(folder: Path) -> Figure:
     """Draw error against run time of all bases of a comparison."""
     figure, axes = plt.subplots(figsize=(4.4, 2.9), layout="constrained")
@@ -508,6 +526,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     runs = options.runs
     with matplotlib.rc_context(STYLE):
         figures = {name: beam_picture(runs / name) for name in BEAMS}
+        figures["lap_joint"] = joint_picture(runs / "lap_joint")
         figures["blade_modes"] = modes_picture(runs / "blade_modes")
         figures["blade_pressed"] = pressed_picture(runs / "blade_pressed")
         figures["blade_campbell"] = campbell_picture(runs / "blade_campbell")

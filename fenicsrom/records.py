@@ -128,6 +128,7 @@ class Study:
         finer_frequencies_hz: (v,) frequencies of its normal modes, in the order of `modes`.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
         contact_hz: (v, 2) natural frequencies without contact and with all contact points stuck.
+        trained: energy that friction dissipates in the motion that chose the interface vectors, J.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
@@ -163,6 +164,7 @@ class Study:
     finer_frequencies_hz: Array = field(default_factory=lambda: np.zeros(0))
     mesh_check: MeshCheck | None = None
     contact_hz: Array | None = None
+    trained: float | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

@@ -30,6 +30,7 @@ from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors, histories_of
 from fenicsrom.scene import Region, Scene, scene_heading
+from fenicsrom.scene.checks.checks import require_no_pairs
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
 CORNERS = {
@@ -62,6 +63,7 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
     Raises:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
+    require_no_pairs(scene, "export")
     if frequencies:
         scene = replace(scene, loads=tuple(load for load in scene.loads if load.static))
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)

@@ -32,6 +32,7 @@ from fenicsrom.online.model.matrices import ModelArrays, model_arrays
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import scene_table, toml_text
 from fenicsrom.scene.base.tables import plain
+from fenicsrom.scene.checks.checks import require_no_pairs
 from fenicsrom.scene.keys.schema import surface_spin
 from fenicsrom.scene.reading.superelement import EXCLUDED
 
@@ -82,9 +83,11 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         form: a key of `SUFFIXES`.
 
     Raises:
-        SceneError: a follower pressure acts on the model, or another scene would be replaced.
+        SceneError: a follower pressure acts on the model, it has contacts between bodies, or
+            another scene would be replaced.
         OSError: a file cannot be written.
     """
+    require_no_pairs(stored.scene, "export")
     scene = path.with_suffix(".toml")
     if form != "fmu":
         _require_own(scene)

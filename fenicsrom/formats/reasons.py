@@ -4,7 +4,7 @@ from __future__ import annotations
 
 _REASONS: dict[str, tuple[str, ...]] = {
     "join the meshes, so that they share nodes": ("TIE", "BGSET", "CEINTF"),
-    "contact between bodies is not supported": (
+    "give [[contacts]] with against": (
         *("CONTACT PAIR", "CONTACT", "SURFACE INTERACTION", "BCTABLE", "BCTSET", "BSURF", "BSURFS"),
         *("BCONP", "BCBODY", "CGAP"),
     ),

@@ -346,6 +346,7 @@ class BeamStructure(DenseBody):
             self.points = points_on(0, np.ones(1), position, np.array(frames))
             rows = np.concatenate([axes @ self.probe_rows for axes in frames])
         self.contact_rows = csr_array(rows)
+        self.interface: Array | None = None
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)

@@ -227,6 +227,8 @@ def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> 
     # held interface modes would change the fixed normal modes of the Craig-Bampton method
     if isinstance(masters, int) and modes.method == "rubin" and masters == modes.rows.shape[0]:
         masters += NEXT_INTERFACE_MODES
+    if masters == "motion":
+        masters = modes.rows.shape[0] + NEXT_INTERFACE_MODES
     if (count, masters) == (modes.omega.size, options.masters):
         return modes
     try:

@@ -69,10 +69,11 @@ from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.kernels.dense import scaled, scaled_condition
 from fenicsrom.online.model.loads import OMEGA
+from fenicsrom.reduction.interface import VECTORS
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.checks.checks import INTERFACE_MODES, LEAST_MODES
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.words import brief, counted
 
@@ -124,6 +125,11 @@ def master_directions(structure: Structure, masters: str | int) -> tuple[Array, 
     rows = structure.contact_rows
     if rows.shape[0] == 0:
         return rows.toarray(), np.zeros((structure.local, 0))
+    if structure.interface is not None:
+        chosen = structure.interface[:, : VECTORS if masters == "motion" else int(masters)]
+        return np.asarray(chosen.T @ rows), structure.factor.solve(rows.T @ chosen)
+    if masters == "motion":  # the first of its motions
+        masters = INTERFACE_MODES
     if masters == "normal":
         rows = rows[:: structure.dimension]
     if not isinstance(masters, str) and rows.shape[0] > DIRECT_DIRECTIONS:
@@ -483,7 +489,7 @@ def contact_frequencies(structure: Structure, stiffness: Array, count: int) -> A
     """
     held = np.flatnonzero(stiffness > 0.0)
     rows = structure.contact_rows[held].toarray()
-    stuck = SupportedInverse(rows, stiffness[held], structure)
+    stuck = SupportedInverse(rows, stiffness[held], structure) if held.size else structure.factor
     squares = [structure.eigenmodes(inverse, count)[0] for inverse in (structure.factor, stuck)]
     return np.sqrt(np.maximum(np.transpose(squares), 0.0)) / (2.0 * np.pi)
 

@@ -53,6 +53,8 @@ class Structure(Protocol):
         points: the contact points.
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents].
+        interface: (m, k) combinations of contact forces that give the static modes, the most
+            important ones first; None: `basis.masters` chooses.
         probe_rows: (d, local) displacement of the probe.
     """
 
@@ -68,6 +70,7 @@ class Structure(Protocol):
     excitation: float
     points: ContactPoints
     contact_rows: csr_array
+    interface: Array | None
     probe_rows: Array
 
     @property

@@ -49,6 +49,7 @@ from fenicsrom.scene.keys.schema import (
     Abradable,
     Basis,
     BeamSection,
+    Bolt,
     Campbell,
     Compare,
     Contact,

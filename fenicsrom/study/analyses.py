@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.scene import Scene
+from fenicsrom.scene.checks.checks import require_no_pairs
 from fenicsrom.study.execution import all_ranks
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.stopwatch import never
@@ -151,8 +152,9 @@ def stability(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.studies import stability as extremes
-    from fenicsrom.scene import override_texts
+    from fenicsrom.scene import override_texts, read_scene
 
+    require_no_pairs(read_scene(scene, overrides), "stability")
     found = extremes.stability(scene, override_texts(overrides), axes, variants=variants, seed=seed)
     if folder is not None:
         from fenicsrom.post.studies.stability_report import report

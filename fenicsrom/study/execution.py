@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fenicsrom.study.offline_cache import OfflineCache
 
 
-@starts_from()
+@starts_from(pairs=True)
 def run(
     scene: Scene,
     comm: Any = None,
@@ -81,7 +81,7 @@ def run(
     return run.study
 
 
-@starts_from()
+@starts_from(pairs=True)
 def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
@@ -115,7 +115,7 @@ def offline(
     return run.study
 
 
-@starts_from()
+@starts_from(pairs=True)
 def build_model(
     scene: Scene, mesh: Mesh | None = None, comm: Any = None, fresh: bool = False
 ) -> StoredModel:

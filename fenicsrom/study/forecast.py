@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fenicsrom.errors import SceneError
+from fenicsrom.reduction.interface import VECTORS
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.times import Duration, FixedStep, StepsPerPeriod
@@ -107,7 +108,7 @@ def forecast(scene: Scene, solid: Solid) -> list[str]:
             f"CPU time: about {float(f'{seconds:.1g}'):g} s, within a factor of three; the first "
             "run of all compiles kernels for half a minute"
         )
-    return lines + region_units(scene, solid)
+    return lines + solid.pairs + region_units(scene, solid)
 
 
 def coordinates_of(scene: Scene, points: int) -> tuple[int, int, str]:
@@ -117,6 +118,8 @@ def coordinates_of(scene: Scene, points: int) -> tuple[int, int, str]:
         masters = 0
     elif isinstance(basis.masters, int):
         masters = min(basis.masters, directions)
+    elif basis.masters == "motion":
+        masters = min(VECTORS, directions)
     else:
         masters = points if basis.masters == "normal" else directions
     modes = LEAST_MODES if isinstance(basis.modes, str) else basis.modes

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.notes import Note, NoteKind
+from fenicsrom.notes import DISSIPATION, Note, NoteKind
 from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
@@ -23,6 +24,58 @@ LONG = 5.0
 
 TIMED_STEPS = 10
 """Time steps of the full model that are timed: a period of the loads in long steps."""
+
+
+def interface_vectors(run: Run) -> None:
+    """Let the motion of the scene choose the interface vectors of its basis.
+
+    Raises:
+        ConvergenceError, AccuracyError: a stage or a motion failed at its start.
+    """
+    from fenicsrom.online.contact.points import (
+        closed_springs,
+        contacts_of,
+        springs_of,
+        trial_forces,
+    )
+    from fenicsrom.reduction import interface
+    from fenicsrom.reduction.stages import Reduction
+
+    study, solid = run.study, run.study.solid
+    contacts, d = contacts_of(study.scene, solid.points), solid.dimension
+    x = solid.contact_rows @ solid.equilibrium
+    springs, closed, force = springs_of(contacts, d), closed_springs(contacts, x), 0.0 * x
+    force[::d] = trial_forces(contacts, x).clip(0.0)
+    for number in range(1, interface.PASSES + 1):
+        model = Reduction(solid, study.scene, lambda stage: nullcontext()).model
+        motion, error = integrated(model, study.scene, stop=run.stop)
+        if motion is None:
+            assert error is not None
+            raise error
+        found, before = interface.dissipated(motion), study.trained
+        log.info(f"  motion {number}: friction dissipates {found:.4g} J")
+        vectors = interface.interface_vectors(springs, closed, (x, force), motion)
+        solid.interface = vectors if vectors.shape[1] else None
+        study.trained = found
+        if before is not None and interface.settled(before, found):
+            break
+
+
+def _untrained(study: Study) -> list[Note]:
+    """A note if friction dissipates more or less than in the motion that chose the vectors."""
+    from fenicsrom.reduction.interface import SETTLED, dissipated, settled
+
+    if study.trained is None:
+        return []
+    found = dissipated(study.motions["reduced"])
+    if settled(study.trained, found):
+        return []
+    text = (
+        f"friction dissipates {found:.4g} J, and {study.trained:.4g} J in the motion that chose "
+        f"the interface vectors (at most {100.0 * SETTLED:g} % of difference is accepted): take "
+        'basis.masters = "all", or compare with reference.full = true'
+    )
+    return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
 
 
 def integrate(run: Run, name: str) -> None:
@@ -225,7 +278,7 @@ def check(study: Study) -> None:
 
     meshes = None if study.finer is None else stored_model(study).meshes
     study.unfinished = checked(study, meshes)
-    study.warnings.extend(slower_than_solid(study))
+    study.warnings.extend([*_untrained(study), *slower_than_solid(study)])
 
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:

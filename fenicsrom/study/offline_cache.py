@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.notes import Note, NoteKind, has_kind, packed, unpacked
-from fenicsrom.online.store.scene_changes import CONTACT_KEYS, SURFACE_KEYS
+from fenicsrom.online.store.scene_changes import SURFACE_KEYS, contact_keys
 from fenicsrom.online.store.store import (
     cache_folder,
     key_of,
@@ -73,6 +73,8 @@ def modes_table(scene: Scene) -> dict[str, Any]:
     }
     table["loads"] = [_shape(load) for load in scene.loads]
     table["contacts"] = [_frames(contact) for contact in scene.contacts]
+    if scene.basis.masters == "motion":
+        table["trained"] = [model_table(scene), motion_table(scene), plain(scene.damping)]
     if scene.basis.modes == "auto":
         table["excitation"] = highest_frequency(scene)
     return table
@@ -135,7 +137,7 @@ def _shape(load: Load) -> Any:
 
 def _frames(contact: Contact) -> dict[str, Any]:
     """The keys of a contact on which its points and their frames depend."""
-    table = _without(plain(contact), Contact, CONTACT_KEYS)
+    table = _without(plain(contact), Contact, contact_keys(contact))
     if contact.surface is not None:
         table["surface"] = _without(table["surface"], Surface, SURFACE_KEYS)
     return table
@@ -147,7 +149,7 @@ def _without(table: dict[str, Any], kind: type, kept: tuple[str, ...]) -> dict[s
     return {name: value for name, value in table.items() if name not in dropped}
 
 
-MODES_STAGES = ("mesh", "solid", "modes")
+MODES_STAGES = ("mesh", "solid", "interface vectors", "modes")
 MODEL_STAGES = (
     "linear transient",
     "nonlinear statics",
@@ -283,11 +285,14 @@ def _modes_contents(run: Run) -> Contents:
         "condition": modes.flexibility_condition,
         "load_labels": modes.loads.labels,
         "load_shares": modes.loads.shares,
+        "trained": study.trained,
     }
     arrays = {name: getattr(modes, name) for name in MODES}
     arrays["loads"] = modes.loads.vectors
     arrays |= {f"point_{name}": value for name, value in solid.points._asdict().items()}
     arrays["equilibrium"] = solid.equilibrium
+    if solid.interface is not None:
+        arrays["interface"] = solid.interface
     if study.deflection is not None:
         arrays["deflection"] = study.deflection
     if study.deformation is not None:
@@ -307,6 +312,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         **header["solid"],
         comm=run.comm,
         equilibrium=arrays["equilibrium"],
+        interface=arrays.get("interface"),
         points=stored_points(arrays),
         warnings=unpacked(header["warnings"]),
     )
@@ -322,6 +328,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
         **{name: arrays[name] for name in MODES},
     )
     run.study.solid, run.study.deflection = solid, arrays.get("deflection")
+    run.study.trained = header["trained"]
     if "deformation" in arrays:
         run.study.deformation = Deformation.of_array(arrays["deformation"])
     building.set_modes(run, found)

@@ -83,13 +83,19 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
     left_out = "vectors that the basis leaves out: they judge it, and it may take them"
     reduction, terms = elastic_reason(scene), reduction_parts(scene)
-    without = "without contact, and with all contact points stuck"
+    without = "without contact (of bodies that touch: closed points stuck), and all points stuck"
     stuck = Stage("contact frequencies", True, without, building.contact_frequencies)
     file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
     elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
     return [
         Stage("mesh", True, file, building.mesh),
         Stage("solid", True, elements, building.solid, solid_parts(scene)),
+        Stage(
+            "interface vectors",
+            with_modes and not modes_only and basis.masters == "motion",
+            f"basis.masters is {basis.masters}",
+            motions.interface_vectors,
+        ),
         Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
         *([stuck] if modes_only and scene.contacts else []),
         Stage("linear transient", selecting, derivatives, building.linear_transient),
@@ -154,9 +160,9 @@ def _moving(scene: Scene, modes_only: bool) -> tuple[bool, str]:
 
 
 def is_loaded(scene: Scene) -> bool:
-    """Whether static loads or the centrifugal force deform the body."""
+    """Whether static loads, contacts between bodies or the centrifugal force deform the body."""
     turning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
-    return turning or any(load.static and load.size != 0.0 for load in scene.loads)
+    return turning or scene.joined or any(load.static and load.size != 0.0 for load in scene.loads)
 
 
 def solid_parts(scene: Scene) -> tuple[Item, ...]:
@@ -167,6 +173,7 @@ def solid_parts(scene: Scene) -> tuple[Item, ...]:
     speed = f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"
     frame = f"rotation.coriolis is {toml_value(coriolis)}" if turning else "no rotation"
     forces = "static loads and rotation" if loaded else "no static load, no rotation"
+    forces = "contacts between bodies" if scene.joined else forces
     return (
         Item("static equilibrium", loaded, forces),
         Item("rotating frame", turning, speed),

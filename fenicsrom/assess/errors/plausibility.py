@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 
 from fenicsrom.arrays import Array
 from fenicsrom.notes import Note, NoteKind, has_kind, implausible
-from fenicsrom.online.contact.points import ContactPoints, shares
+from fenicsrom.online.contact.points import ContactPoints, closed_springs, contacts_of, shares
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
@@ -156,12 +156,23 @@ def implausible_loads(
     found = _far_from_the_modes(scene, frequencies)
     if found or not isinstance(model, ReducedModel):
         return found
-    found = _overdamped(model)
+    stiffness = _closed_stiffness(model, scene)
+    found = _overdamped(model, stiffness)
     sizes = largest(model.load_histories)
     if found or not sizes.size:
         return found
     loads = model.loads * sizes
-    return _too_large(model, loads, scene, extent) or _unequal(model, loads)
+    return _too_large(model, stiffness, loads, scene, extent) or _unequal(stiffness, loads)
+
+
+def _closed_stiffness(model: ReducedModel, scene: Scene) -> Array:
+    """K (n, n) with the springs of the contacts between bodies that are closed at rest."""
+    if not scene.joined:
+        return model.elastic.stiffness
+    springs = closed_springs(contacts_of(scene, model.points), model.contact_offset)
+    return np.asarray(
+        model.elastic.stiffness + (model.contact_rows.T * springs) @ model.contact_rows
+    )
 
 
 def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[Note]:
@@ -183,9 +194,9 @@ def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[Note]:
     return []
 
 
-def _overdamped(model: ReducedModel) -> list[Note]:
+def _overdamped(model: ReducedModel, stiffness: Array) -> list[Note]:
     """One sentence if the first mode does not swing, else none."""
-    squares, shapes = eigh(model.elastic.stiffness, model.mass, subset_by_index=[0, 0])
+    squares, shapes = eigh(stiffness, model.mass, subset_by_index=[0, 0])
     if squares[0] <= 0.0:
         return []
     damped = model.velocity_matrix
@@ -199,9 +210,11 @@ def _overdamped(model: ReducedModel) -> list[Note]:
     )
 
 
-def _too_large(model: ReducedModel, loads: Array, scene: Scene, extent: float) -> list[Note]:
+def _too_large(
+    model: ReducedModel, stiffness: Array, loads: Array, scene: Scene, extent: float
+) -> list[Note]:
     """One sentence if a load (n, k) would move the linear body by far more than its extent."""
-    moved = _linear_response(model, loads, highest_frequency(scene))
+    moved = _linear_response(model, stiffness, loads, highest_frequency(scene))
     if moved.max() <= TOO_LARGE * extent:
         return []
     return implausible(
@@ -211,9 +224,9 @@ def _too_large(model: ReducedModel, loads: Array, scene: Scene, extent: float) -
     )
 
 
-def _unequal(model: ReducedModel, loads: Array) -> list[Note]:
+def _unequal(stiffness: Array, loads: Array) -> list[Note]:
     """One sentence if a load (n, k) deforms the linear body far more than another one."""
-    work = np.sum(loads * np.linalg.solve(model.elastic.stiffness, loads), axis=0)
+    work = np.sum(loads * np.linalg.solve(stiffness, loads), axis=0)
     size: Array = np.sqrt(np.abs(work))
     large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
     if size[large] <= UNEQUAL * size[small]:
@@ -224,7 +237,7 @@ def _unequal(model: ReducedModel, loads: Array) -> list[Note]:
     )
 
 
-def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array:
+def _linear_response(model: ReducedModel, stiffness: Array, loads: Array, highest: float) -> Array:
     """Displacements (k,) of a linear body under loads (n, k) at the most, off its resonances, m.
 
     With (K + ω² M)⁻¹ in place of the dynamic stiffness they are smaller than static ones, and than
@@ -232,7 +245,7 @@ def _linear_response(model: ReducedModel, loads: Array, highest: float) -> Array
     """
     rows = np.concatenate([model.contact_rows, model.probe])
     inertia = (2.0 * np.pi * highest) ** 2 * model.mass
-    moved = rows @ np.linalg.solve(model.elastic.stiffness + inertia, loads)
+    moved = rows @ np.linalg.solve(stiffness + inertia, loads)
     return np.max(np.abs(moved), axis=0, initial=0.0)
 
 

@@ -34,7 +34,7 @@ Mandel's notation (`fenicsrom.online.stress.stress`).
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import basix.ufl
 import dolfinx.fem.petsc
@@ -44,7 +44,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
@@ -190,6 +190,29 @@ class Materials:
         return anisotropic
 
 
+class Joint(NamedTuple):
+    """Contact points as springs, which add the force B k (Bᵀu − x_ref).
+
+    Attributes:
+        rows: sparse Bᵀ (m, local).
+        springs: (m,) k, N/m.
+        reference: (m,) x_ref, m.
+    """
+
+    rows: csr_array
+    springs: Array
+    reference: Array
+
+    def force(self, u: Array) -> Array:
+        """The force (local,) at a displacement u (local,), N."""
+        return np.asarray(self.rows.T @ (self.springs * (self.rows @ u - self.reference)))
+
+    @property
+    def stiffness(self) -> csr_array:
+        """B k Bᵀ, sparse (local, local)."""
+        return csr_array(self.rows.T @ diags_array(self.springs) @ self.rows)
+
+
 CHUNK_BYTES = 50e6
 """Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
 
@@ -217,7 +240,10 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         inertia: the matrices of inertia forces.
-        couplings: sparse, symmetric (local, local) stiffness of the springs, N/m.
+        couplings: sparse, symmetric (local, local) stiffness of springs and bolts, N/m.
+        tension: (local,) force of the bolts on the undeformed body, N.
+        joint: contacts between bodies as springs, in `residual` and `tangent` only; None without.
+        room: sparse (local, local); the tangent has its entries besides those of the forms; None.
         point_masses: (local,) concentrated mass at each unknown, kg.
         pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
@@ -251,7 +277,7 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        held = held_displacements(mesh, self.space, scene.supports, scene.source)
+        held = held_displacements(mesh, self.space, scene.supports, scene.source, scene.joined)
         if held.apart:
             self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
         if mesh.sector is not None and not self._holds(held, *mesh.sector.places):
@@ -265,7 +291,9 @@ class ElasticBody:
             self.slanted = Slanted(self.space, held)
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, scene)
-        self.couplings = csr_array((self.local, self.local))
+        self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
+        self.joint: Joint | None = None
+        self.room: csr_array | None = None
         self.point_masses, self.dashpots = np.zeros((2, self.local))
         self._compile_forms()
         self.inertia = Inertia(self)
@@ -405,7 +433,7 @@ class ElasticBody:
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
         self.set_field(self._u, u)
-        force = self._vector(self._force_form) + self.couplings @ u
+        force = self._vector(self._force_form) + self.couplings @ u - self.tension
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
     @property
@@ -414,8 +442,12 @@ class ElasticBody:
         return not self.pressures.acts
 
     def residual(self, u: Array, load: Array) -> Array:
-        """Internal force at u (local,) minus a load (local,) and the static follower pressures."""
-        return self.internal_force(u) - load - self.pressure_force(u)
+        """Internal force at u (local,) minus a load (local,) and the static follower pressures.
+
+        The force of the `joint` is added.
+        """
+        residual = self.internal_force(u) - load - self.pressure_force(u)
+        return residual if self.joint is None else residual + self.joint.force(u)
 
     def pressure_force(self, u: Array) -> Array:
         """Force (local,) of the static follower pressures at a displacement u (local,), N."""
@@ -428,6 +460,7 @@ class ElasticBody:
         change: Array | None = None,
         *,
         symmetric: bool = True,
+        joined: bool = True,
     ) -> PETSc.Mat:
         """Tangent stiffness (3) at a displacement u (local,), N/m: the derivative of `residual`.
 
@@ -436,21 +469,37 @@ class ElasticBody:
             matrix: a matrix that is overwritten; a new one by default.
             change: (local,) the last change of u gives the mixed tangent (5).
             symmetric: take the symmetric part of the tangent of the static follower pressures.
+            joined: add the springs of the `joint`.
         """
         self.set_field(self._u, u)
         if change is not None:
             self.set_field(self._change, change)
         if matrix is None:
-            matrix = self.matrix(self._tangent_form, 1.0)
+            matrix = self.with_room(self.matrix(self._tangent_form, 1.0))
         else:
             matrix.zeroEntries()
             self._assemble(matrix, self._tangent_form, 1.0)
         self._change.x.array[:] = 0.0
         add_entries(matrix, self.couplings)
+        if joined and self.joint is not None:
+            add_entries(matrix, self.joint.stiffness)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         factors = self.pressures.part * self.pressures.static
         self.pressures.add_tangent(matrix, u, factors, symmetric=symmetric)
+        return matrix
+
+    def with_room(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Give an assembled matrix the entries of the couplings and of contacts between bodies."""
+        if self.room is not None:
+            starts, columns = (
+                a.astype(PETSc.IntType) for a in (self.room.indptr, self.room.indices)
+            )
+            empty = PETSc.Mat().createAIJ(
+                (self.local, self.local), csr=(starts, columns, np.zeros(self.room.nnz))
+            )
+            matrix.axpy(1.0, empty, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            empty.destroy()
         return matrix
 
     def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:
@@ -482,7 +531,8 @@ class ElasticBody:
         The centrifugal potential of the undeformed body is zero.
         """
         self.set_field(self._u, u)
-        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.couplings @ u))
+        own = float(fem.assemble_scalar(self._energy_form))
+        own += float(u @ (0.5 * (self.couplings @ u) - self.tension))
         energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 

@@ -88,8 +88,7 @@ class Places:
         if name in mesh.glued or (inside and mesh.reaches_inside(place)):
             reason = f"the face {name!r}, or a part of it, is inside the body"
             reason += " (bodies are glued there)" if name in mesh.glued else ""
-            reason += "; choose facets of the surface, by a group, a box or a plane, for a contact "
-            reason += "with a rigid surface; contact between two elastic bodies is not supported"
+            reason += "; choose facets of the surface, by a group, a box or a plane"
             raise self._error(f"{key}.group", reason)
         if place.at != "nodes":
             rows, position = self.find(place, key)

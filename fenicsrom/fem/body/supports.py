@@ -121,7 +121,11 @@ The lengths of the motion are relative to the extent of the mesh.
 
 
 def held_displacements(
-    mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Support], source: str
+    mesh: Mesh,
+    space: fem.FunctionSpace,
+    supports: Sequence[Support],
+    source: str,
+    joined: bool = False,
 ) -> Held:
     """Give the displacements that the supports hold. Collective.
 
@@ -132,6 +136,7 @@ def held_displacements(
         space: the displacement space, Lagrange.
         supports: the supports.
         source: name of the scene file, for messages.
+        joined: whether contacts between bodies may hold pieces of the mesh, too.
 
     Raises:
         SceneError: a region is missing, or the supports do not hold the body.
@@ -153,6 +158,8 @@ def held_displacements(
     kept = np.trace(slanted, axis1=1, axis2=2) > 0.5
     unknowns = np.flatnonzero(axial.reshape(-1)).astype(np.int32)
     held = Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
+    if joined:  # `fem.equilibrium.joined` checks the pieces
+        return held
     return held._replace(apart=check_rigid_motions(mesh, space, held, supports, source))
 
 
@@ -221,13 +228,9 @@ def check_rigid_motions(
     Raises:
         SceneError: no support touches a piece, or a piece can move as a rigid body.
     """
-    d, comm, topology = mesh.domain.geometry.dim, mesh.domain.comm, mesh.domain.topology
-    pieces, count = connected_pieces(mesh)
-    corners = topology.connectivity(topology.dim, 0)
+    d, comm = mesh.domain.geometry.dim, mesh.domain.comm
+    piece, count = node_pieces(mesh, space)
     x = space.tabulate_dof_coordinates()
-    piece = np.zeros(len(x), dtype=np.int64)
-    cells = space.dofmap.list
-    piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
 
     local = space.dofmap.index_map.size_local
     owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
@@ -286,6 +289,16 @@ def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneErr
     reason = f"{some} no support ({named}), so the stiffness is singular; clamp every piece, or "
     reason += f"join the pieces (coincident nodes do not join them); {WAYS_OUT}"
     return refuse(mesh.source, reason, ErrorKind.SUPPORT, "supports")
+
+
+def node_pieces(mesh: Mesh, space: fem.FunctionSpace) -> tuple[Ints, int]:
+    """The piece of each node of a space, ghosts included, and the number of pieces. Collective."""
+    topology, cells = mesh.domain.topology, space.dofmap.list
+    pieces, count = connected_pieces(mesh)
+    corners = topology.connectivity(topology.dim, 0)
+    piece = np.zeros(len(space.tabulate_dof_coordinates()), dtype=np.int64)
+    piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
+    return piece, count
 
 
 def connected_pieces(mesh: Mesh) -> tuple[Ints, int]:

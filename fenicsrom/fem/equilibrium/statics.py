@@ -273,7 +273,7 @@ class _Step:
 
     def note(self, u: Array, decrement: float, first: float) -> None:
         """Note a correction that led to u (local,)."""
-        acting = self._load + self._body.pressure_force(u)
+        acting = self._load + self._body.tension + self._body.pressure_force(u)
         if self._body.rotation is not None:
             acting = acting + self._body.rotation.centrifugal_force(u)
         self.decrement = decrement

@@ -78,7 +78,8 @@ class FinerSolid(Solid):
         """Take the contact points of the coarser solid."""
         self._restriction = interpolation_matrix(self.space, self._coarser.space)
         self._restriction.assemble()
-        self.points = self._coarser.points
+        self.points, self.interface = self._coarser.points, self._coarser.interface
+        self.pairs: list[str] = []
         self.contact_rows = csr_array(self.lifted(self._coarser.contact_rows.toarray().T).T)
 
     def _assembled_loads(self) -> Array:

@@ -151,7 +151,7 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
     for k, (contact, normal) in enumerate(zip(scene.contacts, normals, strict=True)):
         others = zip(scene.contacts, normals, strict=True)
         between = any(o.place == contact.place and n @ normal < 0.0 for o, n in others)
-        if between:
+        if between or contact.against:
             continue
         if _enters(mesh, contact.place, points.position[points.contact == k][:MOST], normal):
             name = "normal" if contact.surface is None else "surface"

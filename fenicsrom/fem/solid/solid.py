@@ -20,24 +20,26 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.base.linalg import Factorisation, add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
+from fenicsrom.fem.body.pairs import pair_rows
 from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
+from fenicsrom.fem.equilibrium.joined import bring_together, sticking
 from fenicsrom.fem.equilibrium.statics import Statics
-from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
+from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
-from fenicsrom.online.contact.points import ContactPoints, all_points, points_on
+from fenicsrom.online.contact.points import ContactPoints, all_points, contacts_of, points_on
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.reduction.basis import strain_products
 from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
+from fenicsrom.scene import Attachment, Bolt, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.places import AXES
@@ -82,6 +84,9 @@ class Solid(ElasticBody):
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents], point by point.
         points: the contact points.
+        interface: (m, k) combinations of contact forces for the static modes, or None.
+        joined: whether there are contacts between bodies; their closed points are in the `factor`.
+        pairs: a sentence on each of them.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
@@ -120,16 +125,24 @@ class Solid(ElasticBody):
         self._unit_length = float(LENGTHS[scene.units.length])
         self._set_attachments(scene.attachments)
         self._set_contacts(scene.contacts)
+        self._set_bolts(scene.bolts)
+        self.joined = scene.joined
+        if self.joined:
+            self._contacts = contacts_of(scene, self.points)
+            rows = abs(self.contact_rows)
+            self.room = csr_array(rows.T @ rows + abs(self.couplings))
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
         self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
-        self.loaded: bool = self._spinning or bool(pushed) or not self.symmetric
+        self.loaded: bool = self._spinning or bool(pushed) or not self.symmetric or self.joined
         self._known = known
         if known is not None:
             self.equilibrium: Array = np.zeros(self.local) + known.displacement
             self.unstable = known.unstable
+            if self.joined:
+                self.joint = sticking(self, self._contacts, self.contact_rows @ self.equilibrium)
             self._set_follower_loads()
         else:
             self._find_equilibrium()
@@ -137,6 +150,10 @@ class Solid(ElasticBody):
     def _find_equilibrium(self) -> None:
         """Compute the equilibrium from the undeformed body; matrices and factor follow."""
         self.equilibrium, self.unstable = np.zeros(self.local), 0
+        if self.joined:
+            self.equilibrium = bring_together(self, self._contacts, self._bends)
+            self.unstable = check_stability(self) if self._bends else 0
+            return
         _ = self.mass, self.factor, self.gyroscopic
         if not self.loaded:
             return
@@ -174,18 +191,25 @@ class Solid(ElasticBody):
     @cached_property
     def stiffness(self) -> PETSc.Mat:
         """K, the tangent at the equilibrium; its symmetric part under follower pressures."""
-        return self.factor.matrix
+        if self.joint is None:
+            return self.factor.matrix
+        return self.tangent(
+            self.equilibrium if self._bends else 0.0 * self.equilibrium, joined=False
+        )
 
     @cached_property
     def factor(self) -> Factorisation:
         """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
 
+        Of bodies that touch each other it is K_lin⁻¹ (`fenicsrom.fem.equilibrium.joined`).
         The factor of a known equilibrium comes from that of the undeformed body, as if the
         equilibrium was computed: the results are the same to the last digit.
         """
         self.set_field(self._u, np.zeros(self.local))
-        stiffness = self.matrix(self._tangent_form, 1.0)
+        stiffness = self.with_room(self.matrix(self._tangent_form, 1.0))
         add_entries(stiffness, self.couplings)
+        if self.joint is not None:
+            add_entries(stiffness, self.joint.stiffness)
         factor = Factorisation(stiffness, "fenicsrom_stiffness")
         if self._known is not None and self._bends:
             if self.symmetric:
@@ -230,19 +254,47 @@ class Solid(ElasticBody):
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
         d = self.dimension
+        self.pairs: list[str] = []
+        self.interface: Array | None = None
         rows: list[csr_array] = [csr_array((0, self.local))]
         found: list[ContactPoints] = []
         for k, contact in enumerate(contacts):
             key = f"contacts[{k}]"
+            if contact.against is not None:
+                pairs, points = pair_rows(self, contact, k)
+                rows.append(pairs)
+                found.append(points)
+                continue
             at, position, area = self._places.contact_points(contact.place, key)
             where = f"{self.source}: {key}"
             axes = np.array([frame(surface_normal(contact, x[:d], where)) for x in position])
-            points = np.arange(area.size + 1)
-            rows.append(scipy.sparse.bsr_array((axes, points[:-1], points)) @ at)
+            blocks = np.arange(area.size + 1)
+            rows.append(scipy.sparse.bsr_array((axes, blocks[:-1], blocks)) @ at)
             lengths = self.mesh.unit_lengths(contact.place) if contact.place.at == "nodes" else 0
             found.append(points_on(k, area, position[:, :d], axes, lengths))
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = all_points(d, found)
+
+    def _set_bolts(self, bolts: Sequence[Bolt]) -> None:
+        """Set the forces of the bolts, and their stiffness across, tension over length.
+
+        A bolt of length l pulls head and nut together along the line between them, whose direction
+        a follows their motion: F a + F/l (1 − a aᵀ) (u_nut − u_head), linear in the displacements.
+        Without the second term a joint that bends is too soft. In a geometrically linear scene the
+        stress of the parts that balances this term is missing, so it is left out.
+        """
+        for k, bolt in enumerate(bolts):
+            head, start = self._places.find(Place(group=bolt.head), f"bolts[{k}].head")
+            nut, end = self._places.find(Place(group=bolt.nut), f"bolts[{k}].nut")
+            length = float(np.linalg.norm(end - start))
+            if length <= ROUNDING * self.extent:
+                reason = "head and nut have the same centre, so the bolt has no direction"
+                raise refuse(self.source, reason, ErrorKind.PLACE, f"bolts[{k}].nut")
+            axis = ((end - start) / length)[: self.dimension]
+            self.tension += bolt.force * (axis @ (head - nut))
+            if self.geometrically_nonlinear:
+                across = csr_array((np.eye(self.dimension) - np.outer(axis, axis)) @ (head - nut))
+                self.couplings = csr_array(self.couplings + bolt.force / length * across.T @ across)
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Find the probe: the first of the places, or that of the first load that has a place."""
@@ -288,7 +340,7 @@ class Solid(ElasticBody):
         """Internal force (local,) at the equilibrium, N; linear in a geometrically linear scene."""
         if self.geometrically_nonlinear or self.rotation is not None:
             return self.internal_force(self.equilibrium)
-        return multiply(self.stiffness, self.equilibrium)
+        return multiply(self.stiffness, self.equilibrium) - self.tension
 
     @cached_property
     def viscous(self) -> ViscousDamping:
@@ -328,7 +380,9 @@ class Solid(ElasticBody):
         """Tangent at a displacement u (local,) times a block (local, k)."""
         if self._tangent_workspace is None:
             self._tangent_workspace = self.stiffness.duplicate()
-        return multiply(self.tangent(u, self._tangent_workspace, symmetric=False), block)
+        return multiply(
+            self.tangent(u, self._tangent_workspace, symmetric=False, joined=False), block
+        )
 
     def tangent_derivative(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium, exact, for x and y (local,)."""
@@ -359,9 +413,10 @@ class Solid(ElasticBody):
             chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
             products = products + strain_products(chunks, self.materials.tensor(k), n)
         elastic = elastic_polynomial(self.comm.allreduce(products), n)
-        if not self.comm.allreduce(bool(self.couplings.nnz)):
-            return elastic
         held = self.couplings @ np.column_stack([self.equilibrium, vectors])
+        held[:, 0] -= self.tension
+        if not self.comm.allreduce(bool(held.any())):
+            return elastic
         found = self.inner(vectors, held)
         return elastic._replace(
             force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]

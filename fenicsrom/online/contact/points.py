@@ -31,6 +31,10 @@ FACETS = np.zeros((), dtype=np.int64)
 """The `unit_lengths` of points on facets, and of single points."""
 
 
+TOUCHING = np.zeros(())
+"""The `gap` of points in front of a rigid surface."""
+
+
 class ContactPoints(NamedTuple):
     """The places of P contact points on the undeformed body.
 
@@ -42,6 +46,8 @@ class ContactPoints(NamedTuple):
         frame: (P, d, d) rows normal into the surface, tangents.
         unit_lengths: (P,) how many unit lengths of the scene complete the tributary area to an
             area: 0 of facets and of a single point, 1 of edges, 2 of nodes; () of all points.
+        gap: (P,) distance from the other body in the mesh, m; 0 of a rigid surface; () of all
+            points.
     """
 
     contact: NDArray[np.int64]
@@ -49,14 +55,20 @@ class ContactPoints(NamedTuple):
     position: Array
     frame: Array
     unit_lengths: NDArray[np.int64] = FACETS
+    gap: Array = TOUCHING
 
 
 def points_on(
-    contact: int, area: Array, position: Array, frame: Array, unit_lengths: int = 0
+    contact: int,
+    area: Array,
+    position: Array,
+    frame: Array,
+    unit_lengths: int = 0,
+    gap: Array = TOUCHING,
 ) -> ContactPoints:
     """The points of one contact of the scene, of which all have these `unit_lengths`."""
     numbers = np.full((2, area.size), [[contact], [unit_lengths]])
-    return ContactPoints(numbers[0], area, position, frame, numbers[1])
+    return ContactPoints(numbers[0], area, position, frame, numbers[1], gap + np.zeros(area.size))
 
 
 def no_points(dimension: int) -> ContactPoints:
@@ -71,6 +83,7 @@ def all_points(dimension: int, parts: Iterable[ContactPoints]) -> ContactPoints:
 
 def stored_points(arrays: Mapping[str, Array]) -> ContactPoints:
     """The points whose fields a file holds, by the names `point_*`."""
+    arrays = {"point_gap": TOUCHING, **arrays}  # files of version 0.2 have none
     return ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields))
 
 
@@ -99,9 +112,11 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         return np.array([getattr(contact, name) for contact in chosen], dtype=np.float64)
 
     share = shares(scene, points)
+    given = np.array([0.0 if contact.against else contact.gap or 0.0 for contact in chosen])
+    gap = points.gap + given  # a pair has the gap of the scene already (`fem.body.pairs`)
     found = planes(
         share * of("preload"),
-        of("gap"),
+        gap,
         share * of("normal_stiffness"),
         share * of("tangential_stiffness"),
         of("friction"),
@@ -156,6 +171,25 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     return coated(found, rings, pressing_areas(scene, points)) if rings else found
 
 
+def springs_of(contacts: Contacts, dimension: int) -> Array:
+    """The springs k (m,) of all contact displacements, N/m."""
+    found = np.repeat(contacts.tangential_stiffness, dimension)
+    found[::dimension] = contacts.normal_stiffness
+    return found
+
+
+def trial_forces(contacts: Contacts, x: Array) -> Array:
+    """The normal forces N₀ + k_n (x_n − g) (P,) of planes at displacements x (m,), N."""
+    normal = x.reshape(len(contacts.preload), -1)[:, 0]
+    return np.asarray(contacts.preload + contacts.normal_stiffness * (normal - contacts.radius))
+
+
+def closed_springs(contacts: Contacts, x: Array) -> Array:
+    """The springs k (m,) of the planes that press at displacements x (m,), else 0, N/m."""
+    d = x.size // max(len(contacts.preload), 1)
+    return springs_of(contacts, d) * np.repeat(trial_forces(contacts, x) > 0.0, d)
+
+
 def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:
     """The axes of the surface of a contact; the angle of waves and wear starts at the first one.
 
@@ -200,7 +234,9 @@ def _surface_radius(scene: Any, k: int, position: Array) -> float:
     distances = [float(np.linalg.norm(axes @ (x - surface.point))) for x in position]
     nearest = max(distances) if surface.inside else min(distances)
     side = 1.0 if surface.inside else -1.0
-    radius = float(surface.radius or nearest + (contact.gap if surface.inside else -contact.gap))
+    radius = float(
+        surface.radius or nearest + (1.0 if surface.inside else -1.0) * (contact.gap or 0.0)
+    )
     if not radius > 0.0 or (nearest - radius) * side > 1e-9 * radius:
         reason = "the surface cuts into the undeformed body, whose nearest contact point is at "
         reason += f"{nearest:.9g} m from the axis or centre of the surface"

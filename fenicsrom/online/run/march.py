@@ -32,7 +32,6 @@ The state of a time integration before its first step, and while it runs.
 
 import copy
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -71,7 +70,7 @@ from fenicsrom.online.step.state import (
     no_state,
     scheme,
 )
-from fenicsrom.online.step.statics import equilibrium
+from fenicsrom.online.step.statics import equilibrium, mass_norm
 from fenicsrom.online.step.step import (
     DONE,
     FAILED,
@@ -158,11 +157,6 @@ def static_size(problem: Problem, q: Array) -> float:
     y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
     preload[:, 0] = contacts.preload
     return mass_norm(model, np.abs(y) + np.abs(unit) @ preload.reshape(-1))
-
-
-def mass_norm(model: Any, vector: Array) -> float:
-    """Size of a vector (n,) in the mass norm."""
-    return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
 
 
 class MarchRun:

@@ -40,7 +40,7 @@ from fenicsrom.online.contact.state import (
 )
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.dense import negative_eigenvalues
-from fenicsrom.online.model.loads import largest
+from fenicsrom.online.model.loads import largest, static_factors
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.pencil import growing
 from fenicsrom.progress import tell
@@ -144,6 +144,8 @@ DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 SMALLEST_PART = 1e-4  # smallest load step, as a part of the contacts' pressure
 BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to the deflection
 DOWNHILL_STEPS = 400
+REGULAR = 1e9  # c of K + c M, 1/s^2
+BALANCED = 1e-6  # forces balance if the rest is smaller, relative to the contact forces
 INVERSE_ITERATIONS = 8
 SOFTEST = 8  # further directions in which the whole pencil is judged
 DEPENDENT = 1e-8  # a direction is left out if its independent part, relative to its norm, is less
@@ -165,7 +167,10 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
     """
     statics = _Statics(problem)
     q = statics.rest
-    if not statics.touches(q):
+    touching = statics.touches(q)
+    if touching and statics.balanced(q):  # bodies that were brought together
+        return q, 0
+    if not touching:
         is_free = problem.model.linear or not problem.contacts.preload.size
         unstable = 0 if is_free else statics.unstable(q)
         return (statics.downhill(q), unstable) if unstable else (q, 0)
@@ -179,6 +184,11 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
         )
     unstable = statics.unstable(q)
     return (statics.downhill(q), unstable) if unstable else (q, 0)
+
+
+def mass_norm(model: Any, vector: Array) -> float:
+    """Size of a vector (n,) in the mass norm."""
+    return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
 
 
 class _Statics:
@@ -205,6 +215,19 @@ class _Statics:
         self._close(q, self.contacts)
         self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
+
+    def balanced(self, q: Array) -> bool:
+        """Whether the contact forces at q (n,), after `touches`, balance body and static loads.
+
+        The forces are compared by their responses with (K + c M)⁻¹, because K is singular where
+        contacts alone hold a part of the body.
+        """
+        model, directions = self.model, self.scratch.directions
+        out_of_balance = model.elastic_at(q)[0] - model.loads @ static_factors(model.load_histories)
+        settings = REGULAR, 0.0, self._tangent(q)
+        y, unit, _ = model.solve_effective(*settings, out_of_balance.copy(), directions)
+        pushed = unit @ (self.start.normal + self.start.friction).reshape(-1)
+        return mass_norm(model, y - pushed) <= BALANCED * mass_norm(model, pushed)
 
     def _close(self, q: Array, contacts: Contacts) -> None:
         """Write the contact state at q (n,) to `start`."""

@@ -7,11 +7,17 @@ from typing import Any
 from fenicsrom.scene import Contact, Load, Scene
 
 # keys of a contact and of its surface on which the offline stages depend
-CONTACT_KEYS = ("place", "normal", "surface")
+CONTACT_KEYS = ("place", "normal", "against", "surface")
+PAIR_KEYS = ("reach", "preload", "gap", "normal_stiffness", "tangential_stiffness")
 SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
 
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
+
+
+def contact_keys(contact: Contact) -> tuple[str, ...]:
+    """The keys of a contact on which the offline stages depend."""
+    return CONTACT_KEYS + (PAIR_KEYS if contact.against else ())
 
 
 def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
@@ -37,9 +43,14 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     contact parameters and another time integration. The mesh file may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
-    names = "geometry geometrically_nonlinear materials supports attachments rotation damping probe"
-    if (name := first_difference(made, wanted, f"{names} basis material".split())) is not None:
+    names = "geometry geometrically_nonlinear materials supports attachments bolts rotation damping"
+    names += " probe basis material"
+    if (name := first_difference(made, wanted, names.split())) is not None:
         return name
+    if made.basis.masters == "motion":  # the interface vectors are those of one motion
+        names = "loads", "contacts", "material"
+        if (name := first_difference(made, wanted, names)) is not None:
+            return name
     for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
         if len(ours) != len(theirs):
@@ -61,7 +72,9 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         basis = replace(basis, modes=made.basis.modes)
     if geometry.mesh.name == made.geometry.mesh.name:
         geometry = replace(geometry, mesh=made.geometry.mesh)
-    material = replace(wanted.material, mass_damping=made.material.mass_damping)
+    material = wanted.material
+    if made.basis.masters != "motion":
+        material = replace(material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
     before, rotation = made.rotation, wanted.rotation
     if before is None or rotation is None or before.speeds_rpm is None:
@@ -79,7 +92,8 @@ def _changed_load_key(made: Load, wanted: Load) -> str | None:
 
 
 def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
-    if (name := first_difference(made, wanted, CONTACT_KEYS[:2])) is not None:
+    names = [name for name in contact_keys(made) if name != "surface"]
+    if (name := first_difference(made, wanted, names)) is not None:
         return f".{name}"
     if made.surface is None or wanted.surface is None:
         return None if made.surface == wanted.surface else ".surface"
@@ -92,7 +106,7 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = "geometrically_nonlinear material attachments rotation damping loads contacts"
+    names = "geometrically_nonlinear material attachments bolts rotation damping loads contacts"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     steps = ("steps_per_period", "steps_per_revolution", "tolerance", "step")

@@ -139,7 +139,8 @@ def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: Con
 def equilibrium_sentence(deflection: Array, scene: Scene) -> str:
     """State the displacement of the probe under the static loads."""
     components = named_millimetres("xyz", deflection, 6)
-    without = ", without the contacts, which act in the motion" if scene.contacts else ""
+    without = ", without the contacts, which act in the motion"
+    without *= bool(scene.contacts) and not scene.joined
     return f"Displacement of the probe in the static equilibrium{without}: {components}."
 
 
@@ -581,8 +582,9 @@ def _of_study(study: Study) -> Iterator[Section]:
         yield Section("Modes", [modes], terminal=alone)
     if study.contact_hz is not None:
         free, stuck = study.contact_hz.T
+        first = "closed points stuck" if study.scene.joined else "without contact"
         contact = table_of(
-            {"number": k, "without contact, Hz": f"{a:.5g}", "stuck, Hz": f"{b:.5g}"}
+            {"number": k, f"{first}, Hz": f"{a:.5g}", "stuck, Hz": f"{b:.5g}"}
             for k, (a, b) in enumerate(zip(free, stuck, strict=True), 1)
         )
         yield Section("Frequencies with contact", [contact], terminal=alone)

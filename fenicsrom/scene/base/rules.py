@@ -429,7 +429,7 @@ def list_of(rule: Rule, least: int = 1, most: int | None = None, distinct: bool 
     return Rule(read, schema, allowed, rule.unit)
 
 
-masters = either(choice("all", "normal"), integer(1, 1000))
+masters = either(choice("all", "normal", "motion"), integer(1, 1000))
 modes = either(choice("auto"), integer(0, 1000))
 _label = replace(_label_as_given, read=_read_label)
 derivatives = either(choice(*SELECTIONS), list_of(_label, least=0))

@@ -225,6 +225,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
             yield Problem(f"contacts[{index}]", allowed, value="the same contact")
+    yield from joined_problems(scene)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
         if load.moves_supports:
@@ -297,14 +298,86 @@ def _place_problems(scene: Scene) -> Problems:
 
 
 def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
-    if contact.surface is None and contact.normal is None:
-        yield Problem(f"{key}.normal", "a normal or a surface must be given")
+    if contact.against is not None:
+        yield from _pair_problems(contact, key)
+    elif contact.surface is None and contact.normal is None:
+        yield Problem(f"{key}.normal", "a normal, a surface or against must be given")
+    elif contact.reach is not None:
+        yield Problem(f"{key}.reach", "only allowed with against")
     if contact.gap and contact.preload:
         allowed = "not allowed with a preload, which is the force at the undeformed position"
         yield Problem(f"{key}.gap", allowed)
     yield from _order_problems(f"{key}.approach", [time for time, _ in contact.approach])
     if contact.surface is not None:
         yield from _surface_problems(contact, key, dimension)
+
+
+def _pair_problems(contact: Contact, key: str) -> Problems:
+    """Yield the problems of a contact between two regions of the body."""
+    for name in ("normal", "surface", "abradable", "approach"):
+        if getattr(contact, name):
+            yield Problem(f"{key}.{name}", "not allowed with against")
+    for name in ("node", "nearest"):
+        if getattr(contact.place, name):
+            yield Problem(
+                f"{key}.{name}", "not allowed with against: give a group, a box or a plane"
+            )
+    if contact.place.at == "centre":
+        yield Problem(f"{key}.at", 'must be "nodes" with against')
+    if contact.against == contact.place.group:
+        yield Problem(f"{key}.against", "must be another group than that of the contact")
+
+
+def joined_problems(scene: Scene) -> Problems:
+    """Yield what is not allowed with contacts between bodies."""
+    if not scene.joined:
+        if scene.basis.masters == "motion":
+            yield Problem("basis.masters", "only allowed with a contact against a region")
+        if scene.bolts:
+            yield Problem("bolts", "only allowed with a contact against a region", value="a table")
+        return
+    why = "with a contact against a region of the body"
+    for k, contact in enumerate(scene.contacts):
+        if contact.against is None:
+            yield Problem(f"contacts[{k}]", f"must have against {why}", value="a rigid surface")
+    for name in ("rotation", "response", "backbone"):
+        if getattr(scene, name) is not None:
+            yield Problem(name, f"not allowed {why}", value="a table")
+    for k in scene.followers:
+        yield Problem(f"loads[{k}].follower", f"must be false {why}")
+    basis = scene.basis
+    allowed = {
+        "basis.method": ("rubin",),
+        "basis.masters": ("motion", "all"),
+        "basis.elastic_force": ("polynomial",),
+        "output.stresses": ("none",),
+    }
+    for key, values in allowed.items():
+        table, name = key.split(".")
+        value = getattr(getattr(scene, table), name)
+        if value is not None and value not in values:
+            quoted = " or ".join(f'"{value}"' for value in values)
+            yield Problem(key, f"must be {quoted} {why}")
+    if basis.derivatives in ("mmi", "mmi-nls"):
+        yield Problem("basis.derivatives", f'must be "principal", "all" or "none" {why}')
+    if isinstance(scene.time.stepping, times.Tolerance):
+        yield Problem("time.tolerance", f"not allowed {why}: give a fixed step")
+    if scene.geometry.degree > 2:
+        yield Problem("geometry.degree", f"must be 1 or 2 {why}")
+
+
+def require_no_pairs(scene: Scene, command: str) -> None:
+    """Check that a scene has no contacts between bodies, for a command that does not take them.
+
+    Raises:
+        SceneError: it has some.
+    """
+    for k, contact in enumerate(scene.contacts):
+        if contact.against is not None:
+            allowed = f"not allowed in fenicsrom {command}: contacts between bodies are allowed in "
+            allowed += "fenicsrom run, modes and plan"
+            where = Where(scene.source, f"contacts[{k}].against")
+            raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
 
 def _order_problems(key: str, instants: list[float]) -> Problems:
@@ -498,7 +571,9 @@ def default_masters(scene: Scene) -> str | int:
     """Give the masters of the basis: the given value, or the default for these contacts."""
     if scene.basis.masters is not None:
         return scene.basis.masters
-    regions = any(contact.place.at == "nodes" for contact in scene.contacts)
+    regions = any(contact.has_region for contact in scene.contacts)
+    if scene.joined:
+        return "motion"
     count, paired = len(scene.contacts), scene.basis.derivatives != "principal"
     if not regions and count <= FEW_CONTACTS:
         return "all"
@@ -522,7 +597,7 @@ def _basis_problems(scene: Scene) -> Problems:
     if basis.size is not None and not basis.adapts:
         allowed = 'only allowed with derivatives = "principal" and elastic_force = "polynomial"'
         yield Problem("basis.size", allowed)
-    if any(contact.place.at == "nodes" for contact in scene.contacts):
+    if any(contact.has_region for contact in scene.contacts):
         return  # the number of static modes is known only with the mesh
     points, dimension = len(scene.contacts), scene.geometry.dimension
     masters = default_masters(scene)

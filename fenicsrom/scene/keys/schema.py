@@ -143,19 +143,26 @@ class Abradable:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """A point, or every node of a region, against a rigid plane or `surface`.
+    """A point, or every node of a region, against a rigid surface or another region of the body.
+
+    With `against`, every node of the facets of a region is a contact point (at = "nodes" says
+    nothing more), and the other region moves. The region with the smaller facets comes first.
 
     With at = "nodes" the preload and both stiffnesses are those of a unit of the region: of an area
     of facets, of a length of edges (a curve in 3D), or of one node of a node set.
 
     Attributes:
         place: where the contact is.
-        normal: unit vector into the plane; not with a surface.
-        surface: a round surface instead of the plane.
+        normal: unit vector into a rigid plane; not with a surface.
+        surface: a round rigid surface instead of the plane.
+        against: group of the facets of the other region, which share no node with those of the
+            first one; not with normal or surface.
+        reach: facets at larger distances are not opposite one another; only with `against`.
         abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position. With at = "nodes": N/m² on facets, N/m on
             curves in 3D, N for each node of a node set.
-        gap: initial distance, of the nearest node; not with a preload.
+        gap: initial distance, of the nearest node; not with a preload. Default: 0, and with
+            `against` and without a preload the distance in the mesh.
         approach: how far the surface has moved towards the body, linear between the times. Default:
             at rest.
         normal_stiffness: stiffness along the normal. With at = "nodes": N/m³ on facets, N/m² on
@@ -167,15 +174,39 @@ class Contact:
     place: Annotated[Place, Place]
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
+    against: Annotated[str | None, rules.name] = None
+    reach: Annotated[float | None, number(above=0.0, unit="m")] = None
     abradable: Annotated[Abradable | None, table_of(Abradable)] = None
     preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
-    gap: Annotated[float, number(least=0.0, unit="m")] = 0.0
+    gap: Annotated[float | None, number(least=0.0, unit="m")] = None
     approach: Annotated[
         tuple[tuple[float, ...], ...], rows_of("time", "distance", unit="s, m")
     ] = ()
     normal_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
     tangential_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
     friction: Annotated[float, number(least=0.0)]
+
+    @property
+    def has_region(self) -> bool:
+        """Whether every node of a region is a contact point."""
+        return self.place.at == "nodes" or self.against is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bolt:
+    """A bolt that pulls two regions together along the line between their centres.
+
+    The force stays constant. In a geometrically nonlinear scene its direction follows the regions.
+
+    Attributes:
+        head: group of the facets under the head.
+        nut: group of the facets under the nut.
+        force: tension.
+    """
+
+    head: Annotated[str, rules.name]
+    nut: Annotated[str, rules.name]
+    force: Annotated[float, number(above=0.0, unit="N")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -480,6 +511,7 @@ class Scene:
         attachments: concentrated masses, springs and dashpots.
         loads: what acts on the body: one action and one history.
         contacts: contact points.
+        bolts: bolts that press parts of the body on one another.
         rotation: without this table the body does not rotate.
         damping: damping besides that of the material.
         probe: the place whose motion gives the amplitudes in a scene without contact. Default: the
@@ -507,6 +539,7 @@ class Scene:
     attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
+    bolts: Annotated[tuple[Bolt, ...], tables_of(Bolt)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
     damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)
     probe: Annotated[Place | None, table_of(Place)] = None
@@ -523,6 +556,11 @@ class Scene:
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
     statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
     source: str = ""
+
+    @property
+    def joined(self) -> bool:
+        """Whether there are contacts between bodies."""
+        return any(contact.against is not None for contact in self.contacts)
 
     @property
     def period(self) -> float | None:

@@ -38,7 +38,7 @@ from fenicsrom.scene.checks.checks import default_masters, problems, step_proble
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
 from fenicsrom.scene.keys.places import Refinement
-from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.scene.reading.overrides import (
     Overrides,
@@ -327,9 +327,17 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
             _complete_load(load, folder, where.at(k), scene.units)
             for k, load in enumerate(scene.loads)
         ),
+        contacts=tuple(map(_complete_contact, scene.contacts)),
         rotation=rotation,
         basis=basis,
     )
+
+
+def _complete_contact(contact: Contact) -> Contact:
+    """Of a contact between bodies every node is a point; one with a rigid surface has a gap."""
+    if contact.against is not None:
+        return replace(contact, place=replace(contact.place, at="nodes"))
+    return replace(contact, gap=contact.gap or 0.0)
 
 
 def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:

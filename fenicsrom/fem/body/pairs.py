@@ -1,0 +1,307 @@
+"""Contact between two regions of the mesh: rows averaged around the nodes of one of them.
+
+For a point X of region A let Y be the closest point of region B, and n the unit vector from A into
+B, minus the outer normal of B at Y. With the hats ψ_i of the facets of A, divided at their nodes,
+
+    a_i = ∫_A ψ_i dA,    x_i = Q_i 1/a_i ∫_A ψ_i (u_A(X) − u_B(Y)) dA,                   (1)
+    g_i = 1/a_i ∫_A ψ_i n · (Y − X) dA                                                   (2)
+
+is the contact displacement of node i of A in its frame Q_i, and its gap. The hats are positive and
+their sum is one, so a constant pressure gives constant contact forces per area (the patch test):
+rows that compare a node with its closest point do not (Puso and Laursen, Comput. Methods Appl.
+Mech. Eng. 193, 2004). The integrals are taken by quadrature on the facets of A.
+"""
+
+from typing import Any, NamedTuple
+
+import basix
+import numpy as np
+import scipy.sparse
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.fem.mesh.gmsh_cad import Ints
+from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.contact.points import ContactPoints, points_on
+from fenicsrom.online.contact.surfaces import frame
+from fenicsrom.scene.keys.places import Region
+from fenicsrom.scene.keys.schema import Contact
+from fenicsrom.words import counted
+
+GAUSS_POINTS = 8
+"""Gauss points along an edge of a part of a facet of A; B's facets are not cut out of these."""
+
+NEAREST = 16
+"""Number of facets of B, those with the nearest midpoints, among which the closest point is."""
+
+ITERATIONS = 10
+"""Iterations for the closest point of a facet; one is enough if the facet is flat."""
+
+OVER_THE_EDGE = 1e-6
+"""A closest point may lie so far outside of its facet, in reference coordinates."""
+
+FACING = 0.5
+"""Cosine of the largest angle between n and the outer normal of A."""
+
+LEAST_SHARE = 0.1
+"""A node of A is a contact point if B lies opposite this part of its area."""
+
+INSIDE = 1e-4
+"""A may lie inside of B by this part of a facet of A, the rounding of mesh files."""
+
+COARSER = 1.5
+"""If the facets of A are larger than those of B by this factor, the two should be exchanged."""
+
+SHUT = 1e-9
+"""Smaller gaps, relative to a facet of A, are the rounding of coordinates."""
+
+ROUNDING = 1e-14
+"""Smaller entries of the rows are the rounding of those that cancel."""
+
+PARTS = {
+    "interval": [[0, 2], [2, 1]],
+    "triangle": [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]],
+    "quadrilateral": [[0, 4, 5, 8], [4, 1, 8, 6], [5, 8, 2, 7], [8, 6, 7, 3]],
+}
+"""The nodes of the parts into which its nodes divide a quadratic facet."""
+
+
+class _Side:
+    """The facets (F,) of a region, all of one kind, with their nodes.
+
+    Attributes:
+        kind: the kind of the facets, of basix.
+        element: their element.
+        nodes: (F, k) the nodes of each facet.
+        x: (F, k, d) their places, m.
+        size: (F,) the largest extent of each facet, m.
+        thickness: (F,) thickness of the body there, m; 1 in 3D.
+    """
+
+    def __init__(self, body: Any, region: Region):
+        """Find the facets of a region of a body."""
+        below = body.dimension - 1
+        cells, numbers = body.mesh.sides(below, body.mesh.facets(region)).T
+        self.kind = basix.cell.subentity_types(body.mesh.domain.basix_cell())[below][0]
+        family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
+        self.element = basix.create_element(family, self.kind, body.geometry.degree, variant)
+        dofs, places = body.space.dofmap, body.space.tabulate_dof_coordinates()[:, : below + 1]
+        on = [dofs.dof_layout.entity_closure_dofs(below, number) for number in numbers]
+        self.nodes = np.take_along_axis(dofs.list[cells], np.array(on), axis=1)
+        self.x = places[self.nodes]
+        self.size = np.linalg.norm(np.ptp(self.x, axis=1), axis=1)
+        self.middle = self.x.mean(axis=1)
+        materials = body.materials
+        self.thickness = np.asarray(materials.thickness)[materials.number[cells]]
+        self._inwards = places[dofs.list[cells]].mean(axis=1) - self.middle
+
+    def at(self, facets: Ints, points: Array) -> tuple[Array, Array, Array]:
+        """Places (q, d), tangents (q, d - 1, d) and shape functions (q, k) of reference points."""
+        values = self.element.tabulate(1, points)[..., 0]
+        x = self.x[facets]
+        tangents = np.einsum("rqk,qkd->qrd", values[1:], x)
+        return np.einsum("qk,qkd->qd", values[0], x), tangents, values[0]
+
+    def normals(self, facets: Ints, tangents: Array) -> Array:
+        """Outer unit normals (q, d) of facets with these tangents (q, d - 1, d)."""
+        if tangents.shape[1] == 1:
+            found = tangents[:, 0, ::-1] * [1.0, -1.0]
+        else:
+            found = np.cross(tangents[:, 0], tangents[:, 1])
+        inwards = np.einsum("qd,qd->q", found, self._inwards[facets]) > 0.0
+        return (
+            np.where(inwards, -1.0, 1.0)[:, None] * found / np.linalg.norm(found, axis=1)[:, None]
+        )
+
+    def holds(self, points: Array) -> Array:
+        """Whether reference points (q, d - 1) lie in the facet."""
+        found = np.all((points >= -OVER_THE_EDGE) & (points <= 1.0 + OVER_THE_EDGE), axis=1)
+        if self.kind.name == "triangle":
+            found &= points.sum(axis=1) <= 1.0 + OVER_THE_EDGE
+        return np.asarray(found)
+
+    def closest(self, x: Array) -> tuple[Ints, Array, Array]:
+        """Facets (q,), reference points (q, d - 1) and distances (q,) of the points closest to x.
+
+        The distance from x (q, d) is infinite if no facet has a point whose normal meets x.
+        """
+        count = min(NEAREST, len(self.middle))
+        near = cKDTree(self.middle).query(x, [*range(1, count + 1)])[1]
+        facet, distance = near[:, 0].copy(), np.full(len(x), np.inf)
+        middle = np.asarray(basix.geometry(self.kind)).mean(axis=0)
+        point = np.tile(middle, (len(x), 1))
+        for facets in near.T:
+            found = np.tile(middle, (len(x), 1))
+            for _ in range(ITERATIONS):
+                y, along, _ = self.at(facets, found)
+                gram = np.einsum("qrd,qsd->qrs", along, along)
+                away = np.einsum("qrd,qd->qr", along, x - y)
+                step = np.linalg.solve(gram, away[:, :, None])[:, :, 0]
+                found = np.clip(found + step, -1.0, 2.0)
+                if np.max(np.abs(step)) < OVER_THE_EDGE**2:
+                    break
+            away = np.linalg.norm(x - self.at(facets, found)[0], axis=1)
+            better = self.holds(found) & (away < distance)
+            facet[better], point[better], distance[better] = (
+                values[better] for values in (facets, found, away)
+            )
+        return facet, point, distance
+
+
+def _rows(columns: Ints, values: Array, size: int) -> csr_array:
+    """Sparse rows (q, size) with some values (q, k) in these columns (q, k)."""
+    starts = np.arange(len(columns) + 1) * columns.shape[1]
+    found = csr_array((values.ravel(), columns.ravel(), starts), shape=(len(columns), size))
+    found.sum_duplicates()
+    return found
+
+
+def _quadrature(side: _Side) -> tuple[Ints, Array, Array, Ints, Array]:
+    """The points of a quadrature on all facets, with the hats of the parts of the facets.
+
+    Returns:
+        Facets (q,), reference points (q, d - 1), weights (q,) with the thickness, in m², and the
+        nodes (q, c) at the corners of the part of each point with the values (q, c) of their hats.
+    """
+    hats = basix.create_element(basix.ElementFamily.P, side.kind, 1)
+    points, weights = basix.make_quadrature(side.kind, 2 * GAUSS_POINTS - 1)
+    values, count = hats.tabulate(1, points)[..., 0], len(side.x)
+    facets = np.repeat(np.arange(count), len(points))
+    whole = [[*range(side.nodes.shape[1])]]
+    found: list[tuple[Any, ...]] = []
+    for corners in whole if side.element.degree == 1 else PARTS[side.kind.name]:
+        places = np.asarray(side.element.points)[corners]
+        at = np.tile(values[0] @ places, (count, 1))
+        change = np.tile(np.einsum("rqk,ks->qrs", values[1:], places), (count, 1, 1))
+        along = change @ side.at(facets, at)[1]
+        area = np.sqrt(np.linalg.det(along @ along.swapaxes(1, 2)))
+        weight = np.tile(weights, count) * area * side.thickness[facets]
+        nodes = side.nodes[facets][:, corners]
+        found.append((facets, at, weight, nodes, np.tile(values[0].T, count).T))
+    facets, at, weight, nodes, hat = map(np.concatenate, zip(*found, strict=True))
+    return facets, at, weight, nodes, hat
+
+
+class _Opposite(NamedTuple):
+    """What lies opposite the q points of a quadrature on A.
+
+    Attributes:
+        hats: sparse (nodes, q) weights of the points times the hats ψ_i, in m².
+        seen: (q,) 1 if a facet of B lies opposite, else 0.
+        moved: sparse (q, nodes) u_A(X) - u_B(Y).
+        normal: (q, d) n.
+        gap: (q,) n · (Y - X), m.
+    """
+
+    hats: csr_array
+    seen: Array
+    moved: csr_array
+    normal: Array
+    gap: Array
+
+
+def _opposite(body: Any, contact: Contact, key: str, a: _Side, b: _Side) -> _Opposite:
+    """Find the closest points of B for a quadrature on A; errors as `pair_rows`."""
+    facets, points, weights, corners, hats = _quadrature(a)
+    x, along, shapes = a.at(facets, points)
+    on, place, distance = b.closest(x)
+    y, along_b, shapes_b = b.at(on, place)
+    outer, normal = a.normals(facets, along), -b.normals(on, along_b)
+    seen = distance <= (np.finfo(float).max if contact.reach is None else contact.reach)
+    if not seen.any():
+        far = np.min(np.where(np.isfinite(distance), distance, np.linalg.norm(x - y, axis=1)))
+        reason = f"no facet of {contact.against!r} lies opposite those of the other region"
+        raise _refused(body, f"{reason} within its reach; the nearest is {far:.3g} m away", key)
+    if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
+        raise _refused(body, "the outer normals of the two regions are not opposite", key)
+    size = len(body.space.tabulate_dof_coordinates())
+    return _Opposite(
+        csr_array(_rows(corners, weights[:, None] * hats, size).T),
+        1.0 * seen,
+        csr_array(_rows(a.nodes[facets], shapes, size) - _rows(b.nodes[on], shapes_b, size)),
+        normal,
+        np.einsum("qd,qd->q", normal, y - x),
+    )
+
+
+def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, ContactPoints]:
+    """The contact points of a contact between two regions of a body, at the nodes of the first one.
+
+    Args:
+        body: the body, on one rank; its `pairs` take a sentence on what lies opposite.
+        contact: the contact; `against` names the second region.
+        number: number of the contact in the scene.
+
+    Returns:
+        Sparse rows (P d, local) of (1) in the local frames, and the points, whose tributary areas
+        are the a_i, with the gaps (2), or with those of the scene.
+
+    Raises:
+        SceneError: the regions share nodes, no part of B lies opposite A or near enough, the
+            regions do not face each other, or A lies inside B and the scene gives no gap.
+    """
+    key, d = f"contacts[{number}].against", body.dimension
+    if body.comm.size > 1:
+        raise _refused(body, "contact between bodies runs on one process only", key)
+    if body.slanted is not None:
+        raise _refused(body, "supports must hold along the axes (components, not normal)", key)
+    a, b = _Side(body, contact.place), _Side(body, Region(group=contact.against))
+    if shared := len(np.intersect1d(a.nodes, b.nodes)):
+        reason = f"the two regions share {counted(shared, 'node')}, so they are joined there; give "
+        raise _refused(body, f"{reason}each body its own nodes", key)
+    found, nodes = _opposite(body, contact, key, a, b), body.space.tabulate_dof_coordinates()
+    area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
+    kept = np.flatnonzero(area > LEAST_SHARE * whole)
+    longest_last = np.argsort(-np.ptp(nodes[kept], axis=0).round(9), kind="stable")[::-1]
+    kept = kept[np.lexsort(nodes[kept][:, longest_last].round(12).T)]
+    area = area[kept]
+    scale = scipy.sparse.diags_array(1.0 / area), scipy.sparse.diags_array(found.seen)
+    mean = scale[0] @ found.hats[kept] @ scale[1]
+    frames = np.array([frame(n / np.linalg.norm(n)) for n in mean @ found.normal])
+    gap = mean @ found.gap
+    gap[np.abs(gap) < SHUT * a.size.mean()] = 0.0
+    if contact.gap is not None or contact.preload:
+        gap = np.full(len(kept), contact.gap or 0.0)
+    elif (depth := -float(gap.min())) > INSIDE * a.size.mean():
+        worst = nodes[kept][np.argmin(gap), :d].round(6).tolist()
+        reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
+        raise _refused(body, f"{reason}{worst}; correct the mesh, or give contacts.gap", key)
+    free = np.ones(body.local)
+    free[body.clamped] = 0.0
+    turned = scipy.sparse.bsr_array((frames, np.arange(len(kept)), np.arange(len(kept) + 1)))
+    averaged = scipy.sparse.kron(mean @ found.moved, np.eye(d)) @ scipy.sparse.diags_array(free)
+    rows = csr_array(turned @ averaged)
+    rows.data[np.abs(rows.data) < ROUNDING] = 0.0
+    rows.eliminate_zeros()
+    _note(body, contact, number, (area, whole, gap), (a, b))
+    return rows, points_on(number, area, nodes[kept][:, :d], frames, gap=gap)
+
+
+def _note(
+    body: Any,
+    contact: Contact,
+    number: int,
+    found: tuple[Array, Array, Array],
+    sides: tuple[_Side, _Side],
+) -> None:
+    """Tell the user what lies opposite, and if the second mesh is the finer one."""
+    area, whole, gap = found
+    a, b = (float(side.size.mean()) for side in sides)
+    text = (
+        f"contacts[{number}]: {counted(len(area), 'point')} against {contact.against!r} on "
+        f"{area.sum():.4g} m² of {whole.sum():.4g} m², gaps {gap.min():.3g} to {gap.max():.3g} m"
+    )
+    body.pairs.append(text)
+    if a > COARSER * b:
+        text = (
+            f"contacts[{number}]: the facets of the region are {a / b:.2g} times as large as those "
+            f"of {contact.against!r}, whose nodes may pass between its points: exchange the two"
+        )
+        body.warnings.append(Note(NoteKind.IMPLAUSIBLE, text, f"contacts[{number}]"))
+
+
+def _refused(body: Any, reason: str, key: str) -> SceneError:
+    """The error of a contact between regions."""
+    return refuse(body.source, reason, ErrorKind.PLACE, key)

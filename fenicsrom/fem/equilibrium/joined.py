@@ -1,0 +1,115 @@
+"""The equilibrium of bodies that touch each other, and the springs of the points that are closed.
+
+The bodies are brought together without friction: with the springs of the closed points along the
+normals, and with soft springs along the tangents whose ends follow the points until they carry
+nothing. A body that contacts alone hold is then held in each solution. At the equilibrium the
+closed points stick, without a tangential force: their springs are part of the matrix from which
+modes, attachments and derivatives follow,
+
+    K_lin = K + B k Bᵀ,    k = (k_n, k_t) of the closed points, else 0.
+
+K itself has no springs. It is projected, because the contact law of the motion holds them.
+"""
+
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
+from fenicsrom.fem.body.elasticity import Joint
+from fenicsrom.fem.body.supports import COINCIDENT, node_pieces, rigid_motions
+from fenicsrom.fem.equilibrium.statics import Statics
+from fenicsrom.online.contact.points import closed_springs, trial_forces
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.words import counted
+
+SOFT = 1e-6
+"""Tangential springs of the search, relative to k_t: stiffer ones make their ends follow slowly."""
+
+LEFT = 1e-9
+"""Tangential forces that the soft springs may carry in the end, relative to the normal forces."""
+
+CHANGES = 60
+"""Largest number of solutions until the closed points are known."""
+
+
+def sticking(body: Any, contacts: Contacts, x: Array, soft: float = 1.0) -> Joint:
+    """The closed points at displacements x (m,) as springs: they keep their normal forces there.
+
+    `soft` is a factor of the tangential springs.
+    """
+    d, reference, springs = body.dimension, x.copy(), closed_springs(contacts, x)
+    reference[::d] = contacts.radius - contacts.preload / contacts.normal_stiffness
+    springs[np.arange(springs.size) % d > 0] *= soft
+    return Joint(body.contact_rows, springs, reference)
+
+
+def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
+    """The equilibrium (local,) of a body under its static loads; its joint and factor follow.
+
+    Args:
+        body: the solid, undeformed; its factor is not made yet.
+        contacts: the contacts between its pieces, at its contact points.
+        bends: whether the equilibrium changes the stiffness.
+
+    Raises:
+        SceneError: a piece is held neither by supports nor by contacts.
+        ConvergenceError: nothing presses on a piece that contacts hold, or no equilibrium was
+            found.
+    """
+    rows, rest, load = body.contact_rows, np.zeros(body.local), body.static_load
+    normal = np.arange(rows.shape[0]) % body.dimension == 0
+    x = np.zeros(rows.shape[0])
+    x[normal] = contacts.radius + 1.0  # all points are closed
+    body.joint = sticking(body, contacts, x, SOFT)
+    if free := loose(body):
+        reason = (
+            f"supports and contacts leave {counted(free, 'rigid motion')} of the pieces of the "
+        )
+        reason += "mesh free; clamp every piece, or give it a contact"
+        raise refuse(body.source, reason, ErrorKind.SUPPORT, "supports")
+    u = rest
+    with closing(Statics(body, body.factor, overwrite=True)) as statics:
+        for _ in range(CHANGES):
+            if bends:
+                u = statics.follow(u, body.residual(u, rest), load)
+            else:
+                u = -body.factor.solve(body.residual(rest, load)[:, None])[:, 0]
+            x, before = rows @ u, body.joint
+            shear = np.sum(np.abs(before.springs * (x - before.reference))[~normal])
+            pressed = np.sum(np.maximum(trial_forces(contacts, x), 0.0))
+            body.joint = sticking(body, contacts, x, SOFT)
+            if np.array_equal(body.joint.springs, before.springs):
+                if shear <= LEFT * pressed:
+                    break
+                continue
+            if loose(body):
+                reason = "the contacts of a piece of the mesh open under the static loads, and no "
+                reason += "support holds it: press it on by a bolt, a load or a preload"
+                raise ConvergenceError(reason, u)
+            statics.renew(u if bends else rest)
+        else:
+            reason = f"the closed contact points did not settle in {CHANGES} solutions"
+            raise ConvergenceError(reason, u)
+        body.joint = sticking(body, contacts, x)
+        if bends:
+            statics.finish(u, load)
+        else:
+            statics.renew(rest)
+    return u
+
+
+def loose(body: Any) -> int:
+    """Number of rigid motions of pieces that neither supports nor springs of the joint hold."""
+    d, (piece, count) = body.dimension, node_pieces(body.mesh, body.space)
+    x = body.space.tabulate_dof_coordinates()
+    low, high = body.mesh.bounds()
+    motions = rigid_motions((x - 0.5 * (low + high)) / body.extent, d)
+    fields = np.zeros((len(x), d, count, motions.shape[2]))
+    fields[np.arange(len(x)), :, piece] = motions
+    fields = fields.reshape(body.local, -1)
+    moved = (body.joint.rows @ fields)[body.joint.springs > 0.0]
+    held = np.concatenate([fields[body.clamped], moved])
+    return int(np.sum(np.linalg.eigvalsh(held.T @ held / max(len(held), 1)) < COINCIDENT))

@@ -1,0 +1,73 @@
+"""Interface vectors of joints, from the contact forces of the motion itself.
+
+The most flexible combinations of contact forces describe the open edges of a joint. Its friction
+happens in a narrow zone beside them, which such combinations hardly move: with 20 of 50 directions
+they miss half of the dissipation, and still give the frequency. So the forces of a motion choose
+the combinations W. With the springs k of the closed points and the rest x₀, F₀,
+
+    ΔF = F − F₀ − k (x − x₀),    F − F₀                                                  (1)
+
+are the part of the forces that no spring explains (slip), and all of them (the response of points
+that stick). The columns of W are the leading left singular vectors of both histories, each in the
+metric k^-½ and of norm 1, times k^½. The motion of a basis with K_lin⁻¹ B W gives better forces, so
+the choice is repeated.
+"""
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.motion.motion import Motion
+
+VECTORS = 20
+"""Number of interface vectors of a basis."""
+
+MORE = 10
+"""Number of the next ones, which are candidates of a larger basis."""
+
+PASSES = 4
+"""Most motions from which interface vectors are taken."""
+
+SETTLED = 0.02
+"""The vectors have settled if the dissipation by friction changes by less from pass to pass."""
+
+STUCK_WEIGHT = 0.3
+"""Weight of F − F₀ in (1) relative to ΔF."""
+
+DEPENDENT = 1e-10
+"""Directions with a smaller singular value, relative to the largest, are rounding."""
+
+
+def interface_vectors(
+    springs: Array, closed: Array, at_rest: tuple[Array, Array], motion: Motion
+) -> Array:
+    """The interface vectors W (m, k) of a motion.
+
+    Args:
+        springs: (m,) springs of all contact displacements, N/m.
+        closed: (m,) those of the points that are closed at rest, else 0, N/m.
+        at_rest: contact displacements x₀ (m,) and forces F₀ (m,) at rest, m and N.
+        motion: the motion.
+    """
+    steps = len(motion.time)
+    moved = motion.displacement.reshape(steps, -1) - at_rest[0]
+    pushed = motion.force.reshape(steps, -1) - at_rest[1]
+    root, blocks = np.sqrt(springs), []
+    for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
+        scaled = part / root
+        if (size := np.linalg.norm(scaled)) > 0.0:
+            blocks.append(weight * scaled / size)
+    if not blocks:
+        return np.zeros((springs.size, 0))
+    _, values, directions = np.linalg.svd(np.concatenate(blocks), full_matrices=False)
+    kept = int(np.sum(values[: VECTORS + MORE] > DEPENDENT * values[0]))
+    return np.asarray(root[:, None] * directions[:kept].T)
+
+
+def dissipated(motion: Motion) -> float:
+    """Energy that friction dissipates in a motion, J."""
+    return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
+
+
+def settled(before: float, after: float) -> bool:
+    """Whether the dissipation of two motions agrees."""
+    return abs(after - before) <= SETTLED * abs(after)

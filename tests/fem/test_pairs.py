@@ -1,0 +1,356 @@
+"""Contact between bodies: averaged rows, the equilibrium, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.typing import NDArray
+from support import refusal
+
+import fenicsrom as fr
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import Solid, solid_of
+from fenicsrom.online.contact.points import trial_forces
+from fenicsrom.scene import Scene, make_scene
+
+Array = NDArray[np.float64]
+STEEL = {"young": 210e9, "poisson": 0.3, "density": 7800.0}
+AXES = "xyz"
+
+
+def blocks(path: Path, *parts: tuple[Any, Any, Any], tetrahedra: bool = False) -> Path:
+    """Write a mesh of boxes without common nodes, each of (low, high, numbers of cells).
+
+    The groups are the sides of each box: "0 low x", "1 high y" and so on.
+    """
+    points, cells, sides = np.zeros((0, 3)), [], {}
+    for number, (low, high, counts) in enumerate(parts):
+        d, first = len(low), len(points)
+        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
+        x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, d)
+        at = first + np.arange(len(x)).reshape([n + 1 for n in counts])
+        corner = {
+            key: at[tuple(slice(k, n + k) for k, n in zip(key, counts, strict=True))].ravel()
+            for key in itertools.product((0, 1), repeat=d)
+        }
+        ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
+        order = ring if d == 2 else [(*xy, z) for z in (0, 1) for xy in ring]
+        box = np.stack([corner[key] for key in order], axis=1)
+        paths = [(1, 2), (2, 3), (3, 7), (7, 4), (4, 5), (5, 1)]  # around the diagonal 0-6
+        cells += [box[:, (0, a, b, 6)] for a, b in paths] if tetrahedra else [box]
+        points = np.concatenate([points, np.pad(x, ((0, 0), (0, 3 - d)))])
+        for axis in range(d):
+            for name, end in (("low", low), ("high", high)):
+                nodes = first + np.flatnonzero(x[:, axis] == end[axis])
+                sides[f"{number} {name} {AXES[axis]}"] = nodes
+    marks = {name: np.isin(np.arange(len(points)), on).astype(int) for name, on in sides.items()}
+    kind = "tetra" if tetrahedra else "quad" if d == 2 else "hexahedron"
+    meshio.Mesh(points, [(kind, np.concatenate(cells))], point_data=marks).write(path)
+    return path
+
+
+def stacked(path: Path, d: int, upper: int, lower: int, **options: Any) -> Path:
+    """Two blocks of 0.1 x 0.05 (x 0.06) m on one another with these cells along x."""
+    size, widths = (0.1, 0.05, 0.06)[:d], ((), (upper - 1,), (lower - 1,))
+    top = (0.0, 0.05, 0.0)[:d], (0.1, 0.1, 0.06)[:d], (upper, 3, *widths[1])[:d]
+    return blocks(path, ((0.0,) * d, size, (lower, 3, *widths[2])[:d]), top, **options)
+
+
+def scene_of(mesh: Path, d: int, contact: dict[str, Any], degree: int = 1, **more: Any) -> Scene:
+    """A scene with one contact between bodies."""
+    table: dict[str, Any] = {
+        "geometrically_nonlinear": False,
+        "geometry": {"mesh": str(mesh), "dimension": d, "degree": degree},
+        "material": STEEL,
+        "contacts": [
+            {"normal_stiffness": 1e15, "tangential_stiffness": 1e13, "friction": 0.3, **contact}
+        ],
+        "time": {"periods": 1},
+    }
+    if d == 2:
+        table["geometry"]["thickness"] = 1.0
+    return make_scene(**table | more)
+
+
+def solid(scene: Scene) -> Solid:
+    """The solid of a scene, on one process."""
+    return solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF))
+
+
+def forces(body: Solid) -> Array:
+    """The normal forces of the contact points at the equilibrium, N."""
+    return np.maximum(trial_forces(body._contacts, body.contact_rows @ body.equilibrium), 0.0)
+
+
+@pytest.mark.parametrize("first", ["1 low y", "0 high y"], ids=["fine", "coarse"])
+@pytest.mark.parametrize("kind", ["quadrilaterals", "hexahedra", "tetrahedra"])
+def test_constant_pressure_passes_between_meshes_that_do_not_match(
+    tmp_path: Path, kind: str, first: str
+) -> None:
+    d, tetrahedra = 2 if kind == "quadrilaterals" else 3, kind == "tetrahedra"
+    upper, lower, degree = (7, 5, 2) if d == 2 else (4, 3, 1)
+    mesh = stacked(tmp_path / "blocks.vtu", d, upper, lower, tetrahedra=tetrahedra)
+    second = {"1 low y": "0 high y", "0 high y": "1 low y"}[first]
+    planes = [("x", "0 low x"), ("x", "1 low x"), ("y", "0 low y")]
+    planes += [("z", "0 low z"), ("z", "1 low z")] if d == 3 else []
+    scene = scene_of(
+        mesh,
+        d,
+        {"group": first, "against": second},
+        degree,
+        supports=[{"group": name, "components": [axis]} for axis, name in planes],
+        loads=[
+            {"group": "1 high y", "pressure": 1e6},
+            {"group": "1 high y", "force": 1.0, "direction": [0.0, 1.0, 0.0][:d], "frequency": 1.0},
+        ],
+    )
+    body = solid(scene)
+    x = body.space.tabulate_dof_coordinates()[:, :d]
+    strain = -1e6 / 210e9
+    expected = x * np.array([-0.3, 1.0, -0.3])[:d] * strain
+    above = x[:, 1] > 0.05 + 1e-9
+    above[body.mesh.nodes("1 low y", body.space)] = True
+    expected[above, 1] -= 1e6 / 1e15
+    found = body.equilibrium.reshape(-1, d)
+    limits = (1e-3, 6e-3) if first == "1 low y" else (7e-3, 1.5e-2)  # of nodes: 1 to 11 %
+    assert np.abs(found - expected).max() < limits[0] * np.abs(expected).max()
+    pressure = forces(body) / body.points.tributary_area
+    assert np.abs(pressure / 1e6 - 1.0).max() < limits[1]
+    assert body.points.tributary_area.sum() == pytest.approx(0.1 * (1.0 if d == 2 else 0.06))
+
+
+def lap(group: str = "upper", against: str = "lower", **more: Any) -> Scene:
+    """The lap joint of two strips with two bolts of 4 kN."""
+    table: dict[str, Any] = {
+        "geometry": {"mesh": "lap2d.geo", "dimension": 2, "thickness": 0.02},
+        "material": STEEL,
+        "supports": [{"group": "root"}],
+        "contacts": [
+            {
+                **{"group": group, "against": against, "friction": 0.3},
+                **{"normal_stiffness": 2e13, "tangential_stiffness": 1e13},
+            }
+        ],
+        "bolts": [{"head": f"head{k}", "nut": f"nut{k}", "force": 4000.0} for k in (1, 2)],
+        "loads": [{"node": [0.5, 0.02], "direction": [0, 1], "force": 60.0, "frequency": 30.0}],
+        "probe": {"node": [0.5, 0.02]},
+        "time": {"periods": 1},
+    }
+    return make_scene(**table | more)
+
+
+def hertz(body: Solid, count: int) -> Array:
+    """The lowest natural frequencies with the closed points stuck, Hz."""
+    return np.sqrt(body.eigenmodes(body.factor, count)[0]) / (2.0 * np.pi)
+
+
+def compliance(body: Solid) -> float:
+    """Displacement of the tip for 1 N there, m."""
+    return float(body.probe_rows[1] @ body.factor.solve(body.load_vectors[:, :1])[:, 0])
+
+
+LINEAR = [130.0843, 541.0867, 833.8455, 933.0342, 820.7967, 531.1622, 209.9904]
+NONLINEAR = [129.6696]  # N at x = 0.2125 m and on
+
+
+@pytest.mark.parametrize(
+    ("nonlinear", "pressed", "expected", "tip"),
+    [
+        (False, LINEAR, [32.748591, 209.949201, 564.360850, 1221.026590], 1.088406564e-4),
+        (True, NONLINEAR, [32.748278, 209.948114, 564.362115, 1221.018583], 1.088427e-4),
+    ],
+    ids=["linear", "nonlinear"],
+)
+def test_lap_joint_matches_an_independent_program(
+    nonlinear: bool, pressed: list[float], expected: list[float], tip: float
+) -> None:
+    # linear: elements and rows of a program in numpy that shares no code with this one
+    body = solid(lap(geometrically_nonlinear=nonlinear))
+    found = forces(body)
+    assert np.sum(found > 0.0) == 14 and found.sum() == pytest.approx(8000.0, rel=1e-9)
+    at = np.searchsorted(body.points.position[:, 0], 0.2125 - 1e-9)
+    np.testing.assert_allclose(found[at : at + len(pressed)], pressed, rtol=2e-6)
+    np.testing.assert_allclose(hertz(body, 4), expected, rtol=3e-8)
+    assert compliance(body) == pytest.approx(tip, rel=1e-6)
+
+
+def test_exchange_of_matching_bodies_changes_nothing() -> None:
+    pair = [
+        lap(geometrically_nonlinear=False),
+        lap("lower", "upper", geometrically_nonlinear=False),
+    ]
+    one, other = map(solid, pair)
+    np.testing.assert_allclose(hertz(one, 3), hertz(other, 3), rtol=1e-8)
+    assert compliance(one) == pytest.approx(compliance(other), rel=1e-8)
+
+
+def test_equilibrium_balances_bolts_and_contact() -> None:
+    body = solid(lap())
+    residual = body.residual(body.equilibrium, body.static_load)
+    pushed = body.contact_rows.T @ np.ravel(np.pad(forces(body)[:, None], ((0, 0), (0, 1))))
+    alone = body.internal_force(body.equilibrium) + pushed
+    assert np.abs(residual).max() < 1e-6 * 4000.0
+    np.testing.assert_allclose(alone, residual, atol=1e-5)  # no tangential force is left
+    rows = body.contact_rows @ body.factor.solve(body.contact_rows.T.toarray())
+    assert np.linalg.eigvalsh(0.5 * (rows + rows.T))[0] > 0.0
+
+
+def test_pair_displacement_is_zero_as_both_bodies_turn() -> None:
+    body = solid(lap())
+    x = body.space.tabulate_dof_coordinates()[:, :2]
+    turn = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    assert np.abs(body.contact_rows @ (x @ turn.T - x).ravel()).max() < 1e-15
+
+
+def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
+    boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.0, 0.051), (0.1, 0.1), (4, 2))
+    mesh = blocks(tmp_path / "apart.vtu", *boxes)
+    held = [{"group": "0 low y"}, {"group": "1 high y"}]
+    contact = {"group": "1 low y", "against": "0 high y"}
+    load = [{"group": "1 low y", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
+    body = solid(scene_of(mesh, 2, contact, supports=held, loads=load))
+    np.testing.assert_allclose(body.points.gap, 1e-3, rtol=1e-9)
+    assert not forces(body).any() and not body.equilibrium.any()  # open, and held without it
+    closed = solid(scene_of(mesh, 2, contact | {"gap": 0.0}, supports=held, loads=load))
+    assert not closed.points.gap.any()
+    pressed = solid(scene_of(mesh, 2, contact | {"preload": 1e6}, supports=held, loads=load))
+    assert np.all(forces(pressed) > 0.0)
+    near = contact | {"reach": 0.5e-3}
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names="0.001 m away"):
+        solid(scene_of(mesh, 2, near, supports=held, loads=load))
+    with pytest.raises(ConvergenceError, match="press it on"):
+        solid(scene_of(mesh, 2, contact, supports=held[:1], loads=load))
+    rolling = [{"group": "0 low y", "components": ["y"]}]
+    with refusal(ErrorKind.SUPPORT, "supports", names="1 rigid motion of"):
+        solid(scene_of(mesh, 2, contact, supports=rolling, loads=load))
+
+
+@pytest.mark.parametrize(
+    ("boxes", "groups", "reason"),
+    [
+        ([(0.0, 0.049)], ("1 low y", "0 high y"), "inside"),
+        ([(0.0, 0.05)], ("1 high y", "0 high y"), "not opposite"),
+        ([(0.0, 0.05)], ("1 low y", "1 low x"), "share 1 node"),
+        ([(0.2, 0.05)], ("1 low y", "0 high y"), "no facet"),
+    ],
+    ids=["inside", "facing", "shared", "beside"],
+)
+def test_impossible_pair_is_refused(
+    tmp_path: Path, boxes: list[tuple[float, float]], groups: tuple[str, str], reason: str
+) -> None:
+    (x, y) = boxes[0]
+    parts = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((x, y), (x + 0.1, y + 0.05), (4, 2))
+    mesh = blocks(tmp_path / "two.vtu", *parts)
+    held = [{"group": "0 low y"}, {"group": "1 high y"}]
+    load = [{"group": "1 low y", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
+    contact = {"group": groups[0], "against": groups[1]}
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names=reason):
+        solid(scene_of(mesh, 2, contact, supports=held, loads=load))
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"rotation": {"speed_rpm": 100.0}}, "rotation"),
+        ({"basis": {"masters": 5}}, "basis.masters"),
+        ({"basis": {"method": "craig-bampton"}}, "basis.method"),
+        ({"basis": {"derivatives": "mmi"}}, "basis.derivatives"),
+        ({"basis": {"elastic_force": "projection"}}, "basis.elastic_force"),
+        ({"output": {"stresses": "peak"}}, "output.stresses"),
+        ({"time": {"tolerance": 1e-4, "periods": 1}}, "time.tolerance"),
+        ({"contacts": []}, "bolts"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_scene_that_contacts_between_bodies_exclude_names_the_key(
+    change: dict[str, Any], key: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        lap(**change)
+    assert caught.value.key == key
+
+
+def test_commands_that_do_not_take_pairs_refuse_them() -> None:
+    for function in (fr.compare, fr.sweep, fr.interaction_map, fr.statics):
+        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="run, modes and plan"):
+            function(lap())
+
+
+def bars(path: Path, rigid: bool) -> Scene:
+    """Two bars that are pulled apart against friction, or one bar on a rigid base (test B).
+
+    EA = 21 MN, k_t b = 4e9 N/m², and 600 N of friction over 0.2 m.
+    """
+    parts = [((0.0, y), (0.2, y + 0.005), (20, 1)) for y in (0.0, 0.005)]
+    held = [("0 low x", ["x"]), ("0 low y", ["y"]), ("1 high y", ["y"])]
+    if rigid:
+        held = [("0 low y", ["x", "y"]), held[2]]
+    normal = 2e12
+    return make_scene(
+        geometrically_nonlinear=False,
+        geometry={"mesh": str(blocks(path, *parts)), "dimension": 2, "thickness": 0.02},
+        material={"young": 210e9, "poisson": 0.0, "density": 780.0, "mass_damping": 3e4},
+        supports=[{"group": name, "components": axes} for name, axes in held],
+        contacts=[
+            {
+                **{"group": "1 low y", "against": "0 high y", "friction": 0.3},
+                **{"normal_stiffness": normal, "tangential_stiffness": 2e11},
+                "preload": 0.5e6 * (1.0 + normal * 0.01 / 210e9),  # the bars take a part of it
+            }
+        ],
+        loads=[{"group": "1 high x", "direction": [1, 0], "force": 480.0, "frequency": 50.0}],
+        probe={"group": "1 high x"},
+        basis={"modes": 3, "masters": "all"},
+        time={"periods": 2, "steps_per_period": 150, "steady": "march"},
+        output={"pictures": False, "paraview": False},
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rigid", "half_range", "loss"),
+    [(False, 3.683016796e-6, 2.572044949e-4), (True, 2.278096149e-6, 7.492807205e-4)],
+    ids=["two bars", "one bar"],
+)
+def test_microslip_of_bars_dissipates_as_the_closed_form_says(
+    tmp_path: Path, rigid: bool, half_range: float, loss: float
+) -> None:
+    motion = fr.run(bars(tmp_path / "bars.vtu", rigid), MPI.COMM_SELF).motions["reduced"]
+    last = motion.last_period()
+    tip, spent = motion.probe[last, 0], motion.friction_dissipation[last]
+    assert 0.5 * np.ptp(tip) == pytest.approx(half_range, rel=5e-3)
+    assert spent[-1] - spent[0] == pytest.approx(loss, rel=2e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_interface_vectors_of_the_motion_give_the_friction_of_the_full_model() -> None:
+    coarse = {"elements_overlap": 6, "elements_lower": 6, "elements_along": 6}
+    scene = lap(
+        geometry={
+            **{"mesh": "lap2d.geo", "dimension": 2, "thickness": 0.02},
+            "parameters": coarse | {"elements_through": 1},
+        },
+        loads=[{"group": "tip", "direction": [0, 1], "force": 60.0, "pulse": {"duration": 0.015}}],
+        probe={"group": "tip"},
+        time={"duration": 0.06, "step": 2e-4},
+        reference={"full": True},
+        output={"pictures": False, "paraview": False},
+    )
+    found = fr.run(scene, MPI.COMM_SELF)
+    assert found.scene.basis.masters == "motion" and found.unfinished is None
+    assert found.modes.rows.shape[0] == 20 < 2 * 13
+    full, reduced = found.motions["full"], found.motions["reduced"]
+    assert full.friction_dissipation[-1] == pytest.approx(found.trained, rel=2e-2)
+    assert reduced.friction_dissipation[-1] == pytest.approx(
+        full.friction_dissipation[-1], rel=1e-2
+    )
+    tip = np.interp(full.time, reduced.time, reduced.probe[:, 1])
+    assert np.linalg.norm(tip - full.probe[:, 1]) < 1e-2 * np.linalg.norm(full.probe[:, 1])
