@@ -103,7 +103,7 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
             all contacts get equal preloads.
     """
     pattern = np.array([contact.preload for contact in scene.contacts])
-    if not pattern.any() and not any(contact.gap > 0.0 for contact in scene.contacts):
+    if not pattern.any() and not any(contact.gap for contact in scene.contacts):
         pattern = np.ones(len(scene.contacts))
     if model.linear or not pattern.any():
         return None
@@ -285,7 +285,7 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-    gaps, factors = [contact.gap for contact in scene.contacts], (0.5, 0.9, 1.1, 2.0)
+    gaps, factors = [contact.gap or 0.0 for contact in scene.contacts], (0.5, 0.9, 1.1, 2.0)
     return {f"{x:g} times": contacts_with(scene, gap=[x * g for g in gaps]) for x in factors}
 
 

@@ -83,8 +83,8 @@ def all_points(dimension: int, parts: Iterable[ContactPoints]) -> ContactPoints:
 
 def stored_points(arrays: Mapping[str, Array]) -> ContactPoints:
     """The points whose fields a file holds, by the names `point_*`."""
-    arrays = {"point_gap": TOUCHING, **arrays}  # files of version 0.2 have none
-    return ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields))
+    known: dict[str, Any] = {"point_gap": TOUCHING, **arrays}  # older files have no gaps
+    return ContactPoints(*(known[f"point_{name}"] for name in ContactPoints._fields))
 
 
 def shares(scene: Any, points: ContactPoints) -> Array:

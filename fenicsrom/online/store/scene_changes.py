@@ -48,8 +48,7 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     if made.basis.masters == "motion":  # the interface vectors are those of one motion
-        names = "loads", "contacts", "material"
-        if (name := first_difference(made, wanted, names)) is not None:
+        if (name := first_difference(made, wanted, ("loads", "contacts"))) is not None:
             return name
     for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
