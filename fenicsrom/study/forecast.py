@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fenicsrom.errors import SceneError
-from fenicsrom.reduction.interface import VECTORS
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.checks import LEAST_MODES
 from fenicsrom.scene.keys.times import Duration, FixedStep, StepsPerPeriod
@@ -113,6 +112,8 @@ def forecast(scene: Scene, solid: Solid) -> list[str]:
 
 def coordinates_of(scene: Scene, points: int) -> tuple[int, int, str]:
     """The number of coordinates that a run will probably have, from and to, and its parts."""
+    from fenicsrom.reduction.interface import VECTORS
+
     basis, directions = scene.basis, points * scene.geometry.dimension
     if not scene.contacts:
         masters = 0
