@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import heard
+from support import heard, refusal
 from test_response import DAMPING, HIGH, LOW, oscillator
 
+from fenicsrom import study
 from fenicsrom.assess import jobs
 from fenicsrom.assess.curves import pieces as curve_progress
 from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
@@ -364,3 +365,11 @@ def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) 
     np.testing.assert_allclose(0.5 * np.ptp(x, axis=0), top.amplitude, rtol=1e-6)
     np.testing.assert_allclose(q[0], top.z[:1], rtol=1e-6)
     np.testing.assert_allclose(x[:, 0, 0], q[:, 0], rtol=1e-12)
+
+
+def test_folder_without_curves_to_resume_is_refused_before_the_model_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fenicsrom.study.curves.source_of", lambda *_: pytest.fail("was built"))
+    with refusal(ErrorKind.FILE, names="must be a folder with curve_1.npz"):
+        study.response(oscillator("response.points=5"), resume=tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -295,3 +296,14 @@ def test_curve_of_a_model_that_cannot_grow_is_compared_at_all_points() -> None:
     grows, ends = (response(stored, richer=richer_model(stored, k)).curves[0] for k in spare)
     assert all(check.where not in ("between", "fold") for check in grows.checks)
     assert len(ends.checks) > 4 and any(check.where == "between" for check in ends.checks)
+
+
+def test_run_time_of_a_size_is_that_of_its_steps_without_the_search_for_a_period(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    timed = SimpleNamespace(seconds=3.0, steps=20)
+    monkeypatch.setattr(sizing, "simulate", lambda *_: timed)
+    part = SimpleNamespace(model=None)
+    scene = beam_scene(2)
+    motion, near = SimpleNamespace(steps=100), SimpleNamespace(seconds=7.0)
+    assert sizing._seconds(part, scene, motion, near) == 15.0  # type: ignore[arg-type]

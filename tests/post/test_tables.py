@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import contact_points
 
@@ -20,6 +21,7 @@ from fenicsrom.post.base.tables import (
     table_of,
     text_table,
 )
+from fenicsrom.post.run.summary import _without_rounding
 from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -163,3 +165,7 @@ def test_directions_of_points_are_named_where_all_have_one_axis(
     assert direction_names(scene, points) == names
     note = direction_note(scene, points)
     assert note is None if told is None else note is not None and told in note
+
+
+def test_number_of_a_row_below_rounding_is_written_as_zero() -> None:
+    assert _without_rounding(np.array([-2.5, 1e-17, 0.0])) == ["-2.5", "0", "0"]
