@@ -139,14 +139,15 @@ def number(
     unit: str = "",
 ) -> Rule:
     """Make the rule of a finite number in a range; `above` and `below` exclude the bound."""
-    names = {
-        "above": ("above", "exclusiveMinimum", above),
-        "least": ("of at least", "minimum", least),
-        "below": ("below", "exclusiveMaximum", below),
-        "most": ("of at most", "maximum", most),
-    }
-    bounds = [bound for bound in names.values() if math.isfinite(bound[2])]
-    limits = " and ".join(f"{word} {value:g}" for word, _, value in bounds)
+    names = (
+        ("above", ">", "exclusiveMinimum", above),
+        ("of at least", "≥", "minimum", least),
+        ("below", "<", "exclusiveMaximum", below),
+        ("of at most", "≤", "maximum", most),
+    )
+    bounds = [bound for bound in names if math.isfinite(bound[3])]
+    limits = " and ".join(f"{word} {value:g}" for word, _, _, value in bounds)
+    short = " and ".join(f"{sign} {value:g}" for _, sign, _, value in bounds)
     allowed = f"must be a finite number {limits}".rstrip()
 
     def read(value: Any, where: Where) -> float:
@@ -160,8 +161,8 @@ def number(
             raise where.refuse(value, f"{allowed}, of at least {SMALLEST:g}")
         return float(value)
 
-    schema = {"type": "number"} | {name: value for _, name, value in bounds}
-    return Rule(read, schema, f"number {limits}".rstrip(), unit)
+    schema = {"type": "number"} | {name: value for _, _, name, value in bounds}
+    return Rule(read, schema, f"number {short}".rstrip(), unit)
 
 
 def integer(least: int, most: int, unit: str = "") -> Rule:

@@ -71,8 +71,8 @@ class Response:
     """The curves of `fenicsrom response`.
 
     Attributes:
-        parameter: number that changes along a curve. "frequency" is the lowest of the loads; the
-            other frequencies and the waves of surfaces follow. "rotation.speed_rpm" needs
+        parameter: number that changes along a curve. "frequency" is the lowest frequency of the
+            loads; all others follow in proportion. "rotation.speed_rpm" needs
             `rotation.speeds_rpm`.
         first: parameter at the start of a curve.
         last: parameter at its end, above or below `first`.
@@ -127,7 +127,7 @@ class Backbone:
     """The nonlinear mode of `fenicsrom backbone`.
 
     Attributes:
-        mode: linear mode in which the nonlinear mode begins. Contact points that touch stick in it.
+        mode: linear mode in which the nonlinear mode begins; contact points that touch stick.
         first: smallest amplitude of the linear mode at the probe, in its direction of largest
             motion.
         last: largest amplitude.

@@ -48,8 +48,8 @@ class Region:
 
     Attributes:
         group: name of a group of facets or nodes.
-        box: opposite corners; picks the boundary facets with every vertex in the box.
-        plane: picks the boundary facets with every vertex on a plane.
+        box: opposite corners; picks the boundary facets whose vertices all lie in the box.
+        plane: picks the boundary facets whose vertices all lie on a plane.
     """
 
     group: Annotated[str | None, rules.name] = None
