@@ -188,17 +188,14 @@ def third_order_table() -> Table:
 
 def state_table() -> Table:
     """Contact over a period: figs. 5 to 7, 12 and 13."""
-    found: Table = [["case", "body", "open %", "slip %", "stick %", "peak N", "J a period"]]
+    found: Table = [["case, solid", "open %", "slip %", "stick %", "peak N", "J a period"]]
     for label, name, overrides in (
         ("40 N (figs. 5, 6)", "slip_liftoff", ()),
         ("40 N, linear (fig. 7)", "slip_liftoff", (LINEAR,)),
         ("250 N (figs. 12, 13)", "stick_slip", ()),
     ):
-        for kind in BODIES:
-            motion = full(kind, name, *overrides)
-            shares = [f"{100 * share:.1f}" for share in measures.contact_fractions(motion).values()]
-            energy = measures.friction_dissipation_per_period(motion)
-            found.append(
-                [label, kind, *shares, f"{measures.peak_normal_force(motion):.1f}", f"{energy:.4g}"]
-            )
+        motion = full("solid", name, *overrides)
+        shares = [f"{100 * share:.1f}" for share in measures.contact_fractions(motion).values()]
+        energy = measures.friction_dissipation_per_period(motion)
+        found.append([label, *shares, f"{measures.peak_normal_force(motion):.1f}", f"{energy:.4g}"])
     return found

@@ -33,17 +33,21 @@ class _Table(NamedTuple):
     kind: type
 
 
-def reference(names: Sequence[str]) -> str:
+def reference(names: Sequence[str], rows: dict[str, str] | None = None) -> str:
     """Give the Markdown tables of the keys in some tables of a scene file, inner tables included.
 
     Inner tables of one kind, such as the planes of all places, are shown once, under all their
     headings. A key that an earlier table has in the same sense is only named.
+
+    Args:
+        names: names of the outermost tables.
+        rows: the headings under which rows were shown before, here and on earlier pages.
     """
+    rows = {} if rows is None else rows
     shown: dict[type, list[_Table]] = {}
     for table in _tables(_Table(TOP, "Top level", "", Scene)):
         if table.name in names:
             shown.setdefault(table.kind, []).append(table)
-    rows: dict[str, str] = {}
     return "\n\n".join("\n".join(_section(tables, rows)) for tables in shown.values())
 
 
@@ -52,8 +56,12 @@ def covered(page: str) -> list[str]:
     return [name for part in PART.finditer(page) for name in part[1].split()]
 
 
-def replaced(page: str) -> str:
+def replaced(page: str, rows: dict[str, str]) -> str:
     """Give a page with the current reference between its markers.
+
+    Args:
+        page: the text of the page.
+        rows: the headings under which rows were shown on earlier pages; the rows of this one join.
 
     Raises:
         ValueError: a marker is missing, or it names a table that no scene has.
@@ -68,7 +76,7 @@ def replaced(page: str) -> str:
 
     def current(part: re.Match[str]) -> str:
         begin, end = part[0].split("\n")[0], part[0].split("\n")[-1]
-        return f"{begin}\n\n{reference(part[1].split())}\n\n{end}"
+        return f"{begin}\n\n{reference(part[1].split(), rows)}\n\n{end}"
 
     return PART.sub(current, page)
 
@@ -78,8 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python3 -m fenicsrom.scene.reference")
     parser.add_argument("pages", metavar="PAGE", nargs="+", type=Path, help="page with markers")
     pages: list[Path] = parser.parse_args(arguments).pages
+    rows: dict[str, str] = {}
     for page in pages:
-        text = replaced(page.read_text(encoding="utf-8"))
+        text = replaced(page.read_text(encoding="utf-8"), rows)
         with atomic_write(page) as temporary:
             temporary.write_text(text, encoding="utf-8")
 

@@ -884,10 +884,10 @@ def test_json_schema_describes_every_key() -> None:
 
 
 def test_reference_pages_are_current_and_show_each_table_once() -> None:
-    shown: list[str] = []
+    shown, rows = list[str](), dict[str, str]()
     for path in sorted((Path(__file__).parents[2] / "demos").glob("keys*.md")):
         page = path.read_text(encoding="utf-8")
-        assert reference.replaced(page) == page, path.name
+        assert reference.replaced(page, rows) == page, path.name
         shown += reference.covered(page)
     tables = [name for name, rule, *_ in keys(Scene) if table_kind(rule) is not None]
     assert sorted(shown) == sorted(["scene", *tables])
@@ -898,7 +898,7 @@ def test_reference_pages_are_current_and_show_each_table_once() -> None:
 @pytest.mark.parametrize("marker", ["", "<!-- scene keys: begin tiem -->\n"])
 def test_reference_without_a_known_table_is_refused(marker: str) -> None:
     with pytest.raises(ValueError, match="reference output"):
-        reference.replaced(f"{marker}<!-- scene keys: end -->")
+        reference.replaced(f"{marker}<!-- scene keys: end -->", {})
 
 
 # Whatever comes in, a scene or one sentence comes out
