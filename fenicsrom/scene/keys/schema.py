@@ -317,9 +317,9 @@ class Basis:
             along pairs of modes ("mmi", "mmi-nls", "all"), or labels. "all" also takes derivatives
             of modes along the static shapes of loads that change the stiffness.
         masters: contact forces with static modes: "all" directions, the "normal" ones, a number
-            of interface modes or, of bodies that touch, those of the "motion" of the scene.
-            Default: "motion" with `contacts.against`; else "all" for up to 8 contacts at points
-            (4 with pairs of modes), else 10.
+            of interface modes, or those of the "motion" of bodies that touch. Default: "motion"
+            with `contacts.against`; else "all" for up to 8 contacts at points (4 with pairs of
+            modes), else 10.
         accuracy: largest accepted estimated error by the basis. With "principal" derivatives, the
             basis takes coordinates until it is reached.
         size: number of coordinates, with contact displacements, in place of `accuracy`. Needs
