@@ -93,6 +93,7 @@ class ConvergenceError(RuntimeError):
     Attributes:
         partial: what was computed before the failure (a `Motion`, a list of equilibria), or None.
         kind: what failed.
+        quantity: of `fenicsrom.notes`, the one that lacks a result; "" if all do.
         decrements: of each iteration of the last attempt of Newton's method: the decrement
             `|residual · change|` in J, or the relative residual of a periodic motion. Empty if
             another method failed.
@@ -104,12 +105,14 @@ class ConvergenceError(RuntimeError):
         partial: Any = None,
         *,
         kind: ErrorKind = ErrorKind.CONVERGENCE,
+        quantity: str = "",
         decrements: Sequence[float] = (),
     ):
         """Store the sentence, the partial result and the decrements."""
         super().__init__(message)
         self.partial = partial
         self.kind = kind
+        self.quantity = quantity
         self.decrements = tuple(decrements)
 
 
@@ -122,6 +125,7 @@ class AccuracyError(RuntimeError):
         partial: what was computed, for inspection (a `Motion`), or None.
         kind: which check failed.
         key: the dotted key of the scene to change, such as "time.steps_per_period", or "".
+        quantity: of `fenicsrom.notes`, the one that fails; "" if all do.
     """
 
     def __init__(
@@ -131,12 +135,14 @@ class AccuracyError(RuntimeError):
         *,
         kind: ErrorKind = ErrorKind.ACCURACY,
         key: str = "",
+        quantity: str = "",
     ):
         """Store the sentence and the result that failed."""
         super().__init__(message)
         self.partial = partial
         self.kind = kind
         self.key = key
+        self.quantity = quantity
 
 
 def job_error(error: Exception) -> ConvergenceError | AccuracyError:

@@ -150,7 +150,8 @@ def verdict_of(
 
     Args:
         notes: the notes; those whose kind casts no doubt do not count.
-        failure: why there is no result, or why it is refused; None for a complete result.
+        failure: why there is no result, or why it is refused; None for a complete result. An error
+            with a `quantity`, on which there is a note too, leaves the other quantities.
         interrupted: whether the computation was interrupted.
         quantities: the names of the quantities.
         unjudged: the names of others, whose errors no check knows.
@@ -161,7 +162,7 @@ def verdict_of(
 
     doubts = [note for note in dict.fromkeys(map(note_of, notes)) if note.kind.doubts]
     cut = [note for note in doubts if note.kind is NoteKind.CUT_SHORT]
-    if failure is not None:
+    if failure is not None and not getattr(failure, "quantity", ""):
         return all_are("refused", str(failure))
     if interrupted or cut:
         return all_are("incomplete", cut[0] if cut else "the computation was interrupted.")
@@ -181,7 +182,8 @@ def verdict_of(
     more = f", and {counted(len(doubts) - 1, 'more warning')}" if len(doubts) > 1 else ""
     good = [name for name, reason in reasons.items() if reason is TRUSTED]
     rest = f" Trusted: {_listed(good)}." if good else ""
-    return Verdict("doubtful", f"{name}{first.removesuffix('.')}{more}.{rest}{silent}", judged)
+    kind = "doubtful" if failure is None else "refused"
+    return Verdict(kind, f"{name}{first.removesuffix('.')}{more}.{rest}{silent}", judged)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ import pickle
 
 import pytest
 
+from fenicsrom.errors import AccuracyError
 from fenicsrom.notes import (
     AMPLITUDES,
     PEAK_FORCE,
@@ -66,6 +67,12 @@ def test_verdict_of_a_failure_and_of_an_interrupt_holds_for_all_quantities() -> 
     assert refused.text == "Refused: no motion"
     assert set(refused.quantities.values()) == {"refused: no motion"}
     assert verdict_of([COARSE], interrupted=True, quantities=READ).kind == "incomplete"
+
+
+def test_failure_of_one_quantity_leaves_the_others() -> None:
+    found = verdict_of([FORCE], AccuracyError("17 %", quantity=PEAK_FORCE), quantities=READ)
+    assert found.text.startswith("Refused: peak normal force: its estimated error is 17 %. Trusted")
+    assert found.quantities == verdict_of([FORCE], quantities=READ).quantities
 
 
 def test_note_survives_archive_and_process() -> None:

@@ -279,7 +279,8 @@ def _warn_of_errors(found: Response) -> None:
         found.warnings += said
         found.warnings += unknown_errors(curve.checks, title)
         if said and found.unfinished is None:
-            found.unfinished = AccuracyError(f"response: {title}{said[0]}")
+            worst = said[0]
+            found.unfinished = AccuracyError(f"response: {title}{worst}", quantity=worst.quantity)
 
 
 def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
@@ -292,7 +293,9 @@ def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
         if said:
             title = curve_title(found.scene, curve.value)
             found.warnings.append(Note(NoteKind.WARNING, said, curve=title, quantity=PEAKS))
-            found.unfinished = found.unfinished or ConvergenceError(f"response: {title}{said}")
+            found.unfinished = found.unfinished or ConvergenceError(
+                f"response: {title}{said}", quantity=PEAKS
+            )
 
 
 LIGHT = 1e-3  # damping ratio below which a higher mode is named
