@@ -260,7 +260,11 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
         if not point.stable:  # the unstable stretch of the curve itself stays unstable
             verdict, multipliers = point.verdict, point.multipliers
         return SimpleNamespace(
-            amplitude=point.amplitude, multipliers=multipliers, free_sliders=0, verdict=verdict
+            amplitude=point.amplitude,
+            multipliers=multipliers,
+            free_sliders=0,
+            verdict=verdict,
+            stable=verdict == "stable",
         )
 
     monkeypatch.setattr(trust, "richer_motion", motion)

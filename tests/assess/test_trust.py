@@ -11,7 +11,7 @@ import pytest
 from fenicsrom.assess.curves import trust
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import Check, Richer, checks
-from fenicsrom.online.curves.curve import CurvePoint, Extremes
+from fenicsrom.online.curves.curve import UNSURE, CurvePoint, Extremes
 
 PLACE = 100.32  # of a torus bifurcation
 
@@ -155,6 +155,21 @@ def test_bifurcation_that_moves_past_the_end_of_the_curve_is_no_contradiction(
     (last,) = (c for c in found if c.where == "last")
     assert last.point.verdict == "torus" and last.finer_verdict == "stable"
     assert last.contradicted_by_step == contradicted
+
+
+@pytest.mark.parametrize(("half", "verdict"), [(0.9, UNSURE), (1.001, "torus")])
+def test_instability_of_a_richer_basis_counts_if_half_the_step_finds_it(
+    monkeypatch: pytest.MonkeyPatch, half: float, verdict: str
+) -> None:
+    def richer_motion(point: CurvePoint, _: Richer, finer: int = 1) -> CurvePoint:
+        return motion(point.parameter, half if finer == 2 else 1.00001)
+
+    monkeypatch.setattr(trust, "finer_motion", lambda point, _: point)
+    monkeypatch.setattr(trust, "richer_motion", richer_motion)
+    richer = Richer(None, np.eye(1))  # type: ignore[arg-type]
+    found = checks([Piece([motion(p, 0.5) for p in (99.0, 100.0, 101.0)])], None, richer)  # type: ignore[arg-type]
+    assert {c.richer_verdict for c in found} == {verdict}
+    assert {c.contradicted for c in found} == {verdict == "torus"}
 
 
 def test_richer_motions_of_a_region_of_contact_take_as_long_as_the_curve() -> None:

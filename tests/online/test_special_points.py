@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.curves.brackets import bracketed
+from fenicsrom.online.curves import events
+from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import (
     BIFURCATIONS,
@@ -245,6 +246,24 @@ def test_number_of_changes_of_stability_between_two_points_is_bounded() -> None:
     assert len(located) == MOST
     assert max(point.within for point in found) > 0.9  # the rest is not told apart
     assert line.calls < 1000
+
+
+def test_crossing_to_which_the_way_on_leads_back_is_listed_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three multipliers are outside at 0.3, one before and one beside it, and two at the end."""
+    outside_at = {0.0: 1, 0.3 - 1e-8: 1, 0.3: 3, 0.3 + 1e-8: 1, 1.0: 2}
+    line = Line(lambda p: [2.0] * outside_at[p] + [0.5] * 3)
+    first, before, here, beside, last = (line.at(p) for p in outside_at)
+    brackets = [
+        Bracket(before, here, (-1.0, 1e-9)),
+        Bracket(here, beside, (1e-9, -1.0)),
+        Bracket(beside, last, (-1.0, 1.0)),
+    ]
+    monkeypatch.setattr(events, "change_of_sign", lambda *_: brackets.pop(0))
+    found = special_points(line, first, last, np.zeros(0, np.int64))
+    assert [point.parameter for point in found if point.within < LOCATED] == [0.3]
+    assert not brackets
 
 
 def test_event_in_a_part_of_the_curve_that_is_not_found_tells_its_width() -> None:

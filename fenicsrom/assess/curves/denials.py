@@ -1,33 +1,58 @@
-"""Verdicts on the stability that half the time step denies.
+"""Verdicts on the stability that finer time steps deny.
 
 A time step may make an instability: a pair of multipliers of a vibration that the step hardly
-resolves leaves the unit circle. So wherever a curve changes its stability, other than in a fold,
-the motions with half the step are asked on both sides, point after point, until both steps agree.
-The points passed on the way are denied: their stability is not known. So is an instability whose
-motion half the step does not find. The bifurcation lies between
-the nearest points on which both steps agree. It is left out where a whole stretch is denied,
-because then half the step finds no change there.
+resolves leaves the unit circle. Such an instability moves along the curve with the step, so half
+the step may have it at the same motion by chance, and a quarter does not. A verdict counts as known
+where half and a quarter of the step agree with it.
+
+Wherever a curve changes its stability, other than in a fold, the motions with finer steps are asked
+on both sides, point after point, until all steps agree. The points passed on the way are denied:
+their stability is not known. So is an instability whose motion finer steps do not find, and a
+point between two denied ones. The bifurcation lies between the nearest points on which all steps
+agree. It is left out where a whole stretch is denied, because then finer steps find no change
+there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.trust import FOLD, Check, change, finer_motion
+from fenicsrom.assess.curves.trust import FOLD, SAME_MOTION, Check, change, finer_motion
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
+from fenicsrom.online.curves.events import outside
 from fenicsrom.online.periodic.shooting import Family
 
-SAME_MOTION = 0.2
-"""Largest change of the amplitude by half the step: next to a fold, the motion that is found may be
-another one."""
+FINER = 2, 4
+"""How many times as many steps are asked, one after the other, while they agree with the point."""
 NOT_FOUND = "not found"
-"""Verdict of half the step where it has no motion near that of the step."""
+"""Verdict of a finer step that has no motion near that of the step."""
+
+
+class _Finer(NamedTuple):
+    """What finer steps find at a point.
+
+    Attributes:
+        point: the point.
+        verdict: its own where all steps agree, else that of the first step that finds another
+            stability, or `NOT_FOUND`.
+        outside: number of multipliers outside of the unit circle; -1 if there is no motion.
+    """
+
+    point: CurvePoint
+    verdict: str
+    outside: int
+
+    @property
+    def is_unstable(self) -> bool:
+        """Whether the motion was found, and is unstable."""
+        return self.verdict not in ("stable", NOT_FOUND)
 
 
 class Denials:
-    """The verdicts of half the time step on the points of a curve, each asked once."""
+    """The verdicts of finer time steps on the points of a curve, each asked once."""
 
     def __init__(self, family: Family, ask: Callable[[], None]):
         """Begin.
@@ -37,36 +62,50 @@ class Denials:
             ask: called before each motion; it may raise KeyboardInterrupt.
         """
         self._family, self._ask = family, ask
-        self._verdicts: dict[int, tuple[CurvePoint, str]] = {}
+        self._known: dict[int, _Finer] = {}
+        self._denied: dict[int, CurvePoint] = {}
 
-    def _finer(self, point: CurvePoint) -> str:
-        """The verdict of half the step, or `NOT_FOUND`; that of the point if it finds another."""
-        if id(point) not in self._verdicts:
-            self._ask()
-            found, verdict = finer_motion(point, self._family), NOT_FOUND
-            if found is not None:
-                is_same = change(point.amplitude, found.amplitude) <= SAME_MOTION
-                verdict = found.verdict if is_same else point.verdict
-            self._verdicts[id(point)] = point, verdict
-        return self._verdicts[id(point)][1]
+    def _finer(self, point: CurvePoint) -> _Finer:
+        """What finer steps find at a point.
 
-    def _is_unstable(self, point: CurvePoint) -> bool:
-        """Whether half the step finds the motion, and finds it unstable."""
-        return self._finer(point) not in ("stable", NOT_FOUND)
+        Next to a fold they may find another motion, which does not count.
+        """
+        if id(point) not in self._known:
+            found, near = _Finer(point, point.verdict, outside(point)), point
+            for finer in FINER:
+                self._ask()
+                motion = finer_motion(near, self._family, finer)
+                if motion is None:
+                    found = _Finer(point, NOT_FOUND, -1)
+                    break
+                if change(point.amplitude, motion.amplitude) > SAME_MOTION:
+                    break
+                found = _Finer(point, motion.verdict, outside(motion))
+                if motion.stable != point.stable:
+                    break
+                near = replace(point, z=motion.z)
+            self._known[id(point)] = found
+        return self._known[id(point)]
 
     def _denies(self, point: CurvePoint) -> bool:
-        return not point.kind and point.stable == self._is_unstable(point)
+        return not point.kind and point.stable == self._finer(point).is_unstable
 
-    def apply(self, pieces: Sequence[Piece], checks: Sequence[Check] = ()) -> None:
+    def apply(self, pieces: Sequence[Piece], checks: Sequence[Check] = ()) -> list[Check]:
         """Mark the denied points of some pieces, and leave denied bifurcations out.
 
         Args:
             pieces: the parts of the curve.
             checks: of its points; from those with contradictions, more points are asked.
+
+        Returns:
+            The checks with the marked points.
         """
         wrong = {id(check.point) for check in checks if check.contradicted_by_step}
         for piece in pieces:
             self._apply(piece, [k for k, p in enumerate(piece.points) if id(p) in wrong])
+        return [
+            replace(check, point=self._denied.get(id(check.point), check.point)) for check in checks
+        ]
 
     def _apply(self, piece: Piece, seeds: list[int]) -> None:
         """As `apply`, for one piece and the numbers of the points with contradictions."""
@@ -74,6 +113,7 @@ class Denials:
         for _, ends in changes:
             seeds += ends if points[ends[0]].stable != points[ends[1]].stable else ()
         denied = {k for seed in seeds for k in self._reached(points, seed)}
+        denied |= {k + 1 for k in denied if k + 2 in denied}
         left_out, moved = set(), {}
         for event, ends in changes:
             between = [other for other, its in changes if its == ends]
@@ -83,18 +123,19 @@ class Denials:
             elif sides != ends:
                 apart = max(abs(points[k].parameter - event.parameter) for k in sides)
                 moved[id(event)] = replace(
-                    event, within=max(event.within, apart), denied=self._finer(event)
+                    event, within=max(event.within, apart), denied=self._finer(event).verdict
                 )
         piece.special = [
             moved.get(id(event), event) for event in piece.special if id(event) not in left_out
         ]
         for k in denied:
-            verdict = self._finer(points[k])
-            points[k] = replace(points[k], denied=verdict)
-            self._verdicts[id(points[k])] = points[k], verdict
+            found = self._finer(points[k])
+            points[k] = replace(points[k], denied=found.verdict)
+            self._denied[id(found.point)] = points[k]
+            self._known[id(points[k])] = found._replace(point=points[k])
 
     def _reached(self, points: Sequence[CurvePoint], seed: int) -> Iterator[int]:
-        """The numbers of the denied points around a point, up to where both steps agree."""
+        """The numbers of the denied points around a point, up to where all steps agree."""
         if not self._denies(points[seed]):
             return
         yield seed
@@ -119,18 +160,22 @@ class Denials:
             denied: numbers of the denied points.
             between: the bifurcations between the same points.
         """
-        stable = [points[k].stable for k in ends]
-        if stable[0] == stable[1]:  # a stretch between two neighbours, which both steps must see
-            sees = any(self._is_unstable(event) == stable[0] for event in between)
-            return ends if sees else None
-        found = []
+        stable, counts = [points[k].stable for k in ends], [outside(points[k]) for k in ends]
+        if stable[0] == stable[1]:
+            if counts[0] == counts[1]:  # a stretch between two neighbours, which all steps must see
+                found = {self._finer(event).outside for event in between}
+                sees = not found <= {-1, counts[0]}
+            else:  # one more unstable multiplier
+                sees = counts == [self._finer(points[k]).outside for k in ends]
+            return ends if sees and denied.isdisjoint(ends) else None
+        sides = []
         for way, k, mine in zip((-1, 1), ends, stable, strict=True):
             while 0 <= k < len(points) and k in denied and points[k].stable == mine:
                 k += way
             if not 0 <= k < len(points) or points[k].stable != mine:
                 return None
-            found.append(k)
-        return found[0], found[1]
+            sides.append(k)
+        return sides[0], sides[1]
 
 
 def _changes(piece: Piece) -> Iterator[tuple[CurvePoint, tuple[int, int]]]:

@@ -210,8 +210,8 @@ def follow_curve(
         if richer is not None:
             other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
         walk("checking the curve with half the step and a richer basis")
-        curve.checks = checks(curve.pieces, family, other, lambda: walk(""), limit)
-        denials.apply(curve.pieces, curve.checks)
+        judged = checks(curve.pieces, family, other, lambda: walk(""), limit)
+        curve.checks = denials.apply(curve.pieces, judged)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)

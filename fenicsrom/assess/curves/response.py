@@ -278,6 +278,14 @@ def _warn_of_errors(found: Response) -> None:
         ]
         found.warnings += said
         found.warnings += unknown_errors(curve.checks, title)
+        if unsure := [point.parameter for point in curve.points if point.denied]:
+            ends = sorted({min(unsure), max(unsure)})
+            text = (
+                f"the stability of {counted(len(unsure), 'point')} of {len(curve.points)} is not "
+                f"known ({in_words(found.scene, found.table.parameter, *ends)}): finer time steps "
+                "find another one; increase time.steps_per_period"
+            )
+            found.warnings.append(Note(NoteKind.WARNING, text, curve=title, quantity=STABILITY))
         if said and found.unfinished is None:
             worst = said[0]
             found.unfinished = AccuracyError(f"response: {title}{worst}", quantity=worst.quantity)

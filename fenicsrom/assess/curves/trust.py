@@ -36,7 +36,7 @@ from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
+from fenicsrom.online.curves.curve import BIFURCATIONS, UNSURE, CurvePoint
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
     Family,
@@ -62,6 +62,7 @@ MOVES = 0.01  # of its parameter: the shift of a bifurcation that is no contradi
 FARTHEST = 0.1  # largest shift that (1) estimates, likewise
 STEP = 1e-5  # of Newton's method, relative to the variables, after which such a motion is found
 SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
+SAME_MOTION = 0.2  # largest change of an amplitude by a finer step; else it is another motion
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
 
@@ -80,8 +81,8 @@ class Check:
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
         compared: whether a motion of a richer basis was sought, as at all points but folds.
-        richer_verdict: the stability of that motion, as `CurvePoint.verdict`; None if it was not
-            found.
+        richer_verdict: the stability of that motion, as `CurvePoint.verdict`; `UNSURE` if it is not
+            that of the point, and half the time step denies it; None if it was not found.
         judged: whether the two verdicts must agree: no change of stability is near.
         richer_multiplier: size of the largest multiplier of the richer basis, NaN if not known.
         finer_verdict: the stability with half the time step, as `richer_verdict`.
@@ -117,7 +118,8 @@ class Check:
 
     def contradicts(self, verdict: str | None) -> bool:
         """Whether the verdict on another motion differs from that on the point."""
-        return self.judged and verdict is not None and self.point.stable != (verdict == "stable")
+        known = self.judged and not self.point.denied and verdict not in (None, UNSURE)
+        return known and self.point.stable != (verdict == "stable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,9 +295,10 @@ class _Checks:
             return None if other is None else change(point.amplitude, other.amplitude)
 
         self._ask()
-        finer, motion = finer_motion(point, self._family), None
+        finer, motion, verdict = finer_motion(point, self._family), None, None
         if self._richer is not None and richer:
             motion = richer_motion(point, self._richer)
+            verdict = None if motion is None else _confirmed(point, motion, self._richer)
         check = Check(
             point,
             where,
@@ -303,7 +306,7 @@ class _Checks:
             step_error=error(finer),
             basis_error=error(motion),
             compared=self._richer is not None and richer,
-            richer_verdict=None if motion is None else motion.verdict,
+            richer_verdict=verdict,
             judged=bifurcation is None,
             richer_multiplier=size_of(motion),
             finer_verdict=None if finer is None else finer.verdict,
@@ -380,7 +383,7 @@ class _Checks:
             asked = [other.finer_verdict] * check.contradicted_by_step
             asked += [other.richer_verdict] * check.contradicted
             return all(
-                verdict is not None and other.point.stable == (verdict == "stable")
+                verdict not in (None, UNSURE) and other.point.stable == (verdict == "stable")
                 for verdict in asked
             )
 
@@ -491,14 +494,16 @@ def change(amplitude: Array, other: Array) -> float:
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
 
 
-def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | PeriodicMotion | None:
-    """The motion with half the time step at a point of a curve; None if it was not found.
+def finer_motion(
+    point: CurvePoint, family: Family, finer: int = 2
+) -> CurvePoint | PeriodicMotion | None:
+    """The motion with `finer` times as many steps at a point of a curve; None if it was not found.
 
-    Half the step may change how a high mode rings, which no single correction bridges: then
+    Shorter steps may change how a high mode rings, which no single correction bridges: then
     bounded steps of Newton's method seek the motion. Next to a fold they may cross it, and what
     they find then is the motion of the other branch.
     """
-    shooting, path = _path(point, family, 2)
+    shooting, path = _path(point, family, finer)
     s = shooting.scaled(point.z)
     if point.kind != FOLD:
         near = path.at_parameter(s, point.parameter, exact=False)
@@ -518,18 +523,39 @@ def finer_motion(point: CurvePoint, family: Family) -> CurvePoint | PeriodicMoti
 
 def _path(point: CurvePoint, family: Family, finer: int = 1) -> tuple[Shooting, Continuation]:
     """The path that finds motions near a point, with so many times the steps per period."""
-    problem = family(point.parameter)
-    steps = finer * (problem.time.steps_per_period or FALLBACK_STEPS)
-    time = problem.time.changed(steps_per_period=steps)
-    shooting = Shooting(problem._replace(time=time), point.periods)
+    shooting = _shooting(point, family, finer)
     bounds = 0.0, abs(point.parameter) or 1.0
     return shooting, Continuation(shooting, family, *bounds, shooting.scaled(point.z))
 
 
-def richer_motion(point: CurvePoint, richer: Richer) -> PeriodicMotion | None:
-    """The motion of a richer basis at a point, stable or not; None if it was not found."""
-    shooting = Shooting(richer.family(point.parameter), point.periods)
+def _shooting(point: CurvePoint, family: Family, finer: int) -> Shooting:
+    """The equation of motions at the parameter of a point, with so many times the steps."""
+    problem = family(point.parameter)
+    steps = finer * (problem.time.steps_per_period or FALLBACK_STEPS)
+    time = problem.time.changed(steps_per_period=steps)
+    return Shooting(problem._replace(time=time), point.periods)
+
+
+def richer_motion(point: CurvePoint, richer: Richer, finer: int = 1) -> PeriodicMotion | None:
+    """The motion of a richer basis at a point, stable or not; None if it was not found.
+
+    It has `finer` times as many steps as the motions of the curve.
+    """
+    shooting = _shooting(point, richer.family, finer)
     return _solved(shooting, shooting.scaled(richer.start(point, shooting)))
+
+
+def _confirmed(point: CurvePoint, motion: PeriodicMotion, richer: Richer) -> str:
+    """The verdict on a motion of a richer basis at a point; see `Check.richer_verdict`.
+
+    Half the step is asked only where this verdict contradicts that of the point: the fast modes of
+    a richer basis, which the step does not resolve, may ring.
+    """
+    if motion.stable == point.stable:
+        return motion.verdict
+    finer = richer_motion(point, richer, 2)
+    same = finer is not None and change(motion.amplitude, finer.amplitude) <= SAME_MOTION
+    return UNSURE if finer is not None and same and finer.stable == point.stable else motion.verdict
 
 
 def _solved(shooting: Shooting, s: Array) -> PeriodicMotion | None:

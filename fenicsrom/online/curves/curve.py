@@ -190,7 +190,7 @@ BACK = "back at the start of the range"
 REPEATS = "repeats itself"
 """Reason for which a curve ends that passes its own points again, but not its first one."""
 UNSURE = "unsure"
-"""The stability of a motion on which two time steps do not agree."""
+"""The stability of a motion on which time steps do not agree."""
 SLACK = 1e-9
 """Relative difference of two values of the parameter that are the same."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
@@ -235,7 +235,7 @@ class CurvePoint:
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
         period: of the motion, s.
         sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
-        denied: the verdict of half the time step if this step finds another stability, or "".
+        denied: the verdict of finer time steps where the stability is not known, or "".
     """
 
     parameter: float
@@ -274,12 +274,12 @@ class CurvePoint:
 
     @property
     def known_stability(self) -> str:
-        """The verdict, or `UNSURE` where half the time step denies it."""
+        """The verdict, or `UNSURE` where finer time steps deny it."""
         return UNSURE if self.denied else self.verdict
 
     @property
     def known_unstable(self) -> bool:
-        """Whether the motion is unstable, and half the time step does not deny it."""
+        """Whether the motion is unstable, and finer time steps do not deny it."""
         return not self.stable and not self.denied
 
     @property

@@ -46,7 +46,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import SMOOTH, STRAIGHT, oriented
 from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.curve import OPENS, SLIPS, STICKS, CurvePoint, hermite, norm
-from fenicsrom.online.periodic.shooting import STABLE_WITHIN
+from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, judged
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
@@ -182,11 +182,12 @@ def _end(occurs: list[bool], what: str) -> str:
     return f"{'first' if occurs[1] else 'last'} {what}"
 
 
-def outside(point: CurvePoint) -> int:
+def outside(motion: CurvePoint | PeriodicMotion) -> int:
     """Number of multipliers outside of the unit circle."""
-    if point.stable:
+    if motion.stable:
         return 0
-    return int(np.sum(np.abs(point.judged) > 1.0 + STABLE_WITHIN))
+    sizes = np.abs(judged(motion.multipliers, motion.free_sliders))
+    return int(np.sum(sizes > 1.0 + STABLE_WITHIN))
 
 
 def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
@@ -211,6 +212,8 @@ def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
             if norm(path.place(last) - path.place(first)) > 2.0 * BRACKET:
                 parts += [(first, bracket.before), (bracket.after, last)]
         near = norm(path.place(bracket.after) - path.place(bracket.before)) <= LOCATED
+        if near and any(bracket.nearest.s is known.s for known in found):
+            continue  # beside a fold, the way on may lead back to the same motion
         kind = _kind(bracket, rank, abs(size(last) - size(first)) if near else np.inf)
         found.append(_located(bracket, kind))
     return found

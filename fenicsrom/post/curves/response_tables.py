@@ -230,12 +230,6 @@ def sentences(found: Response) -> list[str]:
         ]
         if unstable := [point for point in points if point.known_unstable]:
             lines.append(_unstable_sentence(found, unstable))
-        if unsure := [point for point in points if point.denied]:
-            lines.append(
-                f"Stability not known: {counted(len(unsure), 'point')}, "
-                f"{_places(found, unsure)}: half the time step finds another one; increase "
-                "time.steps_per_period."
-            )
         lines += _changes(curve)
         free = sum(point.free_sliders > 0 for point in points)
         if free:
@@ -388,7 +382,7 @@ def check_quantities(found: Response) -> list[Quantity]:
         *(Quantity("step_error"), Quantity("basis_error")),
         Quantity("", _known("step_error"), BY_STEP, 4),
         Quantity("", lambda check: of_basis(check, check.basis_error), BY_BASIS, 4),
-        Quantity("stability", "point.verdict", "stability"),
+        Quantity("stability", "point.known_stability", "stability"),
         Quantity("compared_with_a_richer_basis", "compared"),
         Quantity("stability_with_half_the_step", "finer_verdict", "with half the step"),
         Quantity("stability_with_a_richer_basis", "richer_verdict"),
