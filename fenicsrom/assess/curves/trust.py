@@ -14,7 +14,8 @@ A basis that lacks the modes that break a symmetry gives the right motion and th
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
-(`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
+(`fenicsrom.assess.curves.stability_search`). Where the richer basis differs, its motion with half
+the step must differ too. Without a richer basis, stable points far from the
 unit circle are left out. The verdict is not judged next to a change of stability, nor where such a
 change moves past the point by (1), by at most `MOVES`, and the verdict is the same elsewhere on the
 same stretch, or the stretch goes on beyond the end of the curve.
