@@ -75,8 +75,8 @@ def test_motion_of_same_phase_is_that_of_the_closed_form(frequency: float, error
     """An oscillator of mass 1 has the phase c w / (k - w^2) and the amplitude F sin(phase) / (c w),
     so that equal phases give w'^2 + w' (k - w^2) / w - k' = 0 and a' / a = w / w'.
 
-    Reference: shift of a resonance by a softer oscillator | closed form | 0.5 and −1.5 % |
-    agrees | 2e-6
+    Reference: shift of the resonance of another oscillator | closed form | closed form | agrees |
+    2e-6
     """
     _, motion, _, shift, found = both(frequency, 1.0 + error)
     angle = OMEGA / 200.0  # the steps follow the frequency

@@ -207,8 +207,8 @@ def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
 def test_shaft_above_its_critical_speed_whirls_by_damping_only() -> None:
     """The growth in a revolution is that of the closed form of the test above.
 
-    Reference: growth in a turn of a shaft at 1.3 times its critical speed | closed form | a rate
-    | agrees | 2 %
+    Reference: growth in a turn of a shaft at 1.3 times its critical speed | closed form | closed
+    form | agrees | 2 %
     """
     omega = np.sqrt(shaft(0.0, 0.0).model.elastic.stiffness[0, 0])
     speed = 1.3 * omega
