@@ -15,6 +15,7 @@ from fenicsrom.assess.errors.plausibility import (
     strain_warnings,
 )
 from fenicsrom.notes import NoteKind
+from fenicsrom.online.contact.points import points_on
 from fenicsrom.online.motion import measures
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.stress.stress import Deformation
@@ -110,6 +111,25 @@ def test_surface_out_of_reach_is_warned(factor: float, is_warned: bool) -> None:
     assert bool(found) == is_warned and all("contacts[0]" in text for text in found)
     touching = replace(far, force=np.ones((steps, 1, 2)))
     assert implausible_motion(touching, points, np.inf, beam_scene(2)) == []
+
+
+@pytest.mark.parametrize(("slide", "touches", "is_warned"), [(0.9, 1, 0), (1.1, 1, 1), (1.1, 0, 0)])
+def test_slide_past_the_next_point_of_a_joint_is_warned(
+    slide: float, touches: int, is_warned: int
+) -> None:
+    _, _, motion = oscillator()
+    points = points_on(
+        0, np.ones(2), np.array([[0.0, 0.0], [1e-3, 0.0]]), np.tile(np.eye(2), (2, 1, 1))
+    )
+    steps, scene = motion.time.size, beam_scene(2)
+    joint = replace(scene, contacts=(replace(scene.contacts[0], against="other"),))
+    x = np.zeros((steps, 2, 2))
+    x[-1, 1, 1] = slide * 1e-3
+    force = touches * np.full((steps, 2, 2), 1e-3)
+    moved = replace(motion, displacement=x, force=force, gap=np.zeros((steps, 2)))
+    found = implausible_motion(moved, points, np.inf, joint)
+    assert len(found) == is_warned and all("1.1 mm" in text for text in found)
+    assert implausible_motion(moved, points, np.inf, scene) == []
 
 
 @pytest.mark.parametrize(

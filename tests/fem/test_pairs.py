@@ -216,6 +216,27 @@ def test_pair_displacement_is_zero_as_both_bodies_turn() -> None:
     assert np.abs(body.contact_rows @ (x @ turn.T - x).ravel()).max() < 1e-15
 
 
+def test_pressure_passes_through_a_body_between_two_contacts(tmp_path: Path) -> None:
+    sizes = zip((0.0, 0.03, 0.05), (0.03, 0.05, 0.1), (3, 5, 4), strict=True)
+    parts = [((0.0, low), (0.1, high), (n, 1)) for low, high, n in sizes]
+    stiff = {"normal_stiffness": 1e13, "tangential_stiffness": 1e12, "friction": 0.3}
+    pairs = [("1 low y", "0 high y"), ("1 high y", "2 low y")]
+    scene = make_scene(
+        geometry={
+            **{"mesh": str(blocks(tmp_path / "three.vtu", *parts)), "dimension": 2},
+            "thickness": 1.0,
+        },
+        material=STEEL,
+        supports=[{"group": "0 low y"}],
+        contacts=[{"group": a, "against": b, **stiff} for a, b in pairs],
+        loads=[{"group": "2 high y", "pressure": 1e6}],
+        probe={"group": "2 high y"},
+    )
+    body = solid(scene)
+    for k in range(2):
+        assert forces(body)[body.points.contact == k].sum() == pytest.approx(1e5, rel=1e-4)
+
+
 def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.0, 0.051), (0.1, 0.1), (4, 2))
     mesh = blocks(tmp_path / "apart.vtu", *boxes)

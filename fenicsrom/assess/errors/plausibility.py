@@ -284,4 +284,23 @@ def implausible_motion(
                 f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
                 "back: check the gap, the normal and the loads, and their units ([units])"
             )
+        if scene.contacts[k].against is not None and (found := _slides(motion, points, mine, k)):
+            return found
     return []
+
+
+def _slides(motion: Motion, points: ContactPoints, mine: Array, number: int) -> list[Note]:
+    """One sentence if the points of a contact between bodies slide past their neighbours."""
+    from scipy.spatial import cKDTree
+
+    x, moved = points.position[mine], motion.displacement[:, mine, 1:]
+    apart = np.median(cKDTree(x).query(x, 2)[0][:, 1])  # infinite for one point
+    slide = np.linalg.norm(moved - moved[0], axis=2) * (motion.force[:, mine, 0] > 0.0)
+    if (far := float(slide.max())) <= apart:
+        return []
+    text = (
+        f"the points of contacts[{number}] slide by up to {1e3 * far:.3g} mm, and stand "
+        f"{1e3 * apart:.3g} mm apart: they stay opposite the places where they were at the start, "
+        "so pressure and friction are wrong; such slides need a rigid surface"
+    )
+    return [Note(NoteKind.WARNING, text, f"contacts[{number}]")]
