@@ -283,6 +283,13 @@ def test_impossible_pair_is_refused(
         solid(scene_of(mesh, 2, contact, supports=held, loads=load))
 
 
+def test_region_inside_of_a_body_touches_nothing() -> None:
+    pair = {"group": "load", "against": "tip"}
+    load = {"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 1.0}
+    with refusal(ErrorKind.PLACE, "contacts[0].group", names="inside"):
+        solid(scene_of(Path("beam2d.geo"), 2, pair, supports=[{"group": "root"}], loads=[load]))
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [

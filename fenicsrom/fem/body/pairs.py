@@ -239,15 +239,21 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
         are the a_i, with the gaps (2), or with those of the scene.
 
     Raises:
-        SceneError: the regions share nodes, no part of B lies opposite A or near enough, the
-            regions do not face each other, or A lies inside B and the scene gives no gap.
+        SceneError: a region is inside a body, the regions share nodes or do not face each other,
+            no part of B lies opposite A or near enough, or A lies inside B and the scene gives no
+            gap.
     """
     key, d = f"contacts[{number}].against", body.dimension
     if body.comm.size > 1:
         raise _refused(body, "contact between bodies runs on one process only", key)
     if body.slanted is not None:
         raise _refused(body, "supports must hold along the axes (components, not normal)", key)
-    a, b = _Side(body, contact.place), _Side(body, Region(group=contact.against))
+    regions = contact.place, Region(group=contact.against)
+    for name, region in zip(("group", "against"), regions, strict=True):
+        if body.mesh.reaches_inside(region):
+            where = f"contacts[{number}].{name}"
+            raise _refused(body, "facets of the region lie inside a body; take its surface", where)
+    a, b = (_Side(body, region) for region in regions)
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
         reason = f"the two regions share {counted(shared, 'node')}, so they are joined there; give "
         raise _refused(body, f"{reason}each body its own nodes", key)
