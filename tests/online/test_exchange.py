@@ -342,6 +342,18 @@ def test_damping_that_cannot_be_is_refused() -> None:
         ),
         ({"attachments": [{"group": "tip", "mass": 1.0}]}, ErrorKind.CONFLICT, "attachments"),
         ({"statics": {}}, ErrorKind.CONFLICT, "statics"),
+        (
+            {
+                "contacts": [
+                    {
+                        **{"group": "tip", "against": "other", "friction": 0.1},
+                        **{"normal_stiffness": 1e4, "tangential_stiffness": 1e4},
+                    }
+                ]
+            },
+            ErrorKind.CONFLICT,
+            "contacts[0].against",
+        ),
     ],
 )
 def test_wrong_scene_of_superelement_is_refused(

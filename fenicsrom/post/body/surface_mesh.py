@@ -20,7 +20,7 @@ BEYOND = 0.05  # extent of a plane beyond these paths, relative to the distance 
 def write_surfaces(
     folder: Path, scene: Scene, points: ContactPoints, times: Array, moved: Array | None = None
 ) -> list[Path]:
-    """Write the rigid surface of each contact as its own mesh, one file per instant.
+    """Write each rigid surface of a contact as its own mesh, one file per instant.
 
     A surface that does not move has one file. Each surface is so large that the contact points do
     not leave it.
@@ -40,7 +40,8 @@ def write_surfaces(
     """
     return [
         write_instants(folder / f"surface_{k + 1}", times, _writer(scene, points, k, times, moved))
-        for k in range(len(scene.contacts))
+        for k, contact in enumerate(scene.contacts)
+        if contact.against is None
     ]
 
 

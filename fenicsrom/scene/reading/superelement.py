@@ -28,6 +28,7 @@ EXCLUDED = (
     "material",
     "materials",
     "attachments",
+    "bolts",
     "rotation",
     "basis",
     "reference",
@@ -172,6 +173,10 @@ def _problems(scene: Scene) -> Problems:
     for k, load in enumerate(scene.loads):
         if load.kind != "force":
             yield Problem(f"loads[{k}].{load.kind}", "must be a force on interface nodes")
+    for k, contact in enumerate(scene.contacts):
+        if contact.against is not None:
+            allowed = "not allowed in the scene of a superelement, which is one body"
+            yield Problem(f"contacts[{k}].against", allowed)
     for k, support in enumerate(scene.supports):
         for name in ("components", "normal"):
             if getattr(support, name) is not None:
