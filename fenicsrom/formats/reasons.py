@@ -8,7 +8,7 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("CONTACT PAIR", "CONTACT", "SURFACE INTERACTION", "BCTABLE", "BCTSET", "BSURF", "BSURFS"),
         *("BCONP", "BCBODY", "CGAP"),
     ),
-    "bolts without pretension": ("PRE-TENSION SECTION", "BOLT", "PTSECT"),
+    "give [[bolts]]": ("PRE-TENSION SECTION", "BOLT", "PTSECT"),
     "temperatures are not supported": (
         *("TEMPERATURE", "EXPANSION", "TEMP", "TEMPD", "TREF", "BF", "BFE", "MP,ALPX"),
         *("BFBLOCK", "DFLUX", "DSFLUX", "FILM", "SFILM"),

@@ -284,15 +284,16 @@ def implausible_motion(
                 f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
                 "back: check the gap, the normal and the loads, and their units ([units])"
             )
-        if scene.contacts[k].against is not None and (found := _slides(motion, points, mine, k)):
+        if scene.contacts[k].against is not None and (found := _slides(motion, points, k)):
             return found
     return []
 
 
-def _slides(motion: Motion, points: ContactPoints, mine: Array, number: int) -> list[Note]:
+def _slides(motion: Motion, points: ContactPoints, number: int) -> list[Note]:
     """One sentence if the points of a contact between bodies slide past their neighbours."""
     from scipy.spatial import cKDTree
 
+    mine = np.flatnonzero(points.contact == number)
     x, moved = points.position[mine], motion.displacement[:, mine, 1:]
     apart = np.median(cKDTree(x).query(x, 2)[0][:, 1])  # infinite for one point
     slide = np.linalg.norm(moved - moved[0], axis=2) * (motion.force[:, mine, 0] > 0.0)
