@@ -230,6 +230,7 @@ def test_pressure_passes_through_a_body_between_two_contacts(tmp_path: Path) -> 
         supports=[{"group": "0 low y"}],
         contacts=[{"group": a, "against": b, **stiff} for a, b in pairs],
         loads=[{"group": "2 high y", "pressure": 1e6}],
+        time={"duration": 1.0, "step": 0.1},
         probe={"group": "2 high y"},
     )
     body = solid(scene)
