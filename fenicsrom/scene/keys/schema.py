@@ -160,7 +160,8 @@ class Contact:
         reach: facets at larger distances are not opposite one another; only with `against`.
         abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position. With at = "nodes": N/m² on facets, N/m on
-            curves in 3D, N for each node of a node set.
+            curves in 3D, N for each node of a node set. With `against` the bodies give way under
+            it, which leaves a part.
         gap: initial distance, of the nearest node; not with a preload. Default: 0, and with
             `against` and without a preload the distance in the mesh.
         approach: how far the surface has moved towards the body, linear between the times. Default:
