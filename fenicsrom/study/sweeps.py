@@ -32,7 +32,7 @@ MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the resu
 Row = dict[str, Any]
 
 
-@starts_from("StoredModel")
+@starts_from("StoredModel", pairs=True)
 def sweep(
     given: Scene | StoredModel,
     over: Mapping[str, Sequence[Any]],

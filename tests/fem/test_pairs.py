@@ -314,8 +314,8 @@ def test_scene_that_contacts_between_bodies_exclude_names_the_key(
 
 
 def test_commands_that_do_not_take_pairs_refuse_them() -> None:
-    for function in (fr.compare, fr.sweep, fr.interaction_map, fr.statics):
-        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="run, modes and plan"):
+    for function in (fr.compare, fr.response, fr.interaction_map, fr.statics):
+        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="run, sweep, modes and plan"):
             function(lap())
 
 
