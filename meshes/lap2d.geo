@@ -36,7 +36,7 @@ If (wrong)
   Abort;
 EndIf
 
-// Each strip has six parts. Points that coincide are not merged (gmsh merges them after a copy or an extrusion only).
+// Each strip has six parts. Points that coincide stay two points, because gmsh joins them after a copy or extrusion only.
 start = length - overlap; e = overlap/12;
 For strip In {0:1}
   n = (strip == 0 ? elements_lower : elements_overlap)/12;
