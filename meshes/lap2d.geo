@@ -1,6 +1,6 @@
-// Two strips along x in the plane that lie on one another over a length `overlap` and share no node: the lower one from
-// x = 0, clamped there (root), the upper one on top of its other end. Two bolts stand at a quarter and three quarters of
-// the overlap; each washer covers a sixth of it.
+// Two strips along x in the plane that lie on one another over a length `overlap` and share no node. The lower one
+// begins at x = 0, where it is clamped (root); the upper one lies on its other end. Two bolts stand at a quarter and
+// three quarters of the overlap; each washer covers a sixth of it.
 // Groups: solid (both strips), root, tip (the free end of the upper strip), lower and upper (the faces that touch),
 // head1, nut1, head2 and nut2 (below the head and the nut of each bolt).
 
@@ -36,7 +36,7 @@ If (wrong)
   Abort;
 EndIf
 
-// Each strip has six parts. Points that coincide stay two points, because gmsh joins them after a copy or extrusion only.
+// Each strip has six parts. Points that coincide stay two points: gmsh joins them after a copy or an extrusion only.
 start = length - overlap; e = overlap/12;
 For strip In {0:1}
   n = (strip == 0 ? elements_lower : elements_overlap)/12;
