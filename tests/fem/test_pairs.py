@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
+from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.scene import Scene, make_scene
+from fenicsrom.study.offline_cache import modes_table
 
 Array = NDArray[np.float64]
 STEEL = {"young": 210e9, "poisson": 0.3, "density": 7800.0}
@@ -311,6 +314,24 @@ def test_scene_that_contacts_between_bodies_exclude_names_the_key(
     with pytest.raises(SceneError) as caught:
         lap(**change)
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("masters", "change", "key"),
+    [
+        ("all", {"friction": 0.2}, None),
+        ("all", {"normal_stiffness": 1e13}, "contacts[0].normal_stiffness"),
+        ("all", {"gap": 1e-6}, "contacts[0].gap"),
+        ("motion", {"friction": 0.2}, "contacts"),
+    ],
+)
+def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
+    masters: str, change: dict[str, float], key: str | None
+) -> None:
+    scene = lap(basis={"masters": masters})
+    other = replace(scene, contacts=(replace(scene.contacts[0], **change),))
+    assert changed_key(scene, other) == key
+    assert (modes_table(scene) == modes_table(other)) == (key is None)
 
 
 def test_commands_that_do_not_take_pairs_refuse_them() -> None:
