@@ -20,6 +20,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.sector import Sector, find_sector
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
 from fenicsrom.formats.shapes import distinct, facets_of
+from fenicsrom.notes import NoteKind
 from fenicsrom.post.studies.starter import starter_scene
 from fenicsrom.scene import parse_scene
 
@@ -35,9 +36,9 @@ def grid(n: tuple[int, int, int]) -> tuple[Any, Any]:
     return places.reshape(-1, 3), np.stack(rows, axis=1)
 
 
-def ring(degrees: float, inner: float = 0.06) -> tuple[Any, Any]:
+def ring(degrees: float, inner: float = 0.06, across: int = 2) -> tuple[Any, Any]:
     """A part of a ring about z, 0.15 m wide at the outside and 20 mm thick."""
-    at, cells = grid((3, 2, 1))
+    at, cells = grid((3, across, 1))
     r, angle = inner + (0.15 - inner) * at[:, 0], np.radians(degrees) * at[:, 1]
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.02 * at[:, 2]]), cells
 
@@ -60,23 +61,36 @@ def test_sector_is_found_about_any_axis(number: int) -> None:
 
 
 def bars() -> dict[str, tuple[Any, Any]]:
-    """Bodies that are no sector of a disk with a bore."""
+    """Bodies that are no sector of a disk."""
     box, cells = grid((4, 2, 2))
     hexagon = np.array([(np.cos(k * np.pi / 3), np.sin(k * np.pi / 3)) for k in range(6)])
     rows = [(0, 1, 2, 3), (0, 3, 4, 5)]
     prism = np.array([(*p, z) for z in (0.0, 3.0) for p in hexagon])
+    wide = np.tan(np.radians(20.0)) * (1.0 + box[:, :1]) * (2.0 * box[:, 1:2] - 1.0)
     return {
         "square bar": (box * [4.0, 1.0, 1.0], cells),
         "hexagonal bar": (prism, np.array([[*row, *(k + 6 for k in row)] for row in rows])),
         "no whole number": ring(33.0),
-        "pie": ring(30.0, inner=1e-7),
         "wall of a tube": ring(180.0),
+        "rest of a disk": ring(300.0, across=12),
+        "taper of 40 degrees": (np.hstack([1.0 + box[:, :1], wide, 0.1 * box[:, 2:]]), cells),
     }
 
 
 @pytest.mark.parametrize("name", bars())
 def test_other_bodies_are_no_sector(name: str) -> None:
     assert found(*bars()[name]) is None
+
+
+def test_sector_without_a_bore_is_found() -> None:
+    sector = found(*ring(30.0, inner=1e-7))
+    assert sector is not None and sector.number == 12
+
+
+@pytest.mark.parametrize(("number", "kind"), [(3, NoteKind.REMARK), (5, NoteKind.WARNING)])
+def test_few_sectors_cast_no_doubt(number: int, kind: NoteKind) -> None:
+    sector = found(*ring(360.0 / number))
+    assert sector is not None and sector.note.kind is kind
 
 
 def written(path: Path) -> Path:
@@ -99,14 +113,21 @@ def test_inspection_names_the_sector_and_init_clamps_no_cut_face(tmp_path: Path)
     assert tomllib.loads(starter_scene(mesh, tmp_path))["supports"] == [{"group": "bore"}]
 
 
-@pytest.mark.parametrize(("held", "is_warned"), [(["bore"], True), (["left", "right"], False)])
+PUSH = {"group": "right", "direction": [0.0, 0.0, 1.0], "force": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("held", "loads", "is_warned"),
+    [("bore", [], True), ("left", [], False), ("bore", [PUSH], False)],
+)
 def test_run_warns_of_a_sector_with_free_cut_faces(
-    held: list[str], is_warned: bool, tmp_path: Path
+    held: str, loads: list[Any], is_warned: bool, tmp_path: Path
 ) -> None:
     table = {
         "geometry": {"mesh": written(tmp_path / "sector.vtu").name, "dimension": 3},
         "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
-        "supports": [{"group": name} for name in held],
+        "supports": [{"group": held}],
+        "loads": loads,
     }
     scene = parse_scene(table, "scene", tmp_path, unloaded=True)
     body = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), UNDEFORMED)

@@ -280,7 +280,7 @@ class ElasticBody:
         held = held_displacements(mesh, self.space, scene.supports, scene.source, scene.joined)
         if held.apart:
             self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
-        if mesh.sector is not None and not self._holds(held, *mesh.sector.places):
+        if mesh.sector is not None and not self._uses(scene, held, *mesh.sector.places):
             self.warnings.append(mesh.sector.note)
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
@@ -299,15 +299,21 @@ class ElasticBody:
         self.inertia = Inertia(self)
         self._turning = scene.rotation
 
-    def _holds(self, held: Held, *faces: Array) -> bool:
-        """Whether supports hold most corners (n, 3) of each face in a direction. Collective."""
-        nodes = np.union1d(held.unknowns // self.dimension, held.nodes)
-        x, near = self.space.tabulate_dof_coordinates()[nodes], ROUNDING * self.mesh.extent()
-        for places in faces:
-            touched = cKDTree(x).query(places)[0] <= near if len(x) else np.zeros(len(places), bool)
-            if np.mean(np.any(self.comm.allgather(touched), axis=0)) < 0.5:
-                return False
-        return True
+    def _uses(self, scene: Scene, held: Held, *faces: Array) -> bool:
+        """Whether supports, a load or a contact have most corners (n, 3) of a face. Collective."""
+        places = [one.place for one in (*scene.loads, *scene.contacts) if one.place is not None]
+        regions = [place for place in places if place.group or place.box or place.plane]
+        nodes = [self.mesh.nodes(region, self.space) for region in regions]
+        nodes.append(np.union1d(held.unknowns // self.dimension, held.nodes))
+        near = ROUNDING * self.mesh.extent()
+        for corners in faces:
+            for x in (self.space.tabulate_dof_coordinates()[chosen] for chosen in nodes):
+                touched = np.zeros(len(corners), dtype=bool)
+                if len(x):
+                    touched = cKDTree(x).query(corners)[0] <= near
+                if np.mean(np.any(self.comm.allgather(touched), axis=0)) >= 0.5:
+                    return True
+        return False
 
     @property
     def springs(self) -> Array:

@@ -83,7 +83,7 @@ class Inspection:
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.
         physics: materials, supports, masses and loads of a finite-element model.
-        sector: set if the body is one sector of a disk.
+        sector: set if the body is likely one sector of a disk.
     """
 
     path: Path
@@ -245,7 +245,7 @@ def _described(
         warnings=(*warnings, *clean.warnings, *filter(None, [apart(low, high)]), *said),
         points=points,
         boundary=np.searchsorted(numbers, shown),
-        sector=clean.sector,
+        sector=clean.sector if clean.sector is not None and clean.sector.is_likely else None,
     )
 
 
