@@ -52,13 +52,21 @@ def refused(option: str, value: object, reason: str, kind: ErrorKind) -> SceneEr
     return SceneError(f"{option} {value}: {reason}", kind=kind, key=option, source=str(value))
 
 
+def _model_file(given: str) -> Path:
+    """The file of a reduced model; a folder means the model that a run has written there."""
+    from fenicsrom.post.base.origin import MODEL
+
+    path = Path(given)
+    return path / MODEL if path.is_dir() else path
+
+
 SCENE_OR_MODEL = scene_file(nargs="?")
 FROM = Argument(
     "--from",
     dest="stored",
     metavar="MODEL",
-    type=Path,
-    help="use the reduced_model.npz of an earlier run, without a mesh and dolfinx",
+    type=_model_file,
+    help="use the reduced_model.npz, or the folder, of an earlier run, without a mesh and dolfinx",
 )
 SET = Argument(
     "--set",
