@@ -17,6 +17,7 @@ from motions import RESPONSE_KEYS
 
 from fenicsrom import study
 from fenicsrom.cli import main
+from fenicsrom.cli.commands import make_parser
 from fenicsrom.post.base.origin import checksum
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -320,6 +321,18 @@ def test_plan_names_its_command_and_those_of_the_other_tables(capsys):
     assert cost[0] == "unknowns: 240, 1 contact point" and len(cost) == 3
     least, most = (int(word.rstrip(":")) for word in cost[1].split()[2:5:2])
     assert least <= 10 <= most  # that of the README
+
+
+def test_plan_warns_of_what_a_run_warns(capsys):
+    assert main(["plan", str(SCENE), "--set", "geometry.degree=1"]) == 0
+    assert "warning: linear elements lock" in capsys.readouterr().out
+
+
+def test_folder_of_a_run_stands_for_the_model_in_it(tmp_path):
+    options = make_parser().parse_args(["run", "--from", str(tmp_path)])
+    assert options.stored == tmp_path / "reduced_model.npz"
+    named = make_parser().parse_args(["run", "--from", str(tmp_path / "a.npz")])
+    assert named.stored == tmp_path / "a.npz"
 
 
 def test_plan_says_the_unit_of_a_region_and_refuses_what_a_run_refuses(capsys):

@@ -8,7 +8,7 @@ from fenicsrom.cli.arguments import SCENE, SET, Argument, command, refused
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import logged_progress, print_results
 from fenicsrom.cli.starting import given_keys
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, printable
 from fenicsrom.scene import read_scene
 
 PICTURE = Argument(
@@ -54,7 +54,10 @@ def plan(options: argparse.Namespace) -> int:
     with logged_progress(quiet=path is None):
         solid = study.set_up(scene)
     print("\n".join(study.forecast(scene, solid)))
-    if path is not None:
+    if path is None:
+        for text in solid.warnings:
+            print(f"warning: {printable(text)}")
+    else:
         from fenicsrom.post.base.picture import draw_pictures
         from fenicsrom.post.run.pictures import setup_picture
 
