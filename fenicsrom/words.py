@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -21,6 +21,12 @@ def counted(number: int, noun: str, plural: str = "") -> str:
 def are(number: int) -> str:
     """The verb of a sentence whose subject is a number of things."""
     return "is" if number == 1 else "are"
+
+
+def enumerated(texts: Sequence[str]) -> str:
+    """Join texts by commas, and the last one by "and"."""
+    *first, last = texts or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def two_digits(number: float) -> str:

@@ -54,7 +54,7 @@ LEFT = {
     "CELAS2": " between two points that move, or about an axis",
     "CONM2": " with an offset or moments of inertia",
     "SPC": " with a displacement",
-    "PLOAD4": " on shells, with a direction of its own, or that varies along the face",
+    "PLOAD4": ": a pressure is taken if it acts on a solid, along its normal, and does not vary",
     "RBAR": " with other independent components than those of one end",
     "GRAV": " along axes that depend on the place",
     "MOMENT": ": nodes of solids do not turn",

@@ -16,6 +16,7 @@ from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, TRUSTED, verdict_of
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
+from fenicsrom.post.run.report import estimate_rows
 from fenicsrom.records import Study
 from fenicsrom.study import check
 
@@ -108,7 +109,11 @@ def test_resumed_run_is_judged_by_its_own_record() -> None:
 
 @pytest.mark.parametrize(
     ("force", "said"),
-    [((0.17, 0.13), "17 % by the time step and 13 % by the mesh"), ((np.inf, 0.01), "unknown by")],
+    [
+        ((0.17, 0.13), "17 % by the time step and 13 % by the mesh (at"),
+        ((np.inf, 0.01), "force by the time step could not be estimated (at"),
+        ((0.17, np.inf), "17 % by the time step, and that by the mesh could not be estimated (at"),
+    ],
 )
 def test_large_error_of_the_peak_force_casts_doubt_on_it_alone(
     force: tuple[float, float], said: str
@@ -121,6 +126,17 @@ def test_large_error_of_the_peak_force_casts_doubt_on_it_alone(
     assert judged.kind == "doubtful" and judged.quantities[AMPLITUDES] == TRUSTED
     assert judged.quantities[PEAK_FORCE] == note
     assert verdicts.error_notes(scene, {"mesh": step._replace(peak_force=0.1)}, motion) == []
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [((0.001, 0.02), "0.1 to 2"), ((0.001, np.inf), "0.1 or more"), ((np.inf, np.inf), "unknown")],
+)
+def test_range_of_errors_has_no_unknown_end(errors: tuple[float, float], said: str) -> None:
+    same, rest = (estimates.MotionErrors(size, 0.0, (size, 0.0)) for size in errors)
+    _, scene, motion = struck(0.01, True)
+    table = estimate_rows(scene, {"basis": same._replace(from_rest=rest)}, motion, ("x", "y"))
+    assert table[1][1] == said
 
 
 def test_amplitude_that_a_shifted_resonance_changes_is_doubtful() -> None:

@@ -49,7 +49,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import coarser, refined, step_key
-from fenicsrom.words import are, counted, two_digits
+from fenicsrom.words import are, counted, enumerated, two_digits
 
 # largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
@@ -248,9 +248,8 @@ def error_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion
         large = {cause: size for cause, size in sizes.items() if not size <= allowed}
         if large:
             text = (
-                f"the estimated error of the {quantity} is {_by_cause(large)} (at most "
-                f"{in_percent(allowed)} casts no doubt); "
-                f"{' and '.join(REMEDIES[cause] for cause in large)} may lower it"
+                f"{_by_cause(f'the {quantity}', large)} (at most {in_percent(allowed)} casts no "
+                f"doubt); {enumerated([REMEDIES[cause] for cause in large])} may lower it"
             )
             found.append(Note(NoteKind.ERROR, text, quantity=quantity))
     steep = {
@@ -258,20 +257,25 @@ def error_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion
     }
     if steep:
         text = (
-            "near a resonance, the estimated error of the amplitude at this frequency of the loads "
-            f"is {_by_cause(steep)}, because the resonance is shifted: read the amplitude together "
-            "with the frequency"
+            f"{_by_cause('the amplitude at this frequency of the loads', steep)}: next to a "
+            "resonance, the amplitude changes steeply with the frequency: read both together"
         )
         found.append(Note(NoteKind.ERROR, text, quantity=AMPLITUDES))
     return found
 
 
-def _by_cause(sizes: Mapping[str, float]) -> str:
-    """Errors in words, such as "17 % by the time step and unknown by the mesh"."""
-    return " and ".join(
-        f"{in_percent(size) if np.isfinite(size) else 'unknown'} by the {cause}"
-        for cause, size in sizes.items()
-    )
+def _by_cause(what: str, sizes: Mapping[str, float]) -> str:
+    """Name the errors of a quantity by their causes, and the causes of which there is no estimate.
+
+    Such as "the error of the peak force is 17 % by the time step, and that by the mesh could not be
+    estimated".
+    """
+    known = [f"{in_percent(size)} by the {c}" for c, size in sizes.items() if np.isfinite(size)]
+    missing = enumerated([f"the {c}" for c, size in sizes.items() if not np.isfinite(size)])
+    if not known:
+        return f"the error of {what} by {missing} could not be estimated"
+    found = f"the estimated error of {what} is {enumerated(known)}"
+    return f"{found}, and that by {missing} could not be estimated" if missing else found
 
 
 def _step_sentence(scene: Scene, estimate: float, unsteady: bool) -> Sentence:

@@ -64,7 +64,7 @@ from fenicsrom.post.run.summary import (
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import refined, step_key
-from fenicsrom.words import counted, two_digits
+from fenicsrom.words import counted, enumerated, two_digits
 
 MULTIPLIER_NOTE = (
     "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "
@@ -189,19 +189,15 @@ def estimate_rows(
 
 def resonance_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
     """Say what the estimates near a resonance compare; None of other estimates."""
-    near = [
-        f"{100.0 * e.at_frequency:.2g} % by the {name}"
-        if np.isfinite(e.at_frequency)
-        else f"by an unknown part by the {name}"
-        for name, e in errors.items()
-        if e.shift
-    ]
+    near = {name: e.at_frequency for name, e in errors.items() if e.shift}
     if not near:
         return None
+    known = [f"{100.0 * x:.2g} % by the {c}" for c, x in near.items() if np.isfinite(x)]
+    change = f"would change by {enumerated(known)}" if known else "may be far off"
     return (
         "Near a resonance, the amplitudes are compared between motions of the same phase, at "
         "frequencies that differ by the error of the resonance. At the frequency of the loads the "
-        f"amplitude would change by {' and '.join(near)}: read it together with the frequency."
+        f"amplitude {change}: read it together with the frequency."
     )
 
 
@@ -228,7 +224,9 @@ def _ranges(
     found = []
     for e in errors.values():
         ends = [value(e)] if e.from_rest is None else sorted((value(e), value(e.from_rest)))
-        found.append(" to ".join(dict.fromkeys(map(_percent, ends))))
+        known = list(dict.fromkeys(_percent(end) for end in ends if np.isfinite(end)))
+        more = " or more" if known and not np.isfinite(ends).all() else ""
+        found.append((" to ".join(known) or "unknown") + more)
     return found
 
 
