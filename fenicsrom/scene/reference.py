@@ -114,7 +114,7 @@ def _section(tables: Sequence[_Table], shown: dict[str, str]) -> Iterator[str]:
     if tables[0].meaning:
         yield f"\n{tables[0].meaning}"
     required = required_keys(kind)
-    rows, again = [], dict[str, list[str]]()
+    rows, again = list[str](), dict[str, list[str]]()
     for key, rule, meaning, default in keys(kind):
         if rule.allowed in TABLES:
             continue  # it has a section
