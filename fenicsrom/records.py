@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.assess.errors.comparisons import MeshCheck, ModeAgreement
     from fenicsrom.assess.errors.estimates import MotionErrors
-    from fenicsrom.assess.errors.sizing import Judge, Sized
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.assess.rotation.run_up import RunUp
     from fenicsrom.notes import Note
     from fenicsrom.online.contact.points import ContactPoints
@@ -64,7 +64,6 @@ class Rerun:
     pictures: list[Any] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     run_up: RunUp | None = None
-    judge: None = None
 
     @property
     def scene(self) -> Scene:
@@ -135,7 +134,7 @@ class Study:
         left_out: the reasons why something was not computed, with its name as the key.
         errors: estimated relative errors of the reduced model by their causes, "time step",
             "basis" and "mesh".
-        judge: the larger model that sees the residual of the full equations along the motion.
+        judge: the model with the responses to the residual of the full equations along the motion.
         sized: how the basis got its size; None if it has no candidates.
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
@@ -170,7 +169,7 @@ class Study:
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[Note] = field(default_factory=list)
     errors: dict[str, MotionErrors] = field(default_factory=dict)
-    judge: Judge | None = None
+    judge: StoredModel | None = None
     sized: Sized | None = None
     deflection: Array | None = None
     deformation: Deformation | None = None

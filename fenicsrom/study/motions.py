@@ -164,17 +164,29 @@ def _settled(study: Study, full: Motion) -> Motion:
 
 def see_residual(run: Run) -> None:
     """Let the residual of the full equations along the motion judge the basis. Collective."""
-    from fenicsrom.assess.errors.sizing import judge_of
+    from dataclasses import replace
+
+    from fenicsrom.assess.errors import judge
+    from fenicsrom.assess.errors.sizing import accuracy_limit, candidate_motion, unreached
     from fenicsrom.post.run.summary import stored_model
 
-    study, motion = run.study, run.study.motions["reduced"]
-    if study.judge is not None:  # from the cache, without its motion
-        study.judge = judge_of(study.judge.stored, motion)
+    study, motion, sized = run.study, run.study.motions["reduced"], run.study.sized
+    stored, known = stored_model(study), study.judge
+    other = candidate_motion(stored, motion) if sized is None else sized.other
+    if other is None:
         return
-    from fenicsrom.assess.errors.judge import judge_with_residual
-
-    stored = stored_model(study)
-    study.judge = judge_with_residual(study.solid, study.modes, study.extended, stored, motion)
+    if known is not None and known.labels == stored.labels:  # from the cache
+        found, _ = judge.judge_again(known, motion, other)
+    else:
+        given = study.solid, study.modes, study.extended
+        found = judge.judge_with_residual(*given, stored, motion, other)
+    study.judge, study.errors["basis"] = found
+    if sized is None or stored.scene.basis.size is not None or sized.warning is not None:
+        return
+    limit, error = accuracy_limit(stored, motion), found.errors.amplitude
+    if error > limit:
+        study.sized = replace(sized, warning=unreached(stored, error, limit))
+        study.warnings.append(study.sized.warning)
 
 
 def fit_size(run: Run) -> None:
@@ -186,7 +198,7 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.stop, study.warnings, study.judge)
+    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
     if found is not None and found.stored is not stored:
         resize(study, found.stored)
         study.motions["reduced"] = found.motion
@@ -283,14 +295,12 @@ def check(study: Study) -> None:
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
-    from fenicsrom.assess.errors.estimates import basis_errors
     from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
     from fenicsrom.online.motion.motion import check_energy
 
     name, scene, motions = "", found.scene, found.motions
-    basis = None if found.sized is None else found.sized.errors
-    if basis is None and found.judge is not None:
-        basis = basis_errors(motions["reduced"], found.judge.motion)
+    sized = None if found.sized is None else found.sized.errors
+    basis = found.errors.pop("basis", sized)  # that of the residual sees more
     try:
         for name in motions:
             check_energy(motions[name])

@@ -234,7 +234,7 @@ class OfflineCache:
             self._write(0, _modes_contents(self._run))
         elif stage == self._last:
             self._write(1, _model_contents(self._run, self._warned))
-        elif stage == RESIDUAL and not self._judged:
+        elif stage == RESIDUAL and not self._judged and self._run.study.judge is not None:
             self._write(2, _judge_contents(self._run))
 
     def _read(self, which: int, take: Callable[[Run, Any, Any], None]) -> bool:
@@ -393,17 +393,16 @@ def _judge_contents(run: Run) -> Contents:
     """The archive of the larger model that has seen the residual."""
     from fenicsrom.online.store.archive import model_contents
 
-    return model_contents(run.study.judge.stored)
+    return model_contents(run.study.judge)
 
 
 def _read_judge(run: Run, header: Any, arrays: Any) -> None:
     """Take the larger model that has seen the residual into the record, without its motion."""
-    from fenicsrom.assess.errors.sizing import Judge
     from fenicsrom.online.store.archive import model_of_contents
 
     scene = run.study.scene
-    stored = model_of_contents(Path(scene.source), header, arrays).with_scene(scene)
-    run.study.judge = Judge(stored, None)
+    stored = model_of_contents(Path(scene.source), header, arrays)
+    run.study.judge = stored.with_scene(replace(scene, basis=replace(scene.basis, size=None)))
 
 
 def _build(run: Run, scene: Scene, body: str) -> Solid:

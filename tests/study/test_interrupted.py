@@ -11,7 +11,7 @@ import pytest
 from support import STOCKY, beam_scene, refusal, uncoupled
 
 from fenicsrom import study
-from fenicsrom.assess.errors import judge, verdicts
+from fenicsrom.assess.errors import sizing, verdicts
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import Motion
@@ -118,7 +118,7 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     told = json.loads((tmp_path / "summary.json").read_text())
     assert UNCHECKED in told["warnings"] and (tmp_path / "history.npz").exists()
     monkeypatch.setattr(verdicts, "estimate_errors", lambda *_: None)
-    monkeypatch.setattr(judge, "judge_with_residual", lambda *_: None)
+    monkeypatch.setattr(sizing, "candidate_motion", lambda *_: None)
     monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
     resume = ["--resume", str(tmp_path / "checkpoint.npz")]
     with monkeypatch.context() as patched:  # then in the report

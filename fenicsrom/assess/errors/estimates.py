@@ -529,6 +529,14 @@ def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
     return _times_distance(BASIS_SAFETY, motion, other)
 
 
+def together(first: MotionErrors, second: MotionErrors) -> MotionErrors:
+    """The errors due to different directions that a basis lacks: roots of sums of squares."""
+    each = np.hypot(first.directions, second.directions).tolist()
+    names = "amplitude", "peak_force", "dissipation", "worn", "probe"
+    sums = {name: float(np.hypot(getattr(first, name), getattr(second, name))) for name in names}
+    return first._replace(directions=tuple(each), **sums)
+
+
 def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
     """Estimate the errors of a motion due to its mesh, from that of a model of finer elements.
 

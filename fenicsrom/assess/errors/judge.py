@@ -1,10 +1,15 @@
-"""The larger model that judges a basis sees the residual of the full equations along the motion.
+"""The residual of the full equations along a motion judges its basis.
 
 The candidates of a basis (`fenicsrom.reduction.candidates`) are chosen before there is a motion.
-What the full motion has and no candidate holds would not show in an estimate. The residual r of the
-full equations along the motion of all candidates holds it. The principal static responses K⁻¹ r
-outside of the candidates, in the energy norm, join the larger model, and its motion is sought
-again, until the responses, or what they change, are small.
+What the full motion has and no candidate holds does not show in the motion of all candidates. The
+residual r of the full equations along this motion holds it. The principal static responses K⁻¹ r
+outside of all candidates, in the energy norm, join the coordinates of the model, and the motion of
+this larger model is sought. It has the responses and not the candidates, at a fraction of the cost
+of a model with both. As long as the responses change little, the error that they show and the error
+that the candidates show are those of different directions, and are added as such
+(`fenicsrom.assess.errors.estimates.together`). Otherwise the responses join all candidates, and so
+do those to the residual along the motion of this model, until the responses, or what they change,
+are small.
 
 A static response alone is no estimate of the errors at the contact and at a load: the basis holds
 the static responses to forces there, so that the residual does no work on them.
@@ -16,12 +21,19 @@ motion, so that a run that continues has the same basis.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import unseen
-from fenicsrom.assess.errors.estimates import distances
-from fenicsrom.assess.errors.sizing import Judge, judge_of
+from fenicsrom.assess.errors.estimates import (
+    MotionErrors,
+    basis_errors,
+    distances,
+    nested_motion,
+    together,
+)
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
@@ -30,14 +42,33 @@ from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.protocols import Structure
 
-UNSEEN = 1e-3
-"""Smaller responses, relative to the motion, or changes of the motion by them do not count."""
+UNSEEN, SEEN = 1e-3, 1e-2
+"""Smaller responses, relative to the motion, or changes of the motion by them do not count.
+
+Neither do changes up to `SEEN` that are at most half of the estimate: what follows is smaller.
+"""
 
 ROUNDS = 3
-"""How often responses join the larger model; once for a motion that does not settle."""
+"""How often responses join all candidates; never for a motion that does not settle."""
 
 RESPONSES = 8
 """Largest number of responses that join at once."""
+
+RESPONSE = "R"
+"""The last letter of the labels of responses."""
+
+
+class Judged(NamedTuple):
+    """A model with the responses to the residual, and what it says of a basis.
+
+    Attributes:
+        stored: the stored model with the responses, alone or behind its candidates; without any of
+            them, if the residual is small.
+        errors: the estimated errors due to the basis.
+    """
+
+    stored: StoredModel
+    errors: MotionErrors
 
 
 def judge_with_residual(
@@ -46,37 +77,68 @@ def judge_with_residual(
     extended: ReducedBasis,
     stored: StoredModel,
     motion: Motion,
-) -> Judge:
-    """The judge of a motion, with the residual of the full equations along it. Collective.
+    other: Motion,
+) -> Judged:
+    """Judge the basis of a motion by its candidates and by the residual. Collective.
 
     Args:
         body: the solid or the beam.
         modes: its component modes.
-        extended: the basis of the model with its candidates.
+        extended: the basis of the model with its candidates, in any order.
         stored: the model.
         motion: its motion.
+        other: the motion of all coordinates of the model.
     """
-    found, basis = judge_of(stored, motion), extended
-    for _ in range(1 if is_unsteady(motion) else ROUNDS):
-        before = found.motion
-        if before is None:
+    assert stored.candidates is not None
+    basis = extended.part((*stored.labels, *stored.further), stored.candidates.mass)
+    small = extended.part(stored.labels, stored.model.mass)
+    bare = replace(stored, candidates=None, further=(), finer=None, tables=None)
+    found = judge_again(bare, motion, other)[0]
+    before, along = motion, other
+    for k in range(1 if is_unsteady(motion) else 1 + ROUNDS):
+        if k != 1:  # the second model has the responses of the first one
+            vectors, sizes = unseen(body, modes, basis, along, stored.scene)
+            vectors = vectors[:, : min(int(np.sum(sizes > UNSEEN)), RESPONSES)]
+        if vectors.shape[1] == 0:
             break
-        vectors, sizes = unseen(body, modes, basis, before, stored.scene)
-        count = min(int(np.sum(sizes > UNSEEN)), RESPONSES)
-        if count == 0:
-            break
-        vectors = np.concatenate([basis.vectors[:, basis.masters :], vectors[:, :count]], axis=1)
-        known = basis.size - extended.size
-        labels = [f"{known + k + 1}R" for k in range(count)]
         try:
-            basis = build_basis(body, modes, vectors, [*basis.labels[basis.masters :], *labels])
-        except AccuracyError:  # responses that rounding does not tell from the candidates
+            joined = _joined(body, modes, basis if k else small, vectors)
+        except AccuracyError:  # responses that rounding does not tell from the basis
             break
-        larger = project(body, basis, body.geometrically_nonlinear)
-        further = basis.labels[stored.size :]
-        found = judge_of(replace(stored, candidates=larger, further=further, tables=None), motion)
-        if found.motion is not None:
-            change = distances(before, found.motion)
-            if max(change.amplitude, change.peak_force) < UNSEEN:
-                break
+        model = project(body, joined, body.geometrically_nonlinear)
+        larger = replace(bare, candidates=model, further=joined.labels[stored.size :])
+        found, seen = judge_again(larger, motion, other)
+        if seen is None:
+            break
+        pairs = zip(distances(before, seen)[:2], found.errors[:2], strict=True)
+        if all(change <= min(max(0.5 * error, UNSEEN), SEEN) for change, error in pairs):
+            break
+        basis, before, along = (joined, seen, seen) if k else (basis, other, other)
     return found
+
+
+def _joined(
+    body: Structure, modes: ComponentModes, basis: ReducedBasis, vectors: Array
+) -> ReducedBasis:
+    """A basis with responses (local, k) at its end; errors as `build_basis`."""
+    first = 1 + sum(label.endswith(RESPONSE) for label in basis.labels)
+    names = [f"{first + k}{RESPONSE}" for k in range(vectors.shape[1])]
+    inner = np.concatenate([basis.vectors[:, basis.masters :], vectors], axis=1)
+    return build_basis(body, modes, inner, [*basis.labels[basis.masters :], *names])
+
+
+def judge_again(stored: StoredModel, motion: Motion, other: Motion) -> tuple[Judged, Motion | None]:
+    """Judge a motion by a model with responses that are known; its motion comes along.
+
+    Args:
+        stored: as in `Judged`.
+        motion: the motion.
+        other: the motion of all coordinates of its model.
+    """
+    if stored.candidates is None:
+        return Judged(stored, basis_errors(motion, other)), None
+    seen = nested_motion(stored.candidates, stored.scene, motion)
+    errors = basis_errors(motion, seen)
+    if all(label.endswith(RESPONSE) for label in stored.further):
+        errors = together(errors, basis_errors(motion, other))
+    return Judged(stored, errors), seen

@@ -18,7 +18,6 @@ would cost another run, and the picture of the sizes shows what they would do.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -119,21 +118,7 @@ Run = Callable[[StoredModel, tuple[Array, ...] | None], Motion]
 """Integrates a larger model as the run does, with the start `near` of `integrate`."""
 
 
-class Judge(NamedTuple):
-    """A larger model that judges a stored model, and its motion.
-
-    Attributes:
-        stored: the stored model with further coordinates, which judge and do not join the model.
-        motion: the motion of all its coordinates near that of the model; None if there is none.
-    """
-
-    stored: StoredModel
-    motion: Motion | None
-
-
-def sized(
-    stored: StoredModel, motion: Motion, run: Run, judge: Judge | None = None
-) -> Sized | None:
+def sized(stored: StoredModel, motion: Motion, run: Run) -> Sized | None:
     """Let a model take coordinates until the error due to its basis is small enough.
 
     Only a basis with derivatives along principal directions takes coordinates.
@@ -142,7 +127,6 @@ def sized(
         stored: the model under the scene.
         motion: its motion.
         run: integrates a larger model as the run does.
-        judge: judges the model; by default its candidates.
 
     Returns:
         The model with its motion; None if it has no further coordinates, or takes none.
@@ -154,13 +138,12 @@ def sized(
     if stored.candidates is None or not stored.scene.basis.adapts:
         return None
     if stored.scene.basis.size is not None:
-        return _of_size(stored, motion, run, judge, stored.scene.basis.size)
-    scene, energies = stored.scene, dict[str, float]()
+        return _of_size(stored, motion, run, stored.scene.basis.size)
+    energies = dict[str, float]()
     spare = spare_coordinates(stored)
-    judge = judge or judge_of(stored, motion)
+    other = candidate_motion(stored, motion)
     while True:
-        limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
-        other = judge.motion
+        limit = accuracy_limit(stored, motion)
         errors = basis_errors(motion, other)
         if errors.amplitude <= limit:
             return Sized(stored, motion, other, errors, energies)
@@ -173,55 +156,59 @@ def sized(
             warning = unreached(stored, errors.amplitude, limit)
             return Sized(stored, motion, other, errors, energies, warning)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
-        stored, (motion, judge) = larger, _again(larger, motion, judge, run, near)
+        motion, other = _again(stored, larger, motion, other, run, near)
+        stored = larger
 
 
-def judge_of(stored: StoredModel, motion: Motion) -> Judge:
-    """The judge of a motion of a model with candidates."""
+def accuracy_limit(stored: StoredModel, motion: Motion) -> float:
+    """The largest accepted error due to the basis: the accuracy of the scene, if it settles."""
+    return UNSETTLED_BASIS_ERROR if is_unsteady(motion) else stored.scene.basis.accuracy
+
+
+def candidate_motion(stored: StoredModel, motion: Motion) -> Motion | None:
+    """The motion of all coordinates of a model near its motion; None if there is none."""
     assert stored.candidates is not None
-    return Judge(stored, nested_motion(stored.candidates, stored.scene, motion))
+    return nested_motion(stored.candidates, stored.scene, motion)
 
 
 def _again(
+    before: StoredModel,
     stored: StoredModel,
-    before: Motion,
-    judge: Judge,
+    earlier: Motion,
+    other: Motion | None,
     run: Run,
     near: tuple[Array, ...] | None = None,
-) -> tuple[Motion, Judge]:
-    """The motion of a model of another size, and its judge, whose motion may be the same.
+) -> tuple[Motion, Motion | None]:
+    """The motion of a model of another size, and that of all coordinates, which may be the same.
 
     Args:
+        before: the model before.
         stored: the model.
-        before: the motion of the model before.
-        judge: the judge of the model before.
+        earlier: the motion of the model before.
+        other: the motion of all coordinates of the model before.
         run: as `sized`.
         near: as `integrate`.
     """
     motion = run(stored, near)
-    judging = judge.stored.resized(stored.labels)
     elsewhere = near is None and motion.newton_from is not None
-    if judge.motion is None or elsewhere or has_settled(motion) != has_settled(before):
-        return motion, judge_of(judging, motion)
-    known = (*judge.stored.labels, *judge.stored.further)
-    order = [known.index(label) for label in (*judging.labels, *judging.further)]
+    if other is None or elsewhere or has_settled(motion) != has_settled(earlier):
+        return motion, candidate_motion(stored, motion)
+    known = (*before.labels, *before.further)
+    order = [known.index(label) for label in (*stored.labels, *stored.further)]
     rows = "coordinates", "velocity", "acceleration"
-    turned = {name: getattr(judge.motion, name)[:, order] for name in rows}
-    return motion, Judge(judging, replace(judge.motion, **turned))
+    return motion, replace(other, **{name: getattr(other, name)[:, order] for name in rows})
 
 
-def _of_size(
-    stored: StoredModel, motion: Motion, run: Run, judge: Judge | None, size: int
-) -> Sized:
+def _of_size(stored: StoredModel, motion: Motion, run: Run, size: int) -> Sized:
     """The model with so many coordinates; other arguments and errors as `sized`."""
     stored.require_size()
-    judge = judge or judge_of(stored, motion)
-    chosen = with_size(stored, judge.motion, size)
-    energies = {} if judge.motion is None else candidate_energies(stored, judge.motion)
+    other = candidate_motion(stored, motion)
+    chosen = with_size(stored, other, size)
+    energies = {} if other is None else candidate_energies(stored, other)
     if chosen is not stored:
-        motion, judge = _again(chosen, motion, judge, run)
+        motion, other = _again(stored, chosen, motion, other, run)
     joined = {label: energies[label] for label in chosen.labels if label in energies}
-    return Sized(chosen, motion, judge.motion, basis_errors(motion, judge.motion), joined)
+    return Sized(chosen, motion, other, basis_errors(motion, other), joined)
 
 
 def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredModel:
@@ -246,7 +233,6 @@ def fitted(
     motion: Motion,
     stop: Callable[[], bool],
     warnings: list[Note],
-    judge: Judge | None = None,
 ) -> Sized | None:
     """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
 
@@ -255,7 +241,6 @@ def fitted(
         motion: its motion.
         stop: the run ends when it returns True.
         warnings: receives a sentence if the accuracy is not reached.
-        judge: as `sized`.
     """
 
     def run(larger: StoredModel, near: tuple[Array, ...] | None) -> Motion:
@@ -263,7 +248,7 @@ def fitted(
         return simulate(larger.model, larger.scene, near=near, keep_coordinates=True, stop=stop)
 
     try:
-        found = sized(stored, motion, run, judge)
+        found = sized(stored, motion, run)
     except (AccuracyError, ConvergenceError) as error:
         text = f"a reduced model with more coordinates failed: {error}"
         warnings.append(Note(NoteKind.FAILED, text))
@@ -306,11 +291,11 @@ def coordinate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
 
     Args:
         stored: the model.
-        other: the motion of all coordinates; further ones at their end do not count.
+        other: the motion of all coordinates.
     """
     assert stored.candidates is not None and other.coordinates is not None
     n, stiffness = stored.size, stored.candidates.elastic.stiffness
-    q = other.coordinates[:, : len(stiffness)]
+    q = other.coordinates
     whole = np.mean(np.einsum("ti,ij,tj->t", q[:, :n], stiffness[:n, :n], q[:, :n]))
     squares = np.mean(q**2, axis=0) * np.abs(np.diag(stiffness)) / abs(whole)
     return dict(zip((*stored.labels, *stored.further), np.sqrt(squares).tolist(), strict=True))
