@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 
 try:
     import fcntl
@@ -219,15 +219,10 @@ def read_archive(
         del arrays["header"]
         yield header, arrays
     except FileNotFoundError:
-        raise SceneError(
-            f"{path}: cannot be read: no such file", kind=ErrorKind.FILE, source=str(path)
-        ) from None
+        raise refuse(path, "cannot be read: no such file", ErrorKind.FILE) from None
     except OSError as error:
-        raise SceneError(
-            f"{path}: cannot be read: {error.strerror or 'it is damaged'}",
-            kind=ErrorKind.FILE,
-            source=str(path),
-        ) from None
+        reason = f"cannot be read: {error.strerror or 'it is damaged'}"
+        raise refuse(path, reason, ErrorKind.FILE) from None
     except SceneError as error:
         if error.source == str(path):
             raise

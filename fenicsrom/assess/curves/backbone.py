@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.results import CurveRecord, required_table
+from fenicsrom.assess.curves.results import CurveRecord, require_polynomial, required_table
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import (
     candidate_energies,
@@ -29,7 +29,7 @@ from fenicsrom.assess.errors.sizing import (
     unreached,
 )
 from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, in_percent
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, job_error
+from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
 from fenicsrom.notes import FREQUENCIES, PEAKS, Note, NoteKind
 from fenicsrom.online.curves.continuation import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
@@ -43,6 +43,7 @@ from fenicsrom.online.stress.reactions import reduced_modes
 from fenicsrom.progress import duration, log, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief, counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
@@ -156,28 +157,13 @@ def check_backbone(scene: Scene) -> None:
     """
     backbone_table(scene)
     if scene.static_only:
-        raise _refusal(
-            scene, "backbone", "needs a reduced model, but all loads are static", ErrorKind.CONFLICT
-        )
-    if scene.basis.elastic_force == "projection":
-        raise _refusal(
-            scene,
-            "basis.elastic_force",
-            '= "projection": must be "polynomial" for a nonlinear mode',
-            ErrorKind.CONFLICT,
-        )
+        reason = "needs a reduced model, but all loads are static"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "backbone")
+    require_polynomial(scene, "a nonlinear mode")
     for k, contact in enumerate(scene.contacts):
         if contact.surface is not None and contact.surface.waves:
-            raise _refusal(
-                scene,
-                f"contacts[{k}].surface.waves",
-                "is not allowed for a nonlinear mode, which moves without excitation",
-                ErrorKind.CONFLICT,
-            )
-
-
-def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError:
-    return SceneError(f"{scene.source}: {key} {reason}", kind=kind, key=key, source=scene.source)
+            reason = "not allowed for a nonlinear mode, which moves without excitation"
+            raise refuse(scene.source, reason, ErrorKind.CONFLICT, f"contacts[{k}].surface.waves")
 
 
 def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
@@ -263,39 +249,26 @@ def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int
     Raises:
         SceneError: there is no such mode, or it does not move the probe.
     """
-    scene, number = stored.scene, backbone_table(stored.scene).mode
-    modes = linear_modes(problem)
+    number, modes = backbone_table(stored.scene).mode, linear_modes(problem)
+    where = Where(str(stored.scene.source), "backbone.mode")
     kept = [label for label in stored.labels if re.fullmatch(r"\d+V", label)]
     if kept and f"{number}V" not in kept:
-        raise _refusal(
-            scene,
-            "backbone.mode",
-            f"= {number}: must be one of the normal modes of the basis, {', '.join(kept)}; to "
-            f"keep mode {number}, raise basis.modes or lower basis.threshold",
-            ErrorKind.RANGE,
-        )
+        allowed = f"must be one of the normal modes of the basis, {', '.join(kept)}; to keep mode "
+        raise where.refuse(number, f"{allowed}{number}, raise basis.modes or lower basis.threshold")
     numbers, _, free = reduced_modes(stored.model, stored.normal_modes)
     if number in numbers and numbers != list(range(1, 1 + len(numbers))):
         # a basis that leaves modes out has others: the mode is that of the same shape
         shape = stored.model.mass @ free[:, numbers.index(number)]
         number = 1 + int(np.argmax([abs(shape @ mode.shape) for mode in modes]))
     if number > len(modes):
-        raise _refusal(
-            scene,
-            "backbone.mode",
-            f"= {number}: must be from 1 to {len(modes)}, the number of modes of the reduced model",
-            ErrorKind.RANGE,
-        )
+        allowed = f"must be from 1 to {len(modes)}, the number of modes of the reduced model"
+        raise where.refuse(number, allowed)
     moves = [np.abs(stored.model.probe @ mode.shape) for mode in modes]
     mine = moves[number - 1]
     direction = int(np.argmax(mine))
     if mine[direction] <= STILL * max(float(move.max()) for move in moves):
-        raise _refusal(
-            scene,
-            "backbone.mode",
-            f"= {number}: this mode does not move the probe; choose another probe",
-            ErrorKind.CONFLICT,
-        )
+        reason = "this mode does not move the probe; choose another probe"
+        raise where.refuse(number, reason, ErrorKind.CONFLICT)
     return modes[number - 1], direction, float(mine[direction])
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import MeshCheck, of_solid
 from fenicsrom.assess.errors.plausibility import strain_warnings
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, job_error
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, job_error, refuse
 from fenicsrom.notes import STABILITY, Note, NoteKind
 from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.progress import log, working_time
@@ -114,20 +114,15 @@ def varied_loads(scene: Scene) -> list[int]:
     listed = range(len(scene.loads)) if chosen is None else chosen
     found = [k for k in listed if scene.loads[k].static]
     if not any(scene.loads[k].size != 0.0 for k in found):
-        raise _refusal(
-            scene, "loads", "a static load of a size other than 0 is needed", ErrorKind.MISSING
-        )
+        reason = "a static load of a size other than 0 is needed"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
     if not scene.geometrically_nonlinear:
-        allowed = "false: must be true, because a linear path is a straight line"
-        raise _refusal(scene, "geometrically_nonlinear", allowed, ErrorKind.CONFLICT)
+        reason = "false: must be true, because a linear path is a straight line"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "geometrically_nonlinear")
     if scene.contacts:
-        allowed = "not allowed: the path is that of the body without contacts"
-        raise _refusal(scene, "contacts", allowed, ErrorKind.CONFLICT)
+        reason = "not allowed: the path is that of the body without contacts"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "contacts")
     return found
-
-
-def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError:
-    return SceneError(f"{scene.source}: {key}: {reason}", kind=kind, key=key, source=scene.source)
 
 
 def equilibrium_path(

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from fenicsrom.assess.curves.results import response_table
+from fenicsrom.assess.curves.results import require_polynomial, response_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.loads import displacement_sines
@@ -35,7 +35,7 @@ from fenicsrom.scene import (
     parse_scene,
     scene_table,
 )
-from fenicsrom.scene.base.rules import show
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import require_repeating
 from fenicsrom.scene.reading.overrides import in_words, names_of
 
@@ -53,14 +53,7 @@ def check_response(scene: Scene) -> None:
     table = response_table(scene)
     _check_excitation(scene, scene)
     require_repeating(scene)
-    if scene.basis.elastic_force == "projection":
-        raise SceneError(
-            f'{scene.source}: basis.elastic_force = "projection": must be "polynomial" for '
-            "response curves",
-            kind=ErrorKind.CONFLICT,
-            key="basis.elastic_force",
-            source=scene.source,
-        )
+    require_polynomial(scene, "response curves")
     if table.parameter not in ("frequency", "rotation.speed_rpm"):
         for key, value in (("response.first", table.first), ("response.last", table.last)):
             try:
@@ -99,14 +92,10 @@ def _check_excitation(scene: Scene, given: Scene) -> None:
     varied = any(load.size or parameter == f"loads.{k}.{load.kind}" for k, load in varies)
     if not waves and not varied:
         keys = [f"loads[{k}].{load.kind}" for k, load in varies]
-        raise SceneError(
-            f"{given.source}: {' and '.join(f'{key} = 0' for key in keys)}: nothing excites the "
-            "body, so a response curve has no motion; give a load that varies a size other than "
-            "zero",
-            kind=ErrorKind.RANGE,
-            key=keys[0],
-            source=given.source,
-        )
+        zero = " and ".join(f"{key} = 0" for key in keys)
+        said = f"{given.source}: {zero}: nothing excites the body, so a response "
+        said += "curve has no motion; give a load that varies a size other than zero"
+        raise SceneError(said, kind=ErrorKind.RANGE, key=keys[0], source=given.source)
 
 
 def _check_families(scene: Scene, parameter: str, families: Families) -> None:
@@ -119,12 +108,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
     key = ".".join(names_of(families.key))
 
     def refusal(reason: str, kind: ErrorKind) -> SceneError:
-        return SceneError(
-            f"{scene.source}: response.families.key = {show(families.key)}: {reason}",
-            kind=kind,
-            key="response.families.key",
-            source=scene.source,
-        )
+        return Where(str(scene.source), "response.families.key").refuse(families.key, reason, kind)
 
     if parameter == "frequency" and re.fullmatch(r"(loads\.[0-9]+\.)?frequency", key):
         reason = "the frequency is the parameter of the curves already; choose another number"

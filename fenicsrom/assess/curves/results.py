@@ -13,7 +13,7 @@ Each file names the model and the scene it belongs to.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,7 +23,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.assess.errors.comparisons import MeshCheck
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
@@ -35,6 +35,7 @@ from fenicsrom.online.store.scene_changes import changed_run_key, first_differen
 from fenicsrom.online.store.store import fingerprint, pack, unpack
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import brief
 
@@ -86,14 +87,22 @@ def required_table(scene: Scene, name: str, table: Table | None) -> Table:
         SceneError: the scene has no such table.
     """
     if table is None:
-        raise SceneError(
-            f"{scene.source}: {name} is missing: must be a table with first and last (or add "
-            f"--set {name}.first=NUMBER --set {name}.last=NUMBER)",
-            kind=ErrorKind.MISSING,
-            key=name,
-            source=scene.source,
-        )
+        allowed = "must be a table with first and last (or add "
+        allowed += f"--set {name}.first=NUMBER --set {name}.last=NUMBER)"
+        raise Where(scene.source, name).refuse(MISSING, allowed)
     return table
+
+
+def require_polynomial(scene: Scene, what: str) -> None:
+    """Check that the elastic force of the reduced model is an exact polynomial.
+
+    Raises:
+        SceneError: it is projected.
+    """
+    if scene.basis.elastic_force == "projection":
+        where = Where(scene.source, "basis.elastic_force")
+        allowed = f'must be "polynomial" for {what}'
+        raise where.refuse("projection", allowed, ErrorKind.CONFLICT)
 
 
 WIDE = 1e-4  # part of the range: special points within less count as located
@@ -332,20 +341,13 @@ class CurveFile:
         """
         made = parse_scene(header["scene"], str(header["source"]), None)
         if (key := changed_response_key(made, self.scene)) is not None:
-            raise SceneError(
-                f"{self.path}: {key} differs from the scene that wrote this file; "
-                "curves continue only with the same scene",
-                kind=ErrorKind.MISMATCH,
-                key=key,
-                source=str(self.path),
-            )
+            reason = "differs from the scene that wrote this file; "
+            reason += "curves continue only with the same scene"
+            raise refuse(self.path, reason, ErrorKind.MISMATCH, key)
         if header["model"] != self.model or header["number"] != self.number:
-            raise SceneError(
-                f"{self.path}: another reduced model wrote this file; "
-                "resume with the model that wrote it: --from MODEL",
-                kind=ErrorKind.MISMATCH,
-                source=str(self.path),
-            )
+            reason = "another reduced model wrote this file; "
+            reason += "resume with the model that wrote it: --from MODEL"
+            raise refuse(self.path, reason, ErrorKind.MISMATCH)
 
 
 def curve_file(folder: Path, stored: StoredModel, number: int) -> CurveFile:
@@ -366,12 +368,8 @@ def check_folder(folder: Path) -> None:
         with read_archive(file, WHAT, FORMAT):
             pass
     if not files:
-        raise SceneError(
-            f"{folder}: must be a folder with curve_1.npz, such as the response_state of an "
-            "earlier run",
-            kind=ErrorKind.FILE,
-            source=str(folder),
-        )
+        reason = "must be a folder with curve_1.npz, such as the response_state of an earlier run"
+        raise refuse(folder, reason, ErrorKind.FILE)
 
 
 def forget(folder: Path) -> None:
