@@ -45,6 +45,16 @@ Workers = int | Executor
 """The largest number of processes of this machine (1: this process), or an executor."""
 
 
+def stop_of(report: Callable[[float, str], None]) -> Callable[[], bool]:
+    """The function `stop` for what a job calls; it raises KeyboardInterrupt as `report` does."""
+
+    def stop() -> bool:
+        report(0.0, "")
+        return False
+
+    return stop
+
+
 def available_cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):

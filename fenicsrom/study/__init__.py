@@ -4,16 +4,15 @@
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
 `forecast` says what a run will cost. `output_folder` guards the folder of the files.
 `offline_cache` keeps the results up to the reduced model for later runs: `offline_key` says what
-they depend on. `stored` integrates a stored model again, `curves` computes response curves and
-nonlinear modes, and `sweeps` runs a scene or a stored model for many values of its keys; both start
-from a `source`. `analyses` holds what needs no reduced model of its own.
+they depend on. `stored` integrates a stored model again, `curves` computes response curves,
+nonlinear modes and maps, and `sweeps` runs a scene or a stored model for many values of its keys;
+both start from a `source`. `analyses` holds what needs no reduced model of its own.
 """
 
 from fenicsrom.study.analyses import campbell, compare, stability, statics
-from fenicsrom.study.curves import backbone, response
+from fenicsrom.study.curves import backbone, interaction_map, response
 from fenicsrom.study.execution import build_model, modes, run
 from fenicsrom.study.forecast import forecast, refusal_of, set_up
-from fenicsrom.study.maps import interaction_map
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan

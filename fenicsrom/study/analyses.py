@@ -11,6 +11,7 @@ from fenicsrom.scene.checks.checks import require_no_pairs
 from fenicsrom.study.execution import all_ranks
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.stopwatch import never
+from fenicsrom.study.writing import written
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath
@@ -120,12 +121,7 @@ def compare(
     from fenicsrom.assess.studies import compare as comparison
 
     comm = comm or all_ranks()
-    found = comparison.compare(scene, comm)
-    if folder is not None and comm.rank == 0:
-        from fenicsrom.post.studies.compare_report import report
-
-        found.files = report(found).write(folder)
-    return found
+    return written(comparison.compare(scene, comm), folder, comm)
 
 
 def stability(
@@ -156,8 +152,4 @@ def stability(
 
     require_no_pairs(read_scene(scene, overrides), "stability")
     found = extremes.stability(scene, override_texts(overrides), axes, variants=variants, seed=seed)
-    if folder is not None:
-        from fenicsrom.post.studies.stability_report import report
-
-        found.files = report(found).write(folder)
-    return found
+    return written(found, folder)

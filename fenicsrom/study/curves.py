@@ -1,11 +1,13 @@
-"""Response curves and damped nonlinear modes of a scene or of a stored model."""
+"""Response curves, damped nonlinear modes and interaction maps of a scene or of a stored model."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, refuse
@@ -14,17 +16,20 @@ from fenicsrom.progress import asking, log
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.writing import written
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.backbone import Backbone
     from fenicsrom.assess.curves.results import Response
     from fenicsrom.assess.jobs import Workers
+    from fenicsrom.assess.studies.interaction import InteractionMap
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
 
 STATE = "response_state"  # folder of what is kept of the curves
+LINES = "map_lines"  # folder of the speeds that are done
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
@@ -225,7 +230,6 @@ def backbone(
     from fenicsrom.assess.curves import backbone as modes
     from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.assess.errors.sizing import with_size
-    from fenicsrom.post.reports import report
 
     modes.check_backbone(scene_of(given))
     watch = Stopwatch()
@@ -238,6 +242,65 @@ def backbone(
         source = source.with_model(source.stored.resized(found.labels), folder)
     found.mesh_check = of_model(source.stored)
     found.warnings[:0] = _first_warnings(source, found)
-    if folder is not None and found.points and source.first:
-        found.files = report(found).write(folder)
+    return written(found, folder if found.points else None, source.comm)
+
+
+@starts_from("StoredModel")
+def interaction_map(
+    given: Scene | StoredModel,
+    comm: Any = None,
+    *,
+    folder: Path | None = None,
+    resume: bool = False,
+    workers: Workers = 1,
+    stop: Callable[[], bool] = never,
+    fresh: bool = False,
+) -> InteractionMap:
+    """Compute the interaction map of a body that rubs its casing, over the speed of rotation.
+
+    Args:
+        given: a scene with `rotation.speeds_rpm` and a table [map], or a stored model of such a
+            scene.
+        comm: MPI communicator; several ranks share the speeds of a stored model.
+        folder: folder of the output files; None writes no files.
+        resume: keep the speeds that an earlier map left in the folder.
+        workers: largest number of processes, or an executor.
+        stop: asked often; the map ends where it returns True.
+        fresh: compute all offline results, also those that the cache has.
+
+    Returns:
+        The map. After an interrupt it has the speeds that are done, and `interrupted` is set.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: an offline stage failed.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.errors.comparisons import of_model
+    from fenicsrom.assess.studies import interaction
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.reports import report
+    from fenicsrom.post.studies.interaction_report import write_hdf5
+
+    interaction.map_speeds(scene_of(given))
+    with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
+        source = source_of(given, comm, Stopwatch(), folder, stop, fresh)
+        model = Path(place) / f"{'' if source.stored is not given else 'stored_'}{MODEL}"
+        save_model(model, source.stored)
+        found = interaction.interaction_map(
+            source.stored.scene,
+            model,
+            Path(place) / LINES,
+            resume=resume,
+            workers=workers,
+            stop=stop,
+            comm=comm,
+        )
+        ends = found.speeds_rpm[[0, -1]] if found.lines else ()
+        judged = of_model(source.stored, *ends).warnings(found.scene)
+        found.warnings[:0] = [*source.warnings, *judged]
+        if folder is not None and found.lines and (comm is None or comm.rank == 0):
+            arrays = write_hdf5(found, folder / "map.h5")
+            found.files = [*report(found).write(folder), *arrays]
     return found

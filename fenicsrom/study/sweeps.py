@@ -7,27 +7,25 @@ model has the modes, derivatives and basis of the first of these runs.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.progress import log, working_time
+from fenicsrom.errors import SceneError
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.reading.overrides import Axis, combinations, make_axes
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import never
-from fenicsrom.words import counted
+from fenicsrom.study.writing import written
 
 if TYPE_CHECKING:
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
     from fenicsrom.online.store.archive import StoredModel
 
-PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress, s
 MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
 Row = dict[str, Any]
 
@@ -112,49 +110,34 @@ def run_sweep(
         SceneError: no run has a scene that can be used.
         OSError: a file cannot be read or written.
     """
-    from fenicsrom.assess.jobs import run_jobs
-    from fenicsrom.assess.studies.sweep_runs import Sweep, compute, failure, kept
+    from fenicsrom.assess.studies.batch import Batch
+    from fenicsrom.assess.studies.sweep_runs import Sweep, compute, failure
 
     begin = clock.perf_counter()
-    first = comm is None or comm.rank == 0
     rows, scenes = _rows_and_scenes(variant, axes)
-    runs, models = _assign_models(rows, scenes, folder, stored)
-    found = Sweep(scene, axes, rows, len(models))
-    results: dict[int, Row] = {}
-    if resume:
-        results = {run.number: done for run in runs if (done := kept(run)) is not None}
-        found.reused = len(results)
-        if results and first:
-            log.info(f"done already: {len(results)} of {counted(len(rows), 'run')}")
-    pending = [run for run in runs if run.number not in results]
-    wanted = {run.model for run in pending}
+    runs, models = _assign_models(scenes, folder, stored)
+    build = [(s, path, fresh) for path, s in models.items() if not (resume and path.exists())]
+    if build and comm is not None and comm.size > 1:
+        import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
+    makers = Batch("model", workers=workers, stop=stop, comm=comm)
+    made = makers.each(_build, build, lambda k, _: build[k][1].stem)
+    failed = {build[k][1]: failure(error) for k, error in made.items() if error is not None}
+    results = {run.number: failed[run.model] for run in runs if run.model in failed}
+    pending = [run for run in runs if run.model not in failed and run.model.exists()]
 
-    def jobs(function: Callable[..., Any], given: Sequence[Any], noun: str) -> Iterator[Any]:
-        return run_jobs(function, given, _progress(noun, len(given)), workers, stop, comm)
+    def stopped() -> bool:
+        return makers.interrupted or stop()
 
-    try:
-        build = [(model, path, fresh) for path, model in models.items() if path in wanted]
-        build = [job for job in build if not (resume and job[1].exists())]
-        if build and comm is not None and comm.size > 1:
-            import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
-        made = jobs(_build, build, "model")
-        failed = {build[k][1]: failure(error) for k, error in made if error is not None}
-        lost = [run for run in pending if run.model in failed]
-        results |= {run.number: rows[run.number] | failed[run.model] for run in lost}
-        pending = [run for run in pending if run.model not in failed]
-        for k, result in jobs(compute, pending, "run"):
-            number, has_failed = pending[k].number, isinstance(result, Exception)
-            results[number] = rows[number] | failure(result) if has_failed else result
-    except KeyboardInterrupt:
-        found.interrupted = True
-        results |= {run.number: done for run in pending if (done := kept(run)) is not None}
-    found.rows = [results.get(k, row) for k, row in enumerate(rows)]
+    def say(k: int, result: Any) -> str:
+        return f"run {pending[k].number + 1}"
+
+    batch = Batch("run", folder / RUNS, {}, resume, workers, stopped, comm)
+    for k, result in batch.each(compute, pending, say, [run.digest for run in pending]).items():
+        results[pending[k].number] = failure(result) if isinstance(result, Exception) else result
+    rows = [row | results.get(k, {}) for k, row in enumerate(rows)]
+    found = Sweep(scene, axes, rows, len(models), batch.reused, interrupted=batch.interrupted)
     found.seconds = clock.perf_counter() - begin
-    if first:
-        from fenicsrom.post.studies.sweep_report import report
-
-        found.files = report(found).write(folder)
-    return found
+    return written(found, folder, comm)
 
 
 def _rows_and_scenes(
@@ -190,7 +173,7 @@ def _rows_and_scenes(
 
 
 def _assign_models(
-    rows: list[Row], scenes: dict[int, Scene], folder: Path, stored: Path | None
+    scenes: dict[int, Scene], folder: Path, stored: Path | None
 ) -> tuple[list[SweepRun], dict[Path, Scene]]:
     """The runs with the files of their models, and the scenes of the models that must be built."""
     from fenicsrom.assess.studies.sweep_runs import SweepRun, digest_of, file_digest
@@ -210,40 +193,16 @@ def _assign_models(
             origin = digest_of(scene, file_digest(mesh) if mesh.is_file() else str(mesh))
             path = folder / MODELS / f"{origin[:16]}.npz"
             models[path], origins[path] = scene, origin
-        digest = digest_of(scene, origins[path])
-        file = folder / RUNS / f"{digest[:16]}.json"
-        values = {key: value for key, value in rows[number].items() if key != "run"}
-        runs.append(SweepRun(number, values, scene, path, file, digest))
+        runs.append(SweepRun(number, scene, path, digest_of(scene, origins[path])))
     return runs, models
 
 
-def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) -> Exception | None:
-    """Build the reduced model of a scene and write it; give the error if this fails."""
+def _build(job: tuple[Scene, Path, bool], report: Any) -> None:
+    """Build the reduced model of a scene and write it; errors as `build_model`."""
     from mpi4py import MPI
 
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.study.execution import build_model
 
-    (scene, path, fresh), failed = job, None
-    try:
-        save_model(path, build_model(scene, comm=MPI.COMM_SELF, fresh=fresh))
-    except (SceneError, ConvergenceError, AccuracyError) as error:
-        failed = error
-    report(1.0, f"model {path.stem}")
-    return failed
-
-
-def _progress(noun: str, count: int) -> Callable[[int, float, str], None]:
-    """Make the function that says how many jobs are done, and the time that is left."""
-    done, begin, said = 0, working_time(), clock.perf_counter()
-
-    def tell(number: int, fraction: float, line: str) -> None:
-        """Count a job that is done; see `fenicsrom.assess.jobs.Tell`."""
-        nonlocal done, said
-        done, now = done + 1, clock.perf_counter()
-        if now - said >= PROGRESS_INTERVAL or done == count:
-            left = (working_time() - begin) * (count - done) / done
-            log.info(f"  {noun} {done} of {count}; about {left:.0f} s left")
-            said = now
-
-    return tell
+    scene, path, fresh = job
+    save_model(path, build_model(scene, comm=MPI.COMM_SELF, fresh=fresh))

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
+
+
+Found = TypeVar("Found", bound=Any)
+
+
+def written(found: Found, folder: Path | None, comm: Any = None) -> Found:
+    """Write the report of a study on the first rank, if there is a folder; return its record.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.post.reports import report
+
+    if folder is not None and (comm is None or comm.rank == 0):
+        found.files = report(found).write(folder)
+    return found
 
 
 def _output(run: Run) -> Path:

@@ -388,7 +388,7 @@ def test_static_scene_ends_with_its_equilibrium(
         )
         == 0
     )
-    assert "1V    3.2" in capsys.readouterr().out
+    assert "1V 3.2" in " ".join(capsys.readouterr().out.split())
     assert main(["compare", str(scene), "--output", str(tmp_path / "compare")]) == 2
     assert "loads: all are static" in capsys.readouterr().err
 

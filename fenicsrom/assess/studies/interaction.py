@@ -14,10 +14,9 @@ another motion. With layers that wear, half the step is used at each speed, and 
 not: it has another history of wear.
 """
 
-import hashlib
 import time as clock
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,22 +24,21 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR
-from fenicsrom.assess.jobs import Workers, run_jobs
+from fenicsrom.assess.jobs import Workers, stop_of
 from fenicsrom.assess.rotation.campbell import FrequencyCurve
+from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.files import read_archive, write_archive
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
 from fenicsrom.online.contact.coating import Ring, rings_of
 from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.progress import log, time_left
 from fenicsrom.scene import Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.curve_checks import beside_speed
 from fenicsrom.scene.keys.excitation import excited_orders
 from fenicsrom.words import brief, counted
 
-FORMAT, EARLIER = "fenicsrom map 1", "fenicsrom map"
 CHECKED = 10  # every so many speeds the errors are estimated
 COST = 7  # of a speed whose errors are estimated, in others
 FEW = 6  # most speeds that a note lists
@@ -131,7 +129,6 @@ class _Job:
         scene: the scene.
         speed_rpm: the speed.
         checked: whether errors are estimated.
-        stem: path of the file of the result, without its ending.
         before: the speed from which this one continues; None starts at rest on new layers.
     """
 
@@ -139,13 +136,7 @@ class _Job:
     scene: Scene
     speed_rpm: float
     checked: bool
-    stem: Path
     before: Line | None = None
-
-    @property
-    def file(self) -> Path:
-        """Keeps the result."""
-        return self.stem.with_suffix(".checked.npz" if self.checked else ".npz")
 
 
 def map_speeds(scene: Scene) -> Array:
@@ -157,30 +148,29 @@ def map_speeds(scene: Scene) -> Array:
     """
     table = scene.map
 
-    def refuse(key: str, reason: str, kind: ErrorKind) -> SceneError:
-        return SceneError(f"{scene.source}: {key}{reason}", kind=kind, key=key, source=scene.source)
+    def refusal(key: str, reason: str, kind: ErrorKind = ErrorKind.CONFLICT) -> SceneError:
+        return refuse(scene.source, reason, kind, key)
 
     if scene.speeds_rpm is None:
-        raise refuse("rotation.speeds_rpm", " is missing: a map needs it", ErrorKind.MISSING)
+        raise refusal("rotation.speeds_rpm", "missing: a map needs it", ErrorKind.MISSING)
     if not scene.contacts:
-        raise refuse("contacts", ": a map needs a contact", ErrorKind.MISSING)
+        raise refusal("contacts", "a map needs a contact", ErrorKind.MISSING)
     if scene.rotation is not None and scene.rotation.history:
-        reason = ": not allowed in a map, whose speeds are constant; [] leaves it out"
-        raise refuse("rotation.history", reason, ErrorKind.CONFLICT)
+        reason = "not allowed in a map, whose speeds are constant; [] leaves it out"
+        raise refusal("rotation.history", reason)
     for reason in beside_speed(scene):
-        raise refuse("map", f": {reason}", ErrorKind.CONFLICT)
+        raise refusal("map", reason)
     for key in ("tolerance", "step"):
         if getattr(scene.time, key):
-            reason = " is not allowed in a map: give time.steps_per_period"
-            raise refuse(f"time.{key}", reason, ErrorKind.CONFLICT)
+            raise refusal(f"time.{key}", "not allowed in a map: give time.steps_per_period")
     low, high = scene.speeds_rpm[0], scene.speeds_rpm[-1]
     speeds = np.array(table.speeds_rpm or np.linspace(max(low, high / 40.0), high, 40))
     for speed in speeds[(speeds <= 0.0) | (speeds < low) | (speeds > high)]:
-        allowed = f" = {speed:g}: must be above 0 and from {low:g} to {high:g} rpm"
-        raise refuse("map.speeds_rpm", allowed, ErrorKind.RANGE)
+        allowed = f"must be above 0 and from {low:g} to {high:g} rpm"
+        raise Where(str(scene.source), "map.speeds_rpm").refuse(float(speed), allowed)
     if table.last > table.revolutions:
-        allowed = f" = {table.last}: must be at most map.revolutions = {table.revolutions}"
-        raise refuse("map.last", allowed, ErrorKind.RANGE)
+        allowed = f"must be at most map.revolutions = {table.revolutions}"
+        raise Where(str(scene.source), "map.last").refuse(table.last, allowed)
     return speeds
 
 
@@ -207,135 +197,65 @@ def interaction_map(
         comm: MPI communicator.
 
     Raises:
-        SceneError: as `map_speeds`, or a file of an earlier map is damaged.
+        SceneError: as `map_speeds`.
         OSError: a file cannot be written.
     """
     begin = clock.perf_counter()
     speeds, table, origin = map_speeds(scene), scene.map, file_digest(model)
-    folder, model = folder.resolve(), model.resolve()
-    plain = replace(scene, map=replace(table, speeds_rpm=None))
-    jobs = []
-    for k, speed in enumerate(map(float, speeds)):
-        before = {"rest": speeds[:0], "up": speeds[:k], "down": speeds[k + 1 :]}[table.start]
-        content = f"{digest_of(plain, origin)} {speed!r} {before.tolist()}"
-        stem = folder / hashlib.sha256(content.encode()).hexdigest()[:16]
-        jobs.append(_Job(model, scene, speed, k % CHECKED == 0, stem))
-    if table.start == "down":
-        jobs.reverse()
-    stored = model_of(model, origin)
+    content = digest_of(replace(scene, map=replace(table, speeds_rpm=None)), origin)
+    rest, stored = table.start == "rest", model_of(model, origin)
     points, turning = stored.model.points, scene.at_speed(float(speeds[-1]))
     rings = rings_of(turning, points, contacts_of(turning, points))
     found = InteractionMap(scene, [], stored.size, steps_of(scene), excited_orders(scene), rings)
-    kept = {k: _kept(job) for k, job in enumerate(jobs) if resume}
-    done = {k: line for k, line in kept.items() if line is not None}
-    found.reused = len(done)
+    batch = Batch("speed", folder, {"Line": Line}, resume, workers, stop, comm)
+    path = model.resolve()  # workers may run in other folders
+    jobs = [_Job(path, scene, rpm, k % CHECKED == 0) for k, rpm in enumerate(map(float, speeds))]
+    jobs = jobs[:: -1 if table.start == "down" else 1]
 
-    def compute(waiting: list[int]) -> None:
-        """Add the lines of some jobs to those that are done."""
-        cost = {k: COST if job.checked else 1 for k, job in enumerate(jobs) if not kept.get(k)}
-        for k, line in _computed(jobs, waiting, done, workers, stop, comm):
-            if isinstance(line, Exception):
-                found.unfinished = found.unfinished or line
-                text = f"{jobs[k].speed_rpm:g} rpm: {line}"
-                found.warnings.append(Note(NoteKind.FAILED, text))
-                continue
-            done[k] = line
-            part = sum(cost.get(k, 0) for k in done) / max(sum(cost.values()), 1)
-            left = time_left(clock.perf_counter() - begin, part)
-            log.info(f"  {line.speed_rpm:g} rpm; {len(done)} of {len(jobs)} speeds, {left}")
+    order = [job.speed_rpm for job in jobs]
 
-    try:
-        compute([k for k in range(len(jobs)) if k not in done])
-        top = max(done, key=lambda k: done[k].amplitude, default=None)
-        if top is not None and not done[top].by_basis.size:
-            jobs[top] = replace(jobs[top], checked=True)
-            compute([top])
-    except KeyboardInterrupt:
-        found.interrupted = True
-    if found.unfinished and table.start != "rest" and len(done) + 1 < len(jobs):
+    def compute(numbers: Sequence[int], after: Any = None) -> dict[int, Any]:
+        """The lines of some jobs, or their errors."""
+        computed = batch.each(
+            _line,
+            [jobs[k] for k in numbers],
+            lambda n, _: f"{order[numbers[n]]:g} rpm",
+            [f"{content} {order[k * rest : k + 1]} {jobs[k].checked}" for k in numbers],
+            [COST if jobs[k].checked else 1 for k in numbers],
+            after,
+        )
+        return {numbers[n]: line for n, line in computed.items()}
+
+    following = None if rest else lambda job, before: replace(job, before=before)
+    done = compute(range(len(jobs)), following)
+    found.reused = batch.reused
+    lines = {k: line for k, line in done.items() if isinstance(line, Line)}
+    top = max(lines, key=lambda k: lines[k].amplitude, default=None)
+    if top is not None and not batch.interrupted and not lines[top].by_basis.size:
+        before = None if rest else lines.get(top - 1)
+        jobs[top] = replace(jobs[top], checked=True, before=before)
+        done |= compute([top])
+    for k, error in done.items():
+        if isinstance(error, Exception):
+            found.unfinished = found.unfinished or error
+            text = f"{jobs[k].speed_rpm:g} rpm: {error}"
+            found.warnings.append(Note(NoteKind.FAILED, text))
+    if found.unfinished and not rest and len(lines) + 1 < len(jobs):
         text = "The map ends there: no other speed has a start."
         found.warnings.append(Note(NoteKind.FAILED, text))
-    found.lines = sorted(done.values(), key=lambda line: line.speed_rpm)
+    lines |= {k: line for k, line in done.items() if isinstance(line, Line)}
+    found.lines = sorted(lines.values(), key=lambda line: line.speed_rpm)
+    found.interrupted = batch.interrupted
     found.warnings += _warnings(found)
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _computed(
-    jobs: list[_Job],
-    waiting: list[int],
-    done: dict[int, Line],
-    workers: Workers,
-    stop: Callable[[], bool],
-    comm: Any,
-) -> Iterator[tuple[int, Any]]:
-    """Number and result of each job that waits; with `start` "up" or "down" one after another."""
-
-    def tell(number: int, fraction: float, line: str) -> None:
-        """The lines of progress are written where the results arrive."""
-
-    if jobs[0].scene.map.start == "rest":
-        chosen = [jobs[k] for k in waiting]
-        for number, line in run_jobs(_compute, chosen, tell, workers, stop, comm):
-            yield waiting[number], line
-        return
-    for k in waiting:
-        job = replace(jobs[k], before=done.get(k - 1))
-        for _, line in run_jobs(_compute, [job], tell, 1, stop):
-            yield k, line
-        if k not in done:
-            return  # there is nothing from which the next speed could continue
-
-
-def _compute(job: _Job, report: Callable[[float, str], None]) -> Line | Exception:
-    """The line of a job, which is kept in its file; or the error that ended its motion."""
-    begin = clock.process_time()
-    stored = model_of(job.model, file_digest(job.model))
-
-    def stop() -> bool:
-        report(0.0, "")
-        return False
-
-    try:
-        place = Place(stored, job.scene.at_speed(job.speed_rpm), stop)
-        line = replace(place.line(job.checked, job.before), seconds=clock.process_time() - begin)
-    except (SceneError, ConvergenceError, AccuracyError) as error:
-        return error
-    arrays = {entry.name: np.asarray(getattr(line, entry.name)) for entry in fields(Line)}
-    write_archive(job.file, {"format": FORMAT}, arrays)
-    return line
-
-
-def _kept(job: _Job) -> Line | None:
-    """The line that the file of a job keeps, with its checks if it has them; None without one.
-
-    Raises:
-        SceneError: the file is damaged, or of another version of the program.
-    """
-    for found in (replace(job, checked=True), job):
-        if found.file.exists():
-            return _read_line(found.file)
-    return None
-
-
-def check_kept(folder: Path) -> None:
-    """Check that the files of an earlier map can be read.
-
-    Raises:
-        SceneError: a file is damaged, or of another version of the program.
-    """
-    for file in sorted(folder.glob("*.npz")):
-        _read_line(file)
-
-
-def _read_line(file: Path) -> Line:
-    """Read the line of a speed; errors as `check_kept`."""
-    try:
-        with read_archive(file, "a speed of a map", FORMAT, EARLIER) as (_, arrays):
-            return Line(**{key: x if x.ndim else x.item() for key, x in arrays.items()})
-    except SceneError as error:
-        reason = f"{error}; delete this file, and the map computes its speed again"
-        raise SceneError(reason, kind=error.kind, source=error.source) from None
+def _line(job: _Job, report: Callable[[float, str], None]) -> Line:
+    """The line of a job; errors as `Place.line`."""
+    begin, stored = clock.process_time(), model_of(job.model, file_digest(job.model))
+    place = Place(stored, job.scene.at_speed(job.speed_rpm), stop_of(report))
+    return replace(place.line(job.checked, job.before), seconds=clock.process_time() - begin)
 
 
 def _warnings(found: InteractionMap) -> list[Note]:

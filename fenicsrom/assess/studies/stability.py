@@ -32,7 +32,6 @@ from fenicsrom.assess.curves.unsteady import why_unsteady
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.full_motions import estimates_found, full_distances, missed
-from fenicsrom.assess.jobs import run_jobs
 from fenicsrom.assess.studies.axes import (
     AXES,
     Case,
@@ -41,12 +40,13 @@ from fenicsrom.assess.studies.axes import (
     require_motion,
     scales_of,
 )
+from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion.motion import Motion, check_energy, friction_gains_energy
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.progress import log, time_left
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene, scene_table
 from fenicsrom.scene.reading.reading import refined
 from fenicsrom.words import brief, counted
@@ -376,19 +376,22 @@ def run_all(
         folder: folder of the scene file, to which the path of its mesh is relative.
         workers: number of processes.
     """
-    begin = clock.perf_counter()
-    jobs = [(case, table, source, folder) for case in wanted]
-    found: dict[int, Finding] = {}
-    for k, finding in run_jobs(_job, jobs, lambda *_: None, workers):
-        if isinstance(finding, Exception):
-            finding = Finding(wanted[k], Verdict.WRONG, str(finding))
-        found[k] = finding
-        case, why = finding.case, f": {finding.why}" if finding.why else ""
-        place = f"{len(found)}/{len(wanted)}"
-        left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
-        name = f"{case.axis}, {case.value} ({case.model})"
-        log.info(f"{place} {name}: {finding.verdict}{why}; {left}")
-    return [found[k] for k in range(len(wanted))]
+
+    def finding(k: int, found: Any) -> Finding:
+        """The finding of a case, also of one that ended with an error."""
+        failed = isinstance(found, Exception)
+        return Finding(wanted[k], Verdict.WRONG, str(found)) if failed else found
+
+    def say(k: int, found: Any) -> str:
+        one, case = finding(k, found), wanted[k]
+        why = f": {one.why}" if one.why else ""
+        return f"{case.axis}, {case.value} ({case.model}): {one.verdict}{why}"
+
+    batch = Batch("run", workers=workers, interval=0.0)
+    found = batch.each(_job, [(case, table, source, folder) for case in wanted], say)
+    if batch.interrupted:
+        raise KeyboardInterrupt
+    return [finding(k, found[k]) for k in range(len(wanted))]
 
 
 def _job(job: tuple[Case, Mapping[str, Any], str, Path], report: Any) -> Finding:

@@ -2,9 +2,8 @@
 
 import functools
 import hashlib
-import json
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.plausibility import equilibrium_warnings
 from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multiplicity_warnings
+from fenicsrom.assess.jobs import stop_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.files import atomic_write
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
 from fenicsrom.online.motion.measures import (
     amplitude,
@@ -44,18 +43,14 @@ class SweepRun:
 
     Attributes:
         number: from 0, in the order of the sweep.
-        values: key -> value.
         scene: the scene with these values.
         model: file of the reduced model.
-        file: file of the result.
         digest: of all that determines the result, to recognise it when a sweep is resumed.
     """
 
     number: int
-    values: dict[str, Any]
     scene: Scene
     model: Path
-    file: Path
     digest: str
 
 
@@ -131,34 +126,18 @@ def file_digest(path: Path) -> str:
 
 
 def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Integrate one run, check it and keep its row in its file.
-
-    Args:
-        run: the run.
-        report: see `fenicsrom.assess.jobs.Job`.
+    """Integrate one run and check it; see `fenicsrom.assess.jobs.Job`.
 
     Returns:
-        The row of the run.
-
-    Raises:
-        KeyboardInterrupt: the sweep was interrupted; nothing is kept of this run.
-        OSError: the file cannot be written.
+        What the row of the run has besides its number and its values.
     """
     begin = clock.perf_counter()
     try:
         stored = model_of(run.model, file_digest(run.model)).with_scene(run.scene)
-        found = _measured(stored, report)
+        found = _measured(stored, stop_of(report))
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
-    found["run_time_s"] = clock.perf_counter() - begin
-    keep(run, found)
-    report(1.0, f"run {run.number + 1}: {found['outcome']}")
-    return row_of(run, found)
-
-
-def row_of(run: SweepRun, found: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of a run, made from its result."""
-    return {"run": run.number + 1, **run.values, **found}
+    return found | {"run_time_s": clock.perf_counter() - begin}
 
 
 def failure(error: Exception) -> dict[str, Any]:
@@ -167,46 +146,18 @@ def failure(error: Exception) -> dict[str, Any]:
     return {"outcome": FAILED, "sentence": note, "notes": packed([note])}
 
 
-def keep(run: SweepRun, found: Mapping[str, Any]) -> None:
-    """Write the result of a run to the file of this run.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    with atomic_write(run.file) as temporary:
-        content = {"digest": run.digest, "values": run.values, "found": found}
-        text = json.dumps(content, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text, encoding="utf-8")
-
-
-def kept(run: SweepRun) -> dict[str, Any] | None:
-    """The row of a run from its file; None if there is none, or it belongs to another run."""
-    try:
-        content = json.loads(run.file.read_text(encoding="utf-8"))
-        if content["digest"] == run.digest and content["found"]["outcome"]:
-            return row_of(run, content["found"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    return None
-
-
 @functools.lru_cache(maxsize=4)
 def model_of(path: Path, digest: str) -> StoredModel:
     """The stored model of a file, read once for each content in each process."""
     return load_model(path)
 
 
-def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
+def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
     """Integrate a model and measure its motion; a failed check makes the run doubtful.
 
     The notes are the reason of the doubt and the warnings: of large strains in the equilibrium, of
     buckling, of points that stick all the time, and of doubtful contact forces.
     """
-
-    def stop() -> bool:
-        report(0.0, "")
-        return False
-
     scene, warnings = stored.scene, equilibrium_warnings(stored.deformation)
     motion = simulate(stored.model, scene, stop=stop, keep_coordinates=True)
     chosen = fitted(stored, motion, stop, warnings)

@@ -57,8 +57,8 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
     """Split a value into a tree that JSON can hold and flat arrays by their type.
 
     Args:
-        value: a dataclass, list, tuple (named or not), array of `DTYPES`, complex or JSON value,
-            nested at will.
+        value: a dataclass, list, dict, tuple (named or not), array of `DTYPES`, complex or JSON
+            value, nested at will.
 
     Returns:
         The tree and the arrays; an array in the tree is a place in one of these arrays.
@@ -84,6 +84,8 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
             return {"complex": [item.real, item.imag]}
         if isinstance(item, list):
             return [tree(one) for one in item]
+        if isinstance(item, dict):
+            return {"dict": {name: tree(one) for name, one in item.items()}}
         if isinstance(item, tuple) and hasattr(item, "_fields"):
             named = {name: tree(one) for name, one in zip(item._fields, item, strict=True)}
             return {"class": type(item).__name__, "fields": named}
@@ -121,6 +123,8 @@ def unpack(tree: Any, arrays: Mapping[str, Any], classes: Mapping[str, Any]) -> 
         return found.reshape(tree["shape"]).copy()
     if "complex" in tree:
         return complex(*tree["complex"])
+    if "dict" in tree:
+        return {name: unpack(one, arrays, classes) for name, one in tree["dict"].items()}
     if "tuple" in tree:
         return tuple(unpack(one, arrays, classes) for one in tree["tuple"])
     named = {name: unpack(one, arrays, classes) for name, one in tree["fields"].items()}
