@@ -248,6 +248,29 @@ def test_node_set_of_a_deck_has_the_stiffness_of_its_nodes_unless_it_is_a_face(
     ]
 
 
+@pytest.mark.parametrize(
+    ("deck", "parts"), [("brick", ("1, 2", "3, 4")), ("plane", ("1, 12", "6"))]
+)
+def test_node_sets_that_hold_a_face_together_hold_its_middle(
+    tmp_path: Path, deck: str, parts: tuple[str, ...]
+) -> None:
+    sets = "".join(f"*NSET, NSET=part{k}\n{nodes}\n" for k, nodes in enumerate(parts))
+    (tmp_path / "bar.inp").write_text(DECKS[deck] + sets)
+    d = 2 if deck == "plane" else 3
+    thick = {"thickness": 1.0} if d == 2 else {}
+    clamped = []
+    for groups in (["root"], ["part0", "part1"]):
+        scene = make_scene(
+            folder=tmp_path,
+            geometry={"mesh": "bar.inp", "dimension": d, "degree": 2, **thick},
+            material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
+            supports=[{"group": name} for name in groups],
+            probe={"group": "face"},
+        )
+        clamped.append(set_up(scene).clamped)
+    np.testing.assert_array_equal(*clamped)
+
+
 def test_node_set_of_a_deck_is_exported_with_its_nodes(tmp_path: Path) -> None:
     (tmp_path / "bar.inp").write_text(DECKS["brick"])
     scene = make_scene(

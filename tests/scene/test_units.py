@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from support import beam_scene
 
+from fenicsrom.scene import Contact
+from fenicsrom.scene.keys.unit_system import Units, table_in_si
 from fenicsrom.scene.reading.overrides import in_words, unit_of
 
 
@@ -49,3 +51,10 @@ def test_unit_that_depends_on_the_region_of_a_contact_is_left_out(key: str, unit
 )
 def test_number_in_words_has_its_unit(key: str, value: float, words: str) -> None:
     assert in_words(beam_scene(2), key, value) == words
+
+
+def test_stiffness_of_bodies_that_touch_is_converted_per_area() -> None:
+    table = {"group": "a", "against": "b", "normal_stiffness": 1e4, "preload": 0.8}
+    for at in ({}, {"at": "nodes"}):
+        found = table_in_si({**table, **at}, Contact, Units(length="mm", mass="t"))
+        assert (found["normal_stiffness"], found["preload"]) == (1e13, 8e5)

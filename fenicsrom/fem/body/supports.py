@@ -21,6 +21,7 @@ zero.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import dolfinx.mesh
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -146,6 +147,7 @@ def held_displacements(
     for support in supports:
         nodes, directions = support_directions(mesh, space, support, source)
         dyads[nodes] += directions.T @ directions
+        dyads[_held_with_others(mesh, space, support, supports)] += directions.T @ directions
     diagonal = np.einsum("nii->ni", dyads)
     axial = diagonal > 0.0
     nodes = np.flatnonzero(np.abs(dyads).sum(axis=(1, 2)) > diagonal.sum(axis=1))
@@ -179,6 +181,31 @@ def support_directions(
     d = mesh.domain.geometry.dim
     axes = [AXES.index(axis) for axis in support.components or AXES[:d]]
     return nodes, np.eye(d)[axes]
+
+
+def _held_with_others(
+    mesh: Mesh, space: fem.FunctionSpace, support: Support, supports: Sequence[Support]
+) -> npt.NDArray[np.int32]:
+    """The nodes of the facets whose corners node sets hold together, alike. Collective.
+
+    Without them the nodes inside such a facet, which the file does not have, would be free.
+    """
+    alike = [
+        other.group
+        for other in supports
+        if (other.components, other.normal) == (support.components, support.normal)
+        and other.group in mesh.node_groups
+    ]
+    if support.group not in alike or len(alike) < 2:
+        return np.empty(0, dtype=np.int32)
+    topology, below = mesh.domain.topology, mesh.domain.topology.dim - 1
+    corners = np.unique(np.concatenate([mesh.node_groups[str(name)][0] for name in alike]))
+    topology.create_connectivity(below, topology.dim)
+    topology.create_connectivity(below, 0)
+    boundary = dolfinx.mesh.exterior_facet_indices(topology)
+    links = topology.connectivity(below, 0).links
+    facets = [facet for facet in boundary if np.isin(links(facet), corners).all()]
+    return fem.locate_dofs_topological(space, below, np.array(facets, dtype=np.int32))
 
 
 def _node_at(

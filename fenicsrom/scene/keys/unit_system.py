@@ -166,7 +166,8 @@ def table_in_si(table: Mapping[str, Any], kind: type, units: Units) -> dict[str,
         units: the units of its numbers.
     """
     rules_of = {name: rule for name, rule, *_ in keys(kind)}
-    region = table.get("at") == "nodes" and "normal_stiffness" in rules_of
+    whole = table.get("at") == "nodes" or "against" in table
+    region = whole and "normal_stiffness" in rules_of
     found = {}
     for name, value in table.items():
         rule = rules_of.get(name)
