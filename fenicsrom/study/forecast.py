@@ -101,7 +101,8 @@ def forecast(scene: Scene, solid: Solid) -> list[str]:
     lines = [f"unknowns: {solid.free}, {counted(points, 'contact point')}"]
     if not scene.static_only and scene.speeds_rpm is None:
         least, most, parts = coordinates_of(scene, points)
-        lines.append(f"coordinates: about {least} to {most}: {parts}")
+        number = f"{least} to {most}" if most > least else f"{least}"
+        lines.append(f"coordinates: about {number}: {parts}")
         seconds = seconds_of(scene, solid.free, points, (least + most) // 2)
         lines.append(
             f"CPU time: about {float(f'{seconds:.1g}'):g} s, within a factor of three; the first "

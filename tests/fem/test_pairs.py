@@ -132,18 +132,19 @@ def test_constant_pressure_passes_between_meshes_that_do_not_match(
     assert body.points.tributary_area.sum() == pytest.approx(0.1 * (1.0 if d == 2 else 0.06))
 
 
+PAIR = {
+    **{"group": "upper", "against": "lower", "friction": 0.3},
+    **{"normal_stiffness": 2e13, "tangential_stiffness": 1e13},
+}
+
+
 def lap(group: str = "upper", against: str = "lower", **more: Any) -> Scene:
     """The lap joint of two strips with two bolts of 4 kN."""
     table: dict[str, Any] = {
         "geometry": {"mesh": "lap2d.geo", "dimension": 2, "thickness": 0.02},
         "material": STEEL,
         "supports": [{"group": "root"}],
-        "contacts": [
-            {
-                **{"group": group, "against": against, "friction": 0.3},
-                **{"normal_stiffness": 2e13, "tangential_stiffness": 1e13},
-            }
-        ],
+        "contacts": [{**PAIR, "group": group, "against": against}],
         "bolts": [{"head": f"head{k}", "nut": f"nut{k}", "force": 4000.0} for k in (1, 2)],
         "loads": [{"node": [0.5, 0.02], "direction": [0, 1], "force": 60.0, "frequency": 30.0}],
         "probe": {"node": [0.5, 0.02]},
@@ -305,6 +306,10 @@ def test_region_inside_of_a_body_touches_nothing() -> None:
         ({"output": {"stresses": "peak"}}, "output.stresses"),
         ({"time": {"tolerance": 1e-4, "periods": 1}}, "time.tolerance"),
         ({"contacts": []}, "bolts"),
+        (
+            {"contacts": [PAIR, {**PAIR, "group": "lower", "against": "upper"}]},
+            "contacts[1].against",
+        ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

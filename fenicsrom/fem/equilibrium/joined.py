@@ -87,7 +87,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
                 continue
             if loose(body):
                 reason = "the contacts of a piece of the mesh open under the static loads, and no "
-                reason += "support holds it: press it on by a bolt, a load or a preload"
+                reason += "support holds it: press it on by a bolt or a load"
                 raise ConvergenceError(reason, u)
             statics.renew(u if bends else rest)
         else:

@@ -177,8 +177,8 @@ class Statics:
             raise ConvergenceError(
                 f"static equilibrium: Newton's method converged up to {100.0 * reached:.4g} % "
                 f"{what}, and then failed even with a load step below "
-                f"{100.0 * SMALLEST_LOAD_STEP:g} %; fenicsrom statics follows the equilibria "
-                "past a limit load",
+                f"{100.0 * SMALLEST_LOAD_STEP:g} %; without contacts between bodies, fenicsrom "
+                "statics follows the equilibria past a limit load",
                 u,
                 decrements=self._decrements,
             )

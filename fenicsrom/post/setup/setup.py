@@ -122,13 +122,18 @@ def gathered_marks(
         ranks other than the first.
     """
     regions = _regions(solid, scene)
-    placed: list[tuple[str, Any]] = [
-        (f"{name}[{k}]", one)
+    placed: list[tuple[str, Place]] = [
+        (f"{name}[{k}]", one.place)
         for name in ("loads", "attachments")
         for k, one in enumerate(getattr(scene, name))
         if name != "loads" or not (one.everywhere or one.kind == "pressure")
     ]
-    at = {found.place: solid.place(found.place, key)[1] for key, found in placed}
+    placed += [
+        (f"bolts[{k}].{name}", Place(group=getattr(bolt, name)))
+        for k, bolt in enumerate(scene.bolts)
+        for name in ("head", "nut")
+    ]
+    at = {place: solid.place(place, key)[1] for key, place in placed}
     every: list[Any] = [*scene.attachments, *scene.contacts]
     lengths = {
         found.place: solid.mesh.unit_lengths(found.place) if _is_region(found.place) else 0
@@ -142,6 +147,7 @@ def gathered_marks(
     grid, values = gathered
     marks = _support_marks(scene, grid.points, values)
     marks += [_load_mark(scene, k, grid.points, values, at) for k in range(len(scene.loads))]
+    marks += [mark for k in range(len(scene.bolts)) for mark in _bolt_marks(scene, k, at)]
     marks += [
         Mark("attachment", label, ATTACHED_FORMS[kind], at[found.place][None])
         for found in scene.attachments
@@ -247,9 +253,19 @@ def _load_mark(
         places, direction = points[[nearest]], forces[nearest] / sizes[nearest]
     else:
         places = at[load.place][None]
-    number = f"{k + 1}: " * (len(scene.loads) > 1)
+    number = f"{k + 1}: " * (len(scene.loads) + len(scene.bolts) > 1)
     way = np.copysign(1.0, load.size) * direction[None]
     return Mark("load", f"{number}{_load_label(load)}", ARROW, places, way, on)
+
+
+def _bolt_marks(scene: Scene, k: int, at: Mapping[Place, Array]) -> Iterator[Mark]:
+    """The marks of the two ends of a bolt, which are numbered after the loads."""
+    bolt, number = scene.bolts[k], len(scene.loads) + 2 * k + 1
+    head, nut = (at[Place(group=name)] for name in (bolt.head, bolt.nut))
+    way = (nut - head) / np.linalg.norm(nut - head)
+    for end, name in ((0, "head"), (1, "nut")):
+        label = f"{number + end}: bolt {bolt.force:.6g} N, {name}"
+        yield Mark("load", label, ARROW, (head, nut)[end][None], (1 - 2 * end) * way[None])
 
 
 def _load_label(load: Load) -> str:

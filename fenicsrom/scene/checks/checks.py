@@ -340,6 +340,11 @@ def joined_problems(scene: Scene) -> Problems:
     for k, contact in enumerate(scene.contacts):
         if contact.against is None:
             yield Problem(f"contacts[{k}]", f"must have against {why}", value="a rigid surface")
+        pair = {contact.place.group, contact.against}
+        if None not in pair and pair in [
+            {other.place.group, other.against} for other in scene.contacts[:k]
+        ]:
+            yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
     for name in ("rotation", "response", "backbone"):
         if getattr(scene, name) is not None:
             yield Problem(name, f"not allowed {why}", value="a table")
