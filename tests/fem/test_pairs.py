@@ -20,6 +20,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
 from fenicsrom.online.store.scene_changes import changed_key
+from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
 
@@ -211,6 +212,13 @@ def test_equilibrium_balances_bolts_and_contact() -> None:
     np.testing.assert_allclose(alone, residual, atol=1e-5)  # no tangential force is left
     rows = body.contact_rows @ body.factor.solve(body.contact_rows.T.toarray())
     assert np.linalg.eigvalsh(0.5 * (rows + rows.T))[0] > 0.0
+
+
+@pytest.mark.slow
+def test_deflection_of_a_joint_is_not_judged_by_elements_with_the_same_contact_points() -> None:
+    found = fr.modes(lap(output={"pictures": False, "paraview": False}))
+    assert found.mesh_check.deflection is None and found.mesh_check.frequencies
+    assert (quantities(found), unjudged(found)) == (["frequencies"], ["static deflection"])
 
 
 def test_pair_displacement_is_zero_as_both_bodies_turn() -> None:

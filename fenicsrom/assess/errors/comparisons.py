@@ -214,7 +214,10 @@ def of_solid(
         finer = FinerSolid(scene, solid)
         ours, theirs = squares or (np.zeros(0), lambda finer: np.zeros(0))
         frequencies = _of_squares(ours, theirs(finer)[: ours.size])
-        moved = None if deflection is None else _moved(deflection, solid, finer)
+        # finer elements keep the contact points, on which the deflection of a joint depends
+        moved = None
+        if deflection is not None and not scene.joined:
+            moved = _moved(deflection, solid, finer)
         further(finer)
         finer.destroy()
     except (AccuracyError, ConvergenceError, SceneError) as error:

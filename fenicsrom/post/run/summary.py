@@ -346,14 +346,20 @@ def quantities(found: Study | Rerun) -> list[str]:
         **dict.fromkeys(contact_quantities(found.scene), bool(found.motions)),
         STABILITY: reduced is not None and reduced.search is not None,
         FREQUENCIES: found.frequencies_hz.size > 0,
-        DEFLECTION: isinstance(found, Study) and found.deflection is not None,
+        DEFLECTION: _has_deflection(found) and not found.scene.joined,
     }
     return [name for name, is_read in read.items() if is_read]
 
 
+def _has_deflection(found: Study | Rerun) -> bool:
+    """Whether a run has the displacement of the probe in the equilibrium."""
+    return isinstance(found, Study) and found.deflection is not None
+
+
 def unjudged(found: Study | Rerun) -> list[str]:
     """The quantities of a run that a user reads, and whose errors are not estimated."""
-    return [] if found.stresses is None else [STRESSES]
+    of_joint = [DEFLECTION] if found.scene.joined and _has_deflection(found) else []
+    return of_joint + ([] if found.stresses is None else [STRESSES])
 
 
 def _of_stages(study: Study) -> dict[str, Any]:
