@@ -5,6 +5,7 @@ Errors between motions, rank correlation, break-even and Pareto front.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -531,10 +532,15 @@ def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
 
 def together(first: MotionErrors, second: MotionErrors) -> MotionErrors:
     """The errors due to different directions that a basis lacks: roots of sums of squares."""
-    each = np.hypot(first.directions, second.directions).tolist()
-    names = "amplitude", "peak_force", "dissipation", "worn", "probe"
-    sums = {name: float(np.hypot(getattr(first, name), getattr(second, name))) for name in names}
-    return first._replace(directions=tuple(each), **sums)
+    pairs = zip(first.directions, second.directions, strict=True)
+    return first._replace(
+        amplitude=math.hypot(first.amplitude, second.amplitude),
+        peak_force=math.hypot(first.peak_force, second.peak_force),
+        directions=tuple(math.hypot(one, other) for one, other in pairs),
+        dissipation=math.hypot(first.dissipation, second.dissipation),
+        worn=math.hypot(first.worn, second.worn),
+        probe=math.hypot(first.probe, second.probe),
+    )
 
 
 def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
