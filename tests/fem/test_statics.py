@@ -20,6 +20,7 @@ from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium import statics as statics_module
 from fenicsrom.fem.equilibrium.statics import Statics
+from fenicsrom.fem.solid.finer import FinerSolid
 from fenicsrom.scene import read_scene
 
 Array = NDArray[np.float64]
@@ -79,6 +80,21 @@ def test_far_equilibrium_takes_few_factorisations(factorisations: list[None]) ->
     solid = make_solid(beam_scene(2, loads=[push], contacts=None))
     assert np.abs(solid.equilibrium).max() > 0.5  # m, of a beam of 2.54 m
     assert len(factorisations) <= 8  # with the first one at rest and the last one
+
+
+def test_finer_elements_start_at_the_equilibrium_of_the_coarser(
+    factorisations: list[None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    push = {"group": "tip", "direction": [0.0, 1.0], "force": 2000.0}
+    scene = beam_scene(2, loads=[push], contacts=None)
+    solid, counts, found = make_solid(scene), [len(factorisations)], []
+    for predict in (FinerSolid._predicted, lambda _: None):  # then from the undeformed body
+        monkeypatch.setattr(FinerSolid, "_predicted", predict)
+        found.append(FinerSolid(scene, solid).equilibrium)
+        counts.append(len(factorisations))
+    size = np.abs(found[1]).max()
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-10 * size)
+    assert counts[1] - counts[0] < counts[2] - counts[1]
 
 
 def test_predicted_equilibrium_at_speed_saves_factorisations(

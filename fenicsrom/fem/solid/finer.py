@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
 from scipy.sparse import csr_array
 
@@ -73,6 +74,15 @@ class FinerSolid(Solid):
             for found in attachments
         ]
         super()._set_attachments(moved)
+
+    def _predicted(self) -> Array | None:
+        """The equilibrium of the coarser solid, whose displacements are those of both solids."""
+        if not self.symmetric or self._coarser.unstable:
+            return super()._predicted()
+        coarse, fine = fem.Function(self._coarser.space), fem.Function(self.space)
+        self._coarser.set_field(coarse, self._coarser.equilibrium)
+        fine.interpolate(coarse)
+        return self.without_held(fine.x.array[: self.local].copy())
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Take the contact points of the coarser solid."""

@@ -162,16 +162,19 @@ class Solid(ElasticBody):
         if not self._bends:
             self.equilibrium = linear
             return
-        predicted = None
-        if self._spinning and self.symmetric and self.free >= prediction.UNKNOWNS:
-            predicted = prediction.predicted_equilibrium(self)
         rest = np.zeros(self.local)
-        self._move(rest, rest, 0.0, pressed=0.0, predicted=predicted)
+        self._move(rest, rest, 0.0, pressed=0.0, predicted=self._predicted())
         self.unstable = check_stability(self)
         if self.unstable:
             self._set_follower_loads()
         elif not self._spinning:
             check_snap(self, linear)
+
+    def _predicted(self) -> Array | None:
+        """A state (local,) near the equilibrium, if one is cheap to find. Collective."""
+        if self._spinning and self.symmetric and self.free >= prediction.UNKNOWNS:
+            return prediction.predicted_equilibrium(self)
+        return None
 
     @property
     def _bends(self) -> bool:
