@@ -45,8 +45,12 @@ RESERVE = 0.3
 SIZES = 5
 """Sizes of the picture of the error over the run time, besides the size of the run.
 
-They reach half-way from the size of the run to that of all coordinates, whose time steps cost most.
+They reach half-way from the size of the run to that of all coordinates, whose time steps cost most,
+but at most `LARGEST_SIZE`.
 """
+
+LARGEST_SIZE = 1.6
+"""Largest of the `SIZES` relative to that of the run: its steps cost six times as much."""
 
 TIMED_PERIODS = 2
 """Periods that time the steps of a size."""
@@ -99,7 +103,7 @@ class Sized:
             return []
         known, scene = (*stored.labels, *stored.further), stored.scene
         least = stored.least_size
-        most = (stored.size + len(known)) // 2
+        most = min((stored.size + len(known)) // 2, int(LARGEST_SIZE * stored.size))
         sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
