@@ -439,8 +439,10 @@ def rerun_warnings(scene: Scene, given: Collection[str]) -> list[Note]:
 def rerun_left_out(stored: StoredModel, motion: Motion) -> list[Note]:
     """State what a run of a stored model does not compute, and why."""
     body = "the reduced model is stored without its mesh"
+    blind = f"{body}: motions that no coordinate of the file has do not show in the estimate"
     return [
         Note(NoteKind.LEFT_OUT, body, "offline stages, and files of the body"),
+        *([Note(NoteKind.LEFT_OUT, blind, "residual")] if stored.candidates is not None else []),
         *(
             Note(NoteKind.LEFT_OUT, f"{key} has no effect on a run of a stored model", stage)
             for stage, key in _without_effect(stored.scene).items()
