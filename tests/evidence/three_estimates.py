@@ -30,6 +30,7 @@ from basis_size import random_scene
 
 import fenicsrom
 from fenicsrom.assess.errors.estimates import MotionErrors, check_motion, distances
+from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.full.full_motions import full_distances, missed
 from fenicsrom.assess.studies import stability
 from fenicsrom.assess.studies.axes import random_cases, scales_of
@@ -127,10 +128,10 @@ def examine(scene: Scene, finer: Callable[[], Scene]) -> dict[str, Any]:
 
 def on_mesh(scene: Scene) -> Any:
     """The motion of a scene whose reduced model has the size that it chooses."""
-    source = source_of(scene, None, Stopwatch(), None, never, fresh=False)
-    if scene.basis.adapts:
-        source = source.fitted(None, never)
-    return simulate(source.stored.model, source.stored.scene)
+    stored = source_of(scene, None, Stopwatch(), None, never, fresh=False).stored
+    motion = simulate(stored.model, stored.scene, keep_coordinates=True)
+    found = fitted(stored, motion, never, [])
+    return motion if found is None else found.motion
 
 
 def wrong(run: Mapping[str, Any]) -> list[str]:
