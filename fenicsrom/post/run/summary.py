@@ -383,8 +383,9 @@ def _of_stages(study: Study) -> dict[str, Any]:
         "left_out": left_out(study),
     }
     if study.contact_hz is not None:
-        free, stuck = study.contact_hz.T
-        found["contact_frequencies_hz"] = {"free": free, "stuck": stuck}
+        first, stuck = study.contact_hz.T
+        name = "closed_points_stuck" if study.scene.joined else "free"
+        found["contact_frequencies_hz"] = {name: first, "stuck": stuck}
     if study.agreement is not None:
         found["modes"] = agreement_summary(study.agreement)
     if study.deflection is not None:
