@@ -80,7 +80,8 @@ def random_scene(dimension: int, seed: int, number: int, cells: int = 0, finer: 
         "preload": force * between(0.1, 3.0),
     }
     nodes = 2 * cells
-    places = np.append(nodes, rng.choice(np.arange(nodes // 3, nodes), points - 1, replace=False))
+    among = np.arange(nodes // 3, nodes)
+    places = np.append(nodes, rng.choice(among, min(points - 1, among.size), replace=False))
     contacts = []
     for k, place in enumerate(places):
         normal = np.eye(dimension)[0] if k == 0 and rng.random() < 0.5 else rng.choice(directions)
