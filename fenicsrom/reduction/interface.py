@@ -63,9 +63,14 @@ def interface_vectors(
     return np.asarray(root[:, None] * directions[:kept].T)
 
 
+ROUNDED = 1e-12
+"""Smaller energies, by the work of the loads, are rounding."""
+
+
 def dissipated(motion: Motion) -> float:
-    """Energy that friction dissipates in a motion, J."""
-    return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
+    """Energy that friction dissipates in a motion, J; rounding, of points that stick, is zero."""
+    found = float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
+    return found if found > ROUNDED * np.abs(motion.work).max() else 0.0
 
 
 def settled(before: float, after: float) -> bool:

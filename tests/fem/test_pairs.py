@@ -250,6 +250,35 @@ def test_pressure_passes_through_a_body_between_two_contacts(tmp_path: Path) -> 
         assert forces(body)[body.points.contact == k].sum() == pytest.approx(1e5, rel=1e-4)
 
 
+def test_centre_of_a_region_is_a_node_of_its_own_body(tmp_path: Path) -> None:
+    mesh = stacked(tmp_path / "two.vtu", 2, 3, 4)  # only the lower body has a node there
+    held = [{"group": "0 low y"}, {"group": "1 high y"}]
+    place = {"group": "1 low y", "at": "centre"}
+    load = [{**place, "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
+    contact = {"group": "1 low y", "against": "0 high y"}
+    body = solid(scene_of(mesh, 2, contact, supports=held, loads=load, probe=place))
+    lower = 2 * body.mesh.nodes("0 high y", body.space)[:, None] + np.arange(2)
+    assert not body.load_vectors[lower].any() and not body.probe_rows[:, lower.ravel()].any()
+
+
+def test_slide_of_a_frictionless_start_is_named() -> None:
+    for force in (60.0, 1e3):
+        loads = [{"node": [0.5, 0.02], "direction": [1, 0], "force": force}]
+        body = solid(lap(loads=loads, time={"duration": 1.0, "step": 0.1}))
+        said = [note for note in body.warnings if "slide by up to 0.0" in note]
+        assert len(said) == (force > 100.0)  # 8 kN of bolts over 20 mm turn by 2.5 mm
+
+
+def test_region_without_a_facet_opposite_is_refused(tmp_path: Path) -> None:
+    boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.097, 0.05), (0.197, 0.1), (1, 2))
+    mesh = blocks(tmp_path / "apart.vtu", *boxes)
+    held = [{"group": "0 low y"}, {"group": "1 high y"}]
+    load = [{"group": "1 high x", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
+    contact = {"group": "1 low y", "against": "0 high y"}
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names="less than 10 % of the area"):
+        solid(scene_of(mesh, 2, contact, supports=held, loads=load))
+
+
 def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.0, 0.051), (0.1, 0.1), (4, 2))
     mesh = blocks(tmp_path / "apart.vtu", *boxes)

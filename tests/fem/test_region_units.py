@@ -271,6 +271,20 @@ def test_node_sets_that_hold_a_face_together_hold_its_middle(
     np.testing.assert_array_equal(*clamped)
 
 
+def test_node_of_a_set_beside_its_facets_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bar.inp").write_text(DECKS["plane"] + "*NSET, NSET=mixed\n3, 4, 9, 5\n")
+    scene = make_scene(
+        folder=tmp_path,
+        geometry={"mesh": "bar.inp", "dimension": 2, "thickness": 1.0},
+        material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
+        supports=[{"group": "root"}],
+        attachments=[{"group": "mixed", "stiffness_per_area": 20.0}],
+        probe={"group": "face"},
+    )
+    said = [note for note in set_up(scene).warnings if "on none of its facets" in note]
+    assert len(said) == 1 and "1 node of the group 'mixed' is" in said[0]
+
+
 def test_node_set_of_a_deck_is_exported_with_its_nodes(tmp_path: Path) -> None:
     (tmp_path / "bar.inp").write_text(DECKS["brick"])
     scene = make_scene(

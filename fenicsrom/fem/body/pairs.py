@@ -260,6 +260,10 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
     found, nodes = _opposite(body, contact, key, a, b), body.space.tabulate_dof_coordinates()
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
+    if not kept.size:
+        share = f"{100.0 * LEAST_SHARE:g} % of the area of any node of the first region"
+        reason = f"less than {share} lies opposite {contact.against!r}; refine its facets, or "
+        raise _refused(body, f"{reason}exchange group and against", key)
     longest_last = np.argsort(-np.ptp(nodes[kept], axis=0).round(9), kind="stable")[::-1]
     kept = kept[np.lexsort(nodes[kept][:, longest_last].round(12).T)]
     area = area[kept]

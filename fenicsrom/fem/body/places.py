@@ -18,6 +18,7 @@ from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.mesh.mesh import NEAR
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Place, Region
+from fenicsrom.words import are, counted
 
 NO_SHARE = 1e-9
 """Smaller weights of a node, relative to the largest weight, count as zero."""
@@ -158,6 +159,9 @@ class Places:
         rows = np.zeros((d, body.local))
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
         distance = np.linalg.norm(x - position, axis=1)
+        if wanted is None:  # another body may touch the region there
+            inside = np.isin(np.arange(len(x)), body.mesh.nodes(place, body.space))
+            distance[~inside] = np.inf
         best = int(np.argmin(distance)) if distance.size else -1
         mine = (np.inf, 0, 0, 0, -1)
         if best >= 0:
@@ -198,10 +202,27 @@ class Places:
             m; and the measure of the region: area in m², length in m or number of nodes.
         """
         if self._body.mesh.has_facets(region):
+            if measured:
+                self._note_lost_nodes(region, key)
             return self._facet_weights(region, key)
         lengths = self._body.mesh.unit_lengths(region)
         by_length = lengths == 1 or (not measured and self._body.mesh.has_edges(region))
         return self._edge_or_node_weights(region, by_length)
+
+    def _note_lost_nodes(self, region: Region, key: str) -> None:
+        """Warn of nodes of a set that lie on none of its facets: they have no area."""
+        mesh, topology = self._body.mesh, self._body.mesh.domain.topology
+        corners = mesh.node_groups.get(region.group or "", (np.zeros(0, dtype=np.int32),))[0]
+        topology.create_connectivity(topology.dim - 1, 0)
+        links = topology.connectivity(topology.dim - 1, 0).links
+        on = [links(facet) for facet in mesh.facets(region)]
+        lost = np.setdiff1d(corners, np.concatenate([*on, np.zeros(0, dtype=np.int32)]))
+        own = topology.index_map(0).size_local
+        number = self._body.comm.allreduce(int(np.sum(lost < own)))
+        if number:
+            text = f"{key}: {counted(number, 'node')} of the group {region.group!r} {are(number)} "
+            text += "on none of its facets and left out: the numbers of facets are per area"
+            self._body.warnings.append(Note(NoteKind.WARNING, text, key))
 
     def _facet_weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
         """Weights of the nodes of facets, by area; arguments as `_weights`."""

@@ -21,6 +21,7 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.body.elasticity import Joint
 from fenicsrom.fem.body.supports import COINCIDENT, node_pieces, rigid_motions
 from fenicsrom.fem.equilibrium.statics import Statics
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import closed_springs, trial_forces
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.words import counted
@@ -30,6 +31,9 @@ SOFT = 1e-6
 
 LEFT = 1e-9
 """Tangential forces that the soft springs may carry in the end, relative to the normal forces."""
+
+SLIDE = 1e-3
+"""Slide in the equilibrium, by the extent of the mesh, from which the user is warned."""
 
 CHANGES = 60
 """Largest number of solutions until the closed points are known."""
@@ -94,11 +98,26 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
             reason = f"the closed contact points did not settle in {CHANGES} solutions"
             raise ConvergenceError(reason, u)
         body.joint = sticking(body, contacts, x)
+        _note_slide(body, x)
         if bends:
             statics.finish(u, load)
         else:
             statics.renew(rest)
     return u
+
+
+def _note_slide(body: Any, x: Array) -> None:
+    """Warn if the closed points slide farther than elastic bodies do that friction could hold."""
+    d = body.dimension
+    along = np.where(body.joint.springs > 0.0, x, 0.0).reshape(-1, d)[:, 1:]
+    slide = float(np.linalg.norm(along, axis=1).max(initial=0.0))
+    if slide > SLIDE * body.extent:
+        text = (
+            f"the bodies slide by up to {slide:.3g} m along one another before the motion begins, "
+            "because they are brought together without friction: let the bolts pull straight "
+            "across the contact, and hold the bodies against static loads along it by supports"
+        )
+        body.warnings.append(Note(NoteKind.WARNING, text, "contacts"))
 
 
 def loose(body: Any) -> int:
