@@ -110,6 +110,7 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @needs_mpirun
 def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> None:
     overrides = [

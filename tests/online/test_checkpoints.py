@@ -383,9 +383,9 @@ def test_terminated_run_leaves_a_checkpoint_to_continue(tmp_path: Path) -> None:
     program = """
 import sys
 from fenicsrom import cli
-from fenicsrom.online.store import checkpoints
+from fenicsrom.online.store import store
 
-checkpoints.INTERVAL = 0.0
+store.INTERVAL = 0.0
 sys.exit(cli.main(sys.argv[1:]))
 """
     long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]

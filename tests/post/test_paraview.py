@@ -158,7 +158,7 @@ def test_summary_and_tables_give_largest_stress_and_reactions(run: Any) -> None:
     rows = (folder / "reactions.csv").read_text().splitlines()
     assert len(rows) == 1 + 1 + found.motions["reduced"].coordinate_time.size - 1
     page = (folder / "report.html").read_text()
-    assert "von Mises MPa" in page and "Reactions" in page
+    assert "von Mises, MPa" in page and "Reactions" in page
 
 
 def test_stored_model_gives_the_same_stresses_without_its_mesh(run: Any, tmp_path: Path) -> None:

@@ -107,6 +107,7 @@ MOTION = {
     "contacts.0.normal_stiffness",
     "contacts.0.tangential_stiffness",
     "contacts.0.friction",
+    "contacts.0.reach",  # of a rigid surface: without a meaning
     "contacts.0.surface.radius",
     "contacts.0.surface.spin",
     "contacts.0.surface.waves",
