@@ -255,8 +255,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
             raise _refused(body, "facets of the region lie inside a body; take its surface", where)
     a, b = (_Side(body, region) for region in regions)
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
-        reason = f"the two regions share {counted(shared, 'node')}, so they are joined there; give "
-        raise _refused(body, f"{reason}each body its own nodes", key)
+        reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
+        raise _refused(body, f"{reason}and the first region by a group of one body", key)
     found, nodes = _opposite(body, contact, key, a, b), body.space.tabulate_dof_coordinates()
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
