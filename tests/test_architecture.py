@@ -178,6 +178,7 @@ def test_order_of_rooms_names_every_room_and_nothing_else(package: str) -> None:
     assert set(ROOMS[package]) == on_disk
 
 
+@pytest.mark.slow
 def test_no_modules_import_one_another_types_included() -> None:
     found = {
         module: {

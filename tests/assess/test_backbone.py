@@ -236,6 +236,7 @@ def slender(*overrides: str) -> StoredModel:
     )
 
 
+@pytest.mark.slow
 def test_mode_takes_the_coordinates_that_its_largest_amplitude_needs() -> None:
     found = backbone(slender("backbone.load_factors=[]"))
     assert "1D" in found.labels and len(found.labels) == 3 and not found.warnings

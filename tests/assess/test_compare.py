@@ -471,6 +471,7 @@ def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
     assert "error of the tangential x amplitude, %" in labels
 
 
+@pytest.mark.slow
 def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
     from fenicsrom.post.studies.compare_report import report
 

@@ -151,6 +151,7 @@ def test_lines_match_the_exact_motions() -> None:
     assert not found.lines[0].coexists
 
 
+@pytest.mark.slow
 def test_onsets_match_the_crossings() -> None:
     """Of the free blade; closed, with the friction of a sliding casing, from the characteristic
     polynomial.
@@ -336,6 +337,7 @@ def test_verdict_tells_periods_tori_and_other_motions() -> None:
     assert verdict(two + 0.1 * decaying) == ("not settled", 0)
 
 
+@pytest.mark.slow
 def test_stopped_map_continues(tmp_path: Path) -> None:
     """The speeds that are kept are not computed again; another scene does not take them."""
     stored = two_modes("output.pictures=false")

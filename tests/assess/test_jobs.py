@@ -51,6 +51,7 @@ def silent(number: int, fraction: float, line: str) -> None:
     """Drop the progress."""
 
 
+@pytest.mark.slow
 def test_results_come_from_other_processes() -> None:
     lines: list[tuple[int, float, str]] = []
     before = dict(os.environ)
@@ -109,6 +110,7 @@ def test_interrupt_yields_what_the_running_jobs_have(how: str) -> None:
     assert found == {k: f"job {k} until the interrupt" for k in (0, 1)}
 
 
+@pytest.mark.slow
 def test_job_runs_again_after_its_process_died(tmp_path: Path) -> None:
     """Job 0 kills its process twice, while job 1 runs; job 2 kills each process."""
     jobs = [(str(tmp_path / name), times) for name, times in (("a", 2), ("b", 0), ("c", -1))]

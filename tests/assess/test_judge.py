@@ -110,6 +110,7 @@ DAMPED = "material.mass_damping=1000"
     ],
     ids=["step", "pulse", "approaching wall", "chirp", "sine"],
 )
+@pytest.mark.slow
 def test_error_of_axial_motion_is_seen_although_all_candidates_bend(scene: Scene) -> None:
     case = reduced(replace(scene, basis=replace(scene.basis, modes=3)), bending=True)
     assert case.true.amplitude > 0.005

@@ -105,6 +105,7 @@ def test_curves_have_the_estimates_of_the_frequencies_of_their_model() -> None:
     assert_effective(of_model(coarse).frequencies, coarse.frequencies_hz, fine.frequencies_hz)
 
 
+@pytest.mark.slow
 def test_errors_of_modes_keep_the_numbers_of_the_structure() -> None:
     """The load excites the modes of one plane; the basis leaves those of the other plane out."""
     cells = "geometry.parameters.elements_along=4", "geometry.parameters.load_at=0.5"
@@ -150,6 +151,7 @@ RUB = {
 
 
 @pytest.mark.parametrize("contacts", [[], [RUB]])
+@pytest.mark.slow
 def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
     contacts: Any, tmp_path: Path
 ) -> None:

@@ -435,6 +435,7 @@ def test_curve_out_of_points_says_what_to_do_and_exits_1(model: Path, tmp_path: 
         assert len(list(csv.DictReader(file))) >= 20
 
 
+@pytest.mark.slow
 def test_range_from_above_gives_the_same_curve(found: Response) -> None:
     down = response(oscillator(f"response.first={HIGH}", f"response.last={LOW}"))
     (curve,), (other,) = found.curves, down.curves

@@ -59,6 +59,7 @@ def holmes() -> StoredModel:
     return replace(stored, model=stored.model._replace(elastic=elastic))
 
 
+@pytest.mark.slow
 def test_isolated_curve_is_found_through_the_load() -> None:
     lower = response(oscillator(*WINDOW)).curves[0]
     both = response(oscillator(*WINDOW, f"response.isolated=[{INSIDE}]")).curves[0]
@@ -205,6 +206,7 @@ def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> No
             assert 3.0 < one.step_error / other.step_error < 5.0
 
 
+@pytest.mark.slow
 def test_richer_basis_that_adds_nothing_has_no_error() -> None:
     curve = curve_at(50, richer=True)
     assert curve.basis_error is not None

@@ -307,6 +307,7 @@ def test_progress_tells_the_fraction_and_the_time_left(monkeypatch: pytest.Monke
     assert "100 %" in lines[-1] and "left" not in lines[-1]
 
 
+@pytest.mark.slow
 def test_picture_that_fails_becomes_a_warning_after_the_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

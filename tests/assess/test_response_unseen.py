@@ -43,6 +43,7 @@ def excited() -> StoredModel:
     return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([0.3, 0.15]), {})
 
 
+@pytest.mark.slow
 def test_curve_interrupted_at_a_short_unstable_stretch_continues(tmp_path: Path) -> None:
     stored = excited()
     whole = response(stored)

@@ -48,6 +48,7 @@ def test_full_model_and_beam_are_judged() -> None:
         pytest.param("high_load_2d", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_fifty_steps_per_period_are_within_two_percent(name: str) -> None:
     """Of the amplitude at 3200 steps, on the paper's four cases: measured 0.01, 0.02, 0.16 and 0.25
     %."""

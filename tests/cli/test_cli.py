@@ -579,6 +579,7 @@ def test_interrupt_during_the_imports_ends_with_a_sentence():
     assert done.stderr == "fenicsrom: interrupted\n"
 
 
+@pytest.mark.slow
 def test_run_of_stored_model_imports_no_slow_module(results, tmp_path):
     program = (
         "import sys\n"

@@ -163,6 +163,7 @@ def damage(content: bytes, done: list[Damage]) -> bytes:
 
 
 @drawn(150, 1500, done=DAMAGE)
+@pytest.mark.slow
 def test_damaged_model_is_refused_or_unchanged(stored: Path, done: list[Damage]) -> None:
     path = stored.with_name("damaged.npz")
     path.write_bytes(damage(stored.read_bytes(), done))
@@ -409,6 +410,7 @@ def refused(reader: Reader, path: Path, content: str) -> str:
     return answer
 
 
+@pytest.mark.slow
 def test_intact_square_is_read(reader: Reader, tmp_path: Path) -> None:
     assert refused(reader, tmp_path / "square.msh", text(square())) == "mesh 4 0"
 
@@ -441,6 +443,7 @@ def test_mesh_without_section_is_refused_or_has_no_names(
 
 
 @drawn(6, 200, data=st.data())
+@pytest.mark.slow
 def test_mesh_cut_short_is_refused(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:

@@ -18,6 +18,7 @@ SCRIPTS = sorted(path for path in DEMOS.rglob("*.py") if path.name != "slip_lift
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_demo_script_is_imported_without_error(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The work of a script stands in functions. (`slip_liftoff.py` is run by another test.)"""
     monkeypatch.syspath_prepend(str(path.parent))
@@ -49,6 +50,7 @@ def printed(label: str) -> list[str]:
         pytest.param("40 N, nonlinear", "slip_liftoff", False, "beam", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_page_of_the_paper_shows_what_its_script_computes(
     paper: dict[str, Any], label: str, name: str, linear: bool, kind: str
 ) -> None:

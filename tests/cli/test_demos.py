@@ -68,6 +68,7 @@ def each(names):
 
 
 @pytest.mark.parametrize("name", each(RECOMPUTED))
+@pytest.mark.slow
 def test_beam_matches_the_recomputed_paper(name):
     """Reference: four cases of the paper as a planar beam: across | recomputed | 200.29, 19.623,
     157.87, 417.5 mm | 200.31, 19.625, 157.87, 417.56 mm | 0.1 %
@@ -78,6 +79,7 @@ def test_beam_matches_the_recomputed_paper(name):
 
 
 @pytest.mark.parametrize("name", each(LINEAR_BEAM))
+@pytest.mark.slow
 def test_linear_beam_matches_the_recomputed_paper(name):
     """Reference: three cases of the paper as a linear beam: across | recomputed | 200.78, 123.51,
     19.73 mm | agree | 0.1 %

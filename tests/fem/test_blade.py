@@ -113,6 +113,7 @@ def test_reduced_blade_matches_full_blade() -> None:
     assert motion.relative_imbalance < 1e-9 and full.relative_imbalance < 1e-9
 
 
+@pytest.mark.slow
 def test_blade_elsewhere_around_its_axis_gives_the_same_motion() -> None:
     """The angle of the casing's waves starts at the middle of the tip, so it turns with the
     blade."""

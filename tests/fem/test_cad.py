@@ -159,6 +159,7 @@ def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("build", [boxes, lap, strip_on_plate, rings_on_plate, bolted_plates])
+@pytest.mark.slow
 def test_faces_of_touching_bodies_keep_their_places(
     build: Callable[[Any], None], tmp_path: Path
 ) -> None:

@@ -105,6 +105,7 @@ def test_path_says_from_where_on_a_block_is_turned_inside_out(tmp_path: Path) ->
     assert "inside out" in warning and f"{first.load_factor:.6g} " in warning
 
 
+@pytest.mark.slow
 def test_large_last_load_factor_misses_nothing_at_the_start(tmp_path: Path) -> None:
     """The path to a load of 250 million E A has the same limit points and bifurcations."""
     near, far = (follow(block(tmp_path, statics={"last": last})) for last in (1.0, 1e9))
@@ -117,6 +118,7 @@ def test_large_last_load_factor_misses_nothing_at_the_start(tmp_path: Path) -> N
     np.testing.assert_allclose(factors, force(stretch) / 0.25, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_negative_pivots_count_the_unstable_directions(tmp_path: Path) -> None:
     found = follow(block(tmp_path))
     stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points if not point.kind])
@@ -281,6 +283,7 @@ def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
     assert max(abs(point.probe[1]) for point in found.points) < 1e-8
 
 
+@pytest.mark.slow
 def test_special_points_are_as_exact_on_a_path_to_a_large_load() -> None:
     near, far = (column(last).special for last in (10.0, 3000.0))
     for one, two in zip(near, far, strict=False):

@@ -158,6 +158,7 @@ def errors_at(etas: tuple[float, ...], solid: Solid, eta: float) -> tuple[float,
     return error, abs(float(elongation)), found[:2] / UNIT
 
 
+@pytest.mark.slow
 def test_joined_cantilever_matches_its_solid_between_and_beyond_its_speeds() -> None:
     """Lag and flap at eta = 6 of the solid are 4.2636 and 7.3604; one speed alone misses them.
 
@@ -175,6 +176,7 @@ def test_joined_cantilever_matches_its_solid_between_and_beyond_its_speeds() -> 
     assert error > 2e-3 and found[1] == pytest.approx(7.3792, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_nearly_dependent_vectors_of_the_joined_basis_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -68,6 +68,7 @@ def arch(pressure: float, **statics: Any) -> Scene:
     )
 
 
+@pytest.mark.slow
 def test_path_under_a_follower_pressure_is_that_of_load_control() -> None:
     visited: list[PathPoint] = []
     found = follow(arch(1e6, loads=[0]), visit=visited.append)

@@ -97,6 +97,7 @@ def test_finer_elements_start_at_the_equilibrium_of_the_coarser(
     assert counts[1] - counts[0] < counts[2] - counts[1]
 
 
+@pytest.mark.slow
 def test_predicted_equilibrium_at_speed_saves_factorisations(
     factorisations: list[None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

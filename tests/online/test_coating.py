@@ -82,6 +82,7 @@ class Point:
 
 
 @pytest.mark.parametrize("steps", [1, 1000])
+@pytest.mark.slow
 def test_layer_pressed_unloaded_and_pressed_again_matches_the_closed_form(steps: int) -> None:
     """Reference: abradable layer pressed to 50 and 60 µm: force, wear | law of Legrand, Batailly
     and Pierre (2012) | 545.4545, 563.6364 N; 22.72727, 31.81818 µm | agree | 1e-6
@@ -147,6 +148,7 @@ def test_layer_without_hardening_with_viscosity_and_behind_a_spring_matches_the_
         assert ring.plastic_work(made.coating.worn) == pytest.approx(0.0125, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_mean_force_of_a_step_is_the_mean_along_its_path() -> None:
     """Loading from outside to beyond the yield stress, unloading to outside, both in one step."""
     for x0, x1 in ((-20e-6, 70e-6), (55e-6, -10e-6), (10e-6, 45e-6)):

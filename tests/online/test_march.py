@@ -251,6 +251,7 @@ def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
 
 
 @pytest.mark.parametrize("method", ["rubin", pytest.param("craig-bampton", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None:
     from fenicsrom.reduction.basis import project
 
@@ -313,6 +314,7 @@ START = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.slow
 def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
     """Reference: order of each scheme on a nonlinear problem | scipy, order 8 | 2 | 2 | 0.15"""
     model = random_model(3, seed=3, damping=0.1, force=0.5, omega=1.3)

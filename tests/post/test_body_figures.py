@@ -219,6 +219,7 @@ def test_deflection_names_its_magnification(plate, tmp_path):
     drawn(figure, tmp_path)
 
 
+@pytest.mark.slow
 def test_setup_shows_every_mark_in_its_legend_and_in_its_colour(grid, tmp_path):
     normal, x = turn()[:, 2], grid.points[:, 0]
     tip = grid.points[x > 0.99 * x.max()]

@@ -66,6 +66,7 @@ def drawn(figure, tmp_path):
     return picture
 
 
+@pytest.mark.slow
 def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
     cases = {"full": jenkins(), "reduced": jenkins(periods=6), "beam": jenkins()}
     figure = figures.plot_motion(cases)

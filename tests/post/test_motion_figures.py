@@ -27,6 +27,7 @@ def decay():
     return motion(time, x, period=None)
 
 
+@pytest.mark.slow
 def test_transient_shows_envelope_spectrum_and_natural_frequencies(tmp_path):
     figure = motion_figures.plot_transient(decay(), np.array([12.0, 30.0, 500.0]))
     above, below, side = figure.axes[:3]
@@ -76,6 +77,7 @@ def test_energy_per_period_names_what_dissipates(tmp_path):
     drawn(figure, tmp_path)
 
 
+@pytest.mark.slow
 def test_modal_coordinates_have_panel_each(tmp_path):
     case = jenkins()
     late = case.last_period()

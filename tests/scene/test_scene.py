@@ -1075,6 +1075,7 @@ def test_any_override_gives_scene_or_error(override: str) -> None:
 @given(
     st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2).filter(any)
 )
+@pytest.mark.slow
 def test_directions_have_unit_length_and_survive_the_round_trip(vector: list[float]) -> None:
     table = tomllib.loads(RUBBING)
     table["contacts"][0]["normal"] = vector

@@ -298,6 +298,7 @@ def assert_equal_runs(one: Study, two: Study) -> None:
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+@pytest.mark.slow
 def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path) -> None:
     scene = loaded_scene(f"basis.method='{method}'")
     first, second = run(scene), run(scene)
@@ -394,6 +395,7 @@ def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
     assert run(other).solid._made is None
 
 
+@pytest.mark.slow
 def test_damaged_archive_is_computed_again(folder: Path) -> None:
     scene = loaded_scene()
     first = run(scene)

@@ -301,6 +301,7 @@ with output_folder(folder, scene, None, started, True):
         "in the run": {"summary.json": "new"},
     }.items(),
 )
+@pytest.mark.slow
 def test_killed_forced_run_leaves_no_record_of_another_run(
     tmp_path: Path, moment: str, left: dict[str, str]
 ) -> None:
@@ -450,6 +451,7 @@ with output_folder(Path(sys.argv[1]), read_scene(sys.argv[2])):
 """
 
 
+@pytest.mark.slow
 def test_second_run_in_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     words = [sys.executable, "-c", HOLDER, str(tmp_path), str(DEMO)]
     with subprocess.Popen(

@@ -140,6 +140,7 @@ STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
         ([*SHORT, *NO_CONTACT, "basis.derivatives=[]", "reference.beam=false"], False),
     ],
 )
+@pytest.mark.slow
 def test_executed_stages_are_the_planned_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, overrides: list[str], modes_only: bool
 ) -> None:
