@@ -1,11 +1,4 @@
-"""Parts of an Abaqus model: their nodes, elements and sets.
-
-The keywords of an Abaqus or CalculiX file, with their parameters and data lines.
-
-The element types of Abaqus and CalculiX that this program knows.
-
-Puts the parts of an Abaqus model together: instances, and the names of their sets.
-"""
+"""Abaqus and CalculiX files: keywords, types of elements, parts with their sets, instances."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 """The cells of a finite-element model: sorted, completed and divided.
 
-Sorts the elements of a finite-element model: cells, facets that name a group, and the rest.
-
-Adds the nodes of cells of degree 2 that a file leaves out: on edges, in faces and in cells.
-
 Divides wedges, pyramids and mixed meshes into tetrahedra or triangles.
 
 The program computes with cells of one shape. A cell is divided from its corner with the smallest

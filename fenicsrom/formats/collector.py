@@ -1,7 +1,4 @@
-"""Collects materials, supports, masses and loads of a finite-element model while it is read.
-
-Reads text files of other programs, and the files that they include.
-"""
+"""Collects materials, supports, masses and loads of a finite-element model from its text files."""
 
 from __future__ import annotations
 

@@ -17,15 +17,15 @@ Integrals of the products of strains, from which the elastic polynomial is made.
 
 With the displacement u = u₀ + Σ q_i φ_i the strain is a quadratic polynomial of q,
 
-    E = E₀ + q_i ε_i + ½ q_i q_j h_ij,    ε_i = sym(F₀ᵀ ∇φ_i),    h_ij = sym(∇φ_iᵀ ∇φ_j),    (1)
+    E = E₀ + q_i ε_i + ½ q_i q_j h_ij,    ε_i = sym(F₀ᵀ ∇φ_i),    h_ij = sym(∇φ_iᵀ ∇φ_j),    (3)
 
 and the polynomial of `fenicsrom.online.model.polynomial` needs all products
 
-    ⟨x, y⟩ = ∫ x : C y    (2)
+    ⟨x, y⟩ = ∫ x : C y    (4)
 
 of E₀, ε_i and h_ij. With C = L Lᵀ in Mandel's notation and the weight w of a quadrature point, a
 strain x becomes a column √w Lᵀ x of d (d + 1) / 2 numbers at each point, so that the inner product
-of two columns is (2). BLAS multiplies the columns of many points at once.
+of two columns is (4). BLAS multiplies the columns of many points at once.
 
 Projection of a structure on a basis: the reduced model.
 
@@ -61,7 +61,7 @@ BLOCK_BYTES = 4e6
 
 
 def strain_products(chunks: Iterable[tuple[Array, Array]], stiffness: Array, count: int) -> Array:
-    """Integrate the products (2) of E₀, ε_i and h_ij.
+    """Integrate the products (4) of E₀, ε_i and h_ij.
 
     Args:
         chunks: pairs (weights (k,), gradients (k, 1 + n, d, d)) at k quadrature points; gradient 0

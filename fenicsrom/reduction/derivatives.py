@@ -8,19 +8,19 @@ Eng. 108, 2016, and Wu, Tiso, Tatsis, Chatzi and van Keulen, Multibody Syst. Dyn
 
 Modal derivatives along the principal directions of a motion.
 
-The derivative θ(x, y) = −K⁻¹ K′[x] y (`fenicsrom.reduction.derivatives`) is bilinear, so it need
+The derivative θ(x, y) = −K⁻¹ K′[x] y is bilinear, so it need
 not be taken along pairs of modes. Snapshots of the motion in the modes, u = Y η(t), are
 
-    u(t) = Σ_k p_k a_k(t),    p_kᵀ K p_l = δ_kl,    Σ_t a_k a_l = 0 for k ≠ l,    (1)
+    u(t) = Σ_k p_k a_k(t),    p_kᵀ K p_l = δ_kl,    Σ_t a_k a_l = 0 for k ≠ l,    (2)
 
 with the largest amplitudes first: the singular value decomposition of the snapshots in the energy
 norm. Directions are kept until the rest has at most ε² of the elastic energy. Their number depends
 on the motion, not on the number of modes or of contact points. The derivatives
 
-    rms(a_k a_l) θ(p_k, p_l),  k < l,    and    ½ rms(a_k²) θ(p_k, p_k)    (2)
+    rms(a_k a_l) θ(p_k, p_l),  k < l,    and    ½ rms(a_k²) θ(p_k, p_k)    (3)
 
 are what each pair adds to the displacement. On a slender body nearly all of them are the same few
-fields along its axis. So they are combined: the eigenvectors of the Gram matrix of (2) in the
+fields along its axis. So they are combined: the eigenvectors of the Gram matrix of (3) in the
 energy norm, outside of the linear vectors of the basis, are kept until the rest has at most ε² of
 the elastic energy of the snapshots. None is kept where the motion is small.
 
@@ -31,11 +31,11 @@ Every column of Y is scaled to a largest displacement of one; otherwise the sele
 on the scaling of the modes. A normal mode with a small row of Q is left out. A derivative has the
 weight
 
-    MMI:      W_ij = max_k |η_i^k|  max_k |η_j^k|     over U_t,    (1)
-    MMI-NLS:  W_ij = Σ_k |η_i^k η_j^k|                over [U_st, U_t],    (2)
+    MMI:      W_ij = max_k |η_i^k|  max_k |η_j^k|     over U_t,    (4)
+    MMI-NLS:  W_ij = Σ_k |η_i^k η_j^k|                over [U_st, U_t],    (5)
 
 and is kept if W_ij, relative to the largest weight, exceeds the threshold. Source: Mashayekhi and
-Zucca (2024), sec. 2.2; (1) and (2) are eqs. (19) and (20). `fenicsrom.reduction.snapshots` computes
+Zucca (2024), sec. 2.2; (4) and (5) are eqs. (19) and (20). `fenicsrom.reduction.snapshots` computes
 U_t and U_st.
 """
 
@@ -66,7 +66,7 @@ LEAST_ENERGY = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class PrincipalDirections:
-    """The principal directions (1) of the snapshots of a motion.
+    """The principal directions (2) of the snapshots of a motion.
 
     Attributes:
         vectors: (local, r) p_k.
@@ -84,7 +84,7 @@ class PrincipalDirections:
         return tuple(f"{k + 1}P" for k in range(self.vectors.shape[1]))
 
     def weights(self) -> dict[str, float]:
-        """The factor (2) of each derivative, by its label such as 1P2P, where it counts."""
+        """The factor (3) of each derivative, by its label such as 1P2P, where it counts."""
         squares = self.amplitudes**2
         found = np.sqrt(squares @ squares.T / squares.shape[1])
         least = NEGLIGIBLE * found.max(initial=0.0)
@@ -98,7 +98,7 @@ class PrincipalDirections:
 def principal_directions(
     structure: Structure, vectors: Array, coordinates: Array
 ) -> PrincipalDirections:
-    """Compute the principal directions (1) of snapshots u = Y η.
+    """Compute the principal directions (2) of snapshots u = Y η.
 
     Args:
         structure: the structure.

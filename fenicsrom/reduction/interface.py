@@ -36,6 +36,9 @@ STUCK_WEIGHT = 0.3
 DEPENDENT = 1e-10
 """Directions with a smaller singular value, relative to the largest, are rounding."""
 
+ROUNDED = 1e-12
+"""Smaller energies, by the work of the loads, are rounding."""
+
 
 def interface_vectors(
     springs: Array, closed: Array, at_rest: tuple[Array, Array], motion: Motion
@@ -61,10 +64,6 @@ def interface_vectors(
     _, values, directions = np.linalg.svd(np.concatenate(blocks), full_matrices=False)
     kept = int(np.sum(values[: VECTORS + MORE] > DEPENDENT * values[0]))
     return np.asarray(root[:, None] * directions[:kept].T)
-
-
-ROUNDED = 1e-12
-"""Smaller energies, by the work of the loads, are rounding."""
 
 
 def dissipated(motion: Motion) -> float:

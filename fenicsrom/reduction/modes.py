@@ -37,17 +37,17 @@ Static responses to loads that the modes of a basis leave out.
 A load p that varies slowly moves the structure by K⁻¹ p. The static response within a basis R does
 only a part of the work of K⁻¹ p. The share of the work that the basis leaves out is
 
-    share = 1 − pᵀ R (Rᵀ K R)⁻¹ Rᵀ p / (pᵀ K⁻¹ p).    (1)
+    share = 1 − pᵀ R (Rᵀ K R)⁻¹ Rᵀ p / (pᵀ K⁻¹ p).    (5)
 
 The share is the relative error of the displacement at the load, in the direction of the load. It is
 also the square of the relative error of the response in the energy norm. The lowest modes of a
 slender body bend it. An axial load does no work on these modes, and its share is 1.
 
-An oblique load does nearly all its work by bending, so that (1) does not see its axial part. With
+An oblique load does nearly all its work by bending, so that (5) does not see its axial part. With
 the part pₐ of the load along the axis a, the relative error of the displacement at the load along
 this axis is
 
-    share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (2)
+    share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (6)
 
 The largest share counts. If it is above `LOAD_SHARE`, the static response K⁻¹ p (an attachment
 mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis. A linear
@@ -236,7 +236,7 @@ class LoadVectors:
     Attributes:
         labels: (k,) labels: 1L is the response to the first load of the scene.
         vectors: (local, k) responses to unit loads.
-        shares: largest share, (1) or (2), that the modes leave out, by the label of each load that
+        shares: largest share, (5) or (6), that the modes leave out, by the label of each load that
             varies.
     """
 
@@ -290,7 +290,7 @@ def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVe
 
 
 def _share_left_out(structure: Structure, vectors: Array, load: Array, response: Array) -> float:
-    """The largest share, (1) or (2), for a load (local, 1) with its response (local, 1)."""
+    """The largest share, (5) or (6), for a load (local, 1) with its response (local, 1)."""
     inner = structure.inner
     work = float(inner(load, response)[0, 0])
     if vectors.shape[1] == 0 or work <= 0.0:

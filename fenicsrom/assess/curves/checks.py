@@ -1,6 +1,4 @@
-"""Checks of the points of a curve: by larger models, and against the full model.
-
-The size of a model for response curves: one for all of them.
+"""The size of the model of response curves, and checks of their points by larger models.
 
 Before the curves, a few motions of each choose the size: those at both ends of the range and at the
 natural frequencies in it, and from the largest of these the top of the curve there. After the
@@ -8,10 +6,6 @@ curves, the checks of their points (`fenicsrom.assess.curves.trust`) judge the s
 compare with the motions of all coordinates that the model holds. Where the worst error is above
 `basis.accuracy`, coordinates join the model by their energies in these motions, as for one motion
 (`fenicsrom.assess.errors.sizing`).
-
-Sentences on the checks of a curve that do not hold what a run accepts.
-
-The motions of the full model at some points of the response curves of its reduced model.
 """
 
 from __future__ import annotations

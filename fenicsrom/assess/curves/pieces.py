@@ -1,9 +1,5 @@
 """The pieces of a response curve, in the order in which they are followed, and their progress.
 
-The progress of response curves: lines for the user, and what is kept of an interrupted run.
-
-The pieces of one response curve, in the order in which they are followed.
-
 A curve starts at the first value of the range, where a few periods are marched and Newton's method
 finds the periodic motion (`fenicsrom.online.periodic.shooting`). It is followed through its folds
 to the last value (`fenicsrom.online.curves.continuation`). A curve that ends before is followed

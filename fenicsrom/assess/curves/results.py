@@ -1,10 +1,4 @@
-"""The record of response curves, its parts, and the files that keep it.
-
-The common part of the records of response curves and of nonlinear modes.
-
-The parts of the response curves of a scene.
-
-Files that keep what is done of response curves, to continue an interrupted run.
+"""The record of response curves, its parts, and the files from which they continue.
 
 A folder holds one file for each curve, so that the processes that compute the curves share no file.
 Each file names the model and the scene it belongs to.

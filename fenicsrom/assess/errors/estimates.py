@@ -1,7 +1,4 @@
-"""Estimates of the error of a motion due to its time step, its basis and its mesh.
-
-Errors between motions, rank correlation, break-even and Pareto front.
-"""
+"""Errors between motions, and estimates of the error due to time step, basis and mesh."""
 
 from __future__ import annotations
 

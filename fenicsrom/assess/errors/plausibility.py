@@ -1,7 +1,4 @@
-"""Loads and motions that are most likely consequences of wrong input.
-
-Whether the St Venant-Kirchhoff law has a meaning at a deformation.
-"""
+"""Loads, motions and strains that are most likely consequences of wrong input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rule by which the estimates of a finished motion decide, as AccuracyErrors.
+"""The rule by which the estimates of a finished motion decide, and if it is the only motion.
 
 A run ends with exit code 0 only if every estimate of the error of its displacements, of all
 directions together and of each, by the time step, the basis and the mesh, is known and at most its
@@ -20,8 +20,6 @@ stable periodic motion that Newton's method found has no estimates. Otherwise it
 The estimates of the largest normal force, of the dissipated energy and of the worn depth refuse no
 run. Above `CONTACT_ERROR`, or `UNSETTLED_ERROR` of a motion that does not settle, they cast doubt
 on these quantities, and the verdict says so.
-
-Whether a motion is the only one: warnings of buckled equilibria and of sticking points.
 """
 
 from collections.abc import Mapping, Sequence

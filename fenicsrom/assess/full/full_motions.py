@@ -1,9 +1,5 @@
 """Motions of the full model: marched, periodic and kept; the true errors of a reduced model.
 
-The error due to the basis, measured against the full model, beside its estimate.
-
-Periodic motions of the full model, which start from the motions of a reduced model.
-
 A periodic motion is a root of r(z) = P(z) - z with the period map P of the full model
 (`fenicsrom.fem.full.full_period`). A full period is by far the most expensive operation, so the
 iteration takes as few as it can. With a basis D of some directions, orthonormal in the mass norm,
@@ -18,8 +14,6 @@ D^T P' D. This derivative is enough if the motions that the basis does not span 
 period. The stiff vibrations of a solid do not: a scheme that conserves energy keeps them for
 thousands of periods. Where the residual does not fall by `GOOD_RATE`, D is enlarged, by normal
 modes and then by the residual itself, and the next full period carries P' D along exactly.
-
-The motion of the full model, kept in the cache of results.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The axes along which `fenicsrom stability` drives a scene to its extremes.
+"""The axes along which `fenicsrom stability` drives a scene to its extremes; random scenes.
 
 The values of an axis have no unit: they multiply a value of the scene, or a scale of its reduced
 model (`Scales`). A scene that is written in other units therefore has the same

@@ -3,8 +3,6 @@
 The clean model holds the solid and its facet groups only. Every cell and every facet is in exactly
 one physical group, and the nodes are numbered from 1 without gaps. The kinds of the cells, their
 shapes and their facets are checked.
-
-Checks that the cells of a mesh join at whole facets.
 """
 
 from collections.abc import Collection

@@ -1,10 +1,8 @@
-"""Meshes with named groups.
+"""The mesh of a scene, whose facets and nodes are found by name or by coordinates.
 
 `build_mesh` makes or reads the mesh of a scene, `mesh_from_gmsh_model` takes the model of an open
 gmsh, and `mesh_from_dolfinx` a dolfinx mesh with tags. Rank 0 checks the cells of a file in gmsh,
 and dolfinx distributes a clean model. An error on rank 0 is raised on every rank.
-
-The mesh of a scene, whose facets and nodes are found by name or by coordinates.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping

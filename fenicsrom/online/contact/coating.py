@@ -22,9 +22,7 @@ is that of its place on the undeformed body: its displacement along the surface 
 
 A step reads w. Only the acceptance of the step changes w, at each node in the arc, by (3).
 
-The rings of abradable layers: where contact points wear them, and how much was worn.
-
-`fenicsrom.online.contact.coating` has the law.
+Rings hold where contact points wear a layer, and how much was worn.
 """
 
 from __future__ import annotations

@@ -8,24 +8,22 @@ G (contact displacement by contact force),
 
 Equation (1) is one Newton iteration of the step, condensed to the contact displacements. In it,
 everything except the contact is linear, so the contact is solved in full. It is solved for the c
-candidates only, the points that touch or may touch (`fenicsrom.online.contact.problem`).
+candidates only, the points that touch or may touch.
 
 How the displacements of contact points respond to forces at them: the Delassus operator.
 
 With the rows R (m, n) of the contact displacements, forces F move the coordinates by -Z F and the
 contact displacements by -G F,
 
-    Z = S^-1 R^T,    G = R Z,                                                                   (1)
+    Z = S^-1 R^T,    G = R Z,                                                                   (2)
 
 where S is the effective stiffness of the step. For more forces than coordinates, G has no full
 rank and is not formed. Newton's equation (I + G F') u = -r, with the derivatives F' of the forces
 and the residual r, then becomes
 
-    u = -r + R dz,    (I + Z F' R) dz = Z F' r                                                  (2)
+    u = -r + R dz,    (I + Z F' R) dz = Z F' r                                                  (3)
 
 by the identity of Sherman, Morrison and Woodbury (Hager 1989, SIAM Review 31, 221-239).
-
-Semismooth Newton for the contact problem (1) of `fenicsrom.online.contact.problem`.
 
 The contact points that a time step solves for: those that touch or may touch.
 
@@ -64,7 +62,7 @@ class Compliance(NamedTuple):
         change: (n, 1) scratch: change of the coordinates.
         weighted: (n, m) scratch: Z F' of the points that touch.
         gathered: (m, n) scratch: the rows of some points.
-        jacobian: (n, n) scratch: the matrix of (2).
+        jacobian: (n, n) scratch: the matrix of (3).
         pivots: (n,)
     """
 
@@ -145,7 +143,7 @@ def add_response(
 def update_in_coordinates(
     compliance: Compliance, candidates: NDArray[np.int64], count: int, scratch: ContactScratch
 ) -> bool:
-    """Turn the residual of all candidates into Newton's update by (2); False if it has none."""
+    """Turn the residual of all candidates into Newton's update by (3); False if it has none."""
     rows, unit, jacobian = compliance.rows, compliance.unit, compliance.jacobian
     weighted, dz, n, d = compliance.weighted, compliance.change, rows.shape[1], len(scratch.space)
     for a in range(n):

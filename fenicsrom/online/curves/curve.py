@@ -1,13 +1,9 @@
-"""Points of a curve of periodic motions, and polynomials through them.
+"""Points of a curve of periodic motions: amplitudes, harmonics, states, polynomials through them.
 
 Amplitudes between the samples of a period.
 
 The largest of some samples jumps as the crest moves between them. A parabola through the largest
 sample and its neighbours gives a smooth amplitude, with an error of fourth order in the step.
-
-Which contact states occur in a period, and by how much they occur or are missed.
-
-Harmonics and contact states of a motion, which a point of a response curve keeps.
 """
 
 from __future__ import annotations

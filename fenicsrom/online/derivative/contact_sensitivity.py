@@ -5,8 +5,6 @@ Only a point that sticks to a plane has a closed form, which most steps of most 
 Over a step from x0 to x1 the law gives the mean force F of a point and its slider w1 at the end,
 as functions of (x0, x1, w0, parameter). What else the law reads of the start of the step
 follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
-
-The arrays that carry derivatives through the steps of a period.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ Supports that move together. The displacement of a body is relative to its suppo
 With the absolute displacement u + r a(t), where r is the unit translation along a, the equation of
 motion of the relative displacement u is
 
-    M ü + C u̇ + f(u) = p - M r a″(t).    (1)
+    M ü + C u̇ + f(u) = p - M r a″(t).    (3)
 
 It is exact: strains and stresses depend on u only. Damping acts on the velocity relative to the
 supports, and everything that the body touches (springs to the ground, rigid surfaces) moves with

@@ -13,8 +13,6 @@ contact points in their local frames [normal, tangents] is
 
 A contact force F (m,) in the same frames acts against the displacement (its normal component is
 positive when the body presses on the surface): subtract B_c^T F from the right side of (1).
-
-A model of dense matrices with an elastic force given as a function.
 """
 
 from collections.abc import Callable, Mapping

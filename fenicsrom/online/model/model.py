@@ -1,9 +1,4 @@
-"""The reduced model in coordinates q.
-
-A problem: a model with everything that determines its motion.
-
-The linear equations of a Newton iteration of a reduced model, S x = b.
-"""
+"""The reduced model in coordinates q, its problem, and the equations of a Newton iteration."""
 
 from __future__ import annotations
 

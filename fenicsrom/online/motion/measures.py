@@ -1,7 +1,4 @@
-"""Numbers that are computed from a motion.
-
-What a motion wore of the abradable layers on its surfaces.
-"""
+"""Numbers that are computed from a motion, and what it wore of abradable layers."""
 
 import itertools
 import math

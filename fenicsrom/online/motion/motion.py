@@ -1,6 +1,4 @@
-"""What a time integration returns.
-
-Read the motions of a `history.npz`, the file of time histories that a run writes.
+"""What a time integration returns, its energy balance, and the file of time histories.
 
 The energy balance of a motion, judged in one place.
 

@@ -8,10 +8,6 @@ complex pair leaves the circle.
 
 A point that sticks all the time keeps its slider, whatever it is: a multiplier is exactly 1 and
 the motion belongs to a family. In Newton's equation such a slider rests where it is.
-
-Families of periodic problems: for each value of a parameter, a problem with its derivatives.
-
-The whole motion of a periodic motion, with its coordinates.
 """
 
 from __future__ import annotations

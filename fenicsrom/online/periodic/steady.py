@@ -6,7 +6,7 @@ marched one if three conditions hold:
 
 1. its relative residual is at most `fenicsrom.online.periodic.shooting.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
-3. the marched motion tends to it (`fenicsrom.online.periodic.steady`).
+3. the marched motion tends to it.
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the

@@ -24,10 +24,7 @@ This iteration stops when the predicted Newton decrement |r . dq| falls below `N
 squared times the energy in the system, a test that does not depend on units. A step that does not
 converge is halved.
 
-The loop over the steps is in `fenicsrom.online.step.step`, and the state before the first step in
-`fenicsrom.online.run.march`.
-
-The state of a time integration before its first step, and while it runs.
+The loop over the steps is in `fenicsrom.online.step.step`.
 """
 
 import copy

@@ -1,7 +1,4 @@
-"""The state of a time integration, its record and its checkpoint.
-
-The weights of the one-step schemes.
-"""
+"""The one-step schemes, and the state of a time integration with its record."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 Newton's method with load steps, for every static equilibrium of the program.
 
-The solid and the 1D beam under static loads and a model under the preload of its contacts
-(`fenicsrom.online.step.statics`) share these two functions. They differ in how a correction is
+The solid and the 1D beam under static loads, and a model under the preload of its contacts, share
+these two functions. They differ in how a correction is
 computed and in when it is small enough, so each passes both as functions.
 
 The equilibrium in which a motion starts: under the static loads and the preload of the contacts.

@@ -1,7 +1,7 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
 The functions that take a model are plain Python, for any model with the operations of a
-`ReducedModel`, and are inlined into the compiled loop of `fenicsrom.online.step.step` for a
+`ReducedModel`, and are inlined into the compiled loop over the steps for a
 `ReducedModel` itself. Arrays of contact points are written by functions that numba does not inline:
 its removal of dead code does not follow an array through the unpacking of a tuple, and drops such
 writes.

@@ -1,11 +1,9 @@
-"""What is kept: archives of arrays, the cache of results, and checkpoints.
+"""What is kept: archives of arrays, versions, the cache of results, and checkpoints.
 
 Dataclasses of arrays and numbers as JSON text and a few flat arrays, for an `.npz` file.
 
 A list of many small records becomes a handful of entries of the file, so that it is written and
 read in milliseconds.
-
-The versions of the programs that make a result.
 
 The cache of results: a folder of archives with a limit of their total size.
 

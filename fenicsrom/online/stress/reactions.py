@@ -47,8 +47,6 @@ besides those of `fenicsrom.online.store.archive`, in SI units:
 
 A scene with [[materials]] adds the numbers of the materials of the Gauss points, stress_material
 (P,) and reaction_material (R,), int64; 0 is [material].
-
-The largest stresses of a reduced model: at rest, in its modes, and during a motion.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ The volume ratio is det F of the deformation gradient F = I + ∇u. Where it is 
 material is turned inside out. The St Venant-Kirchhoff law does not resist this: under uniaxial
 stress along a stretch s (Poisson's ratio 0), the force on the undeformed area and its slope are
 
-    P = ½ E s (s² − 1),    dP/ds = ½ E (3 s² − 1),    (1)
+    P = ½ E s (s² − 1),    dP/ds = ½ E (3 s² − 1),    (2)
 
 so that the material softens in compression. The slope vanishes at s = 1/√3, a compression of 42 %,
 and the force returns to zero at s = 0, where the material has no volume. The principal stretches
@@ -153,7 +153,7 @@ SHEAR = float(np.sqrt(0.5))
 
 @kernel
 def write_strains(gradients: Array, scaled: Array, columns: Array) -> None:
-    """Write E₀, ε_i and h_ij of `fenicsrom.reduction.basis`, eq. (1), at k points.
+    """Write E₀, ε_i and h_ij of `fenicsrom.reduction.basis`, eq. (3), at k points.
 
     Args:
         gradients: (d, d, 1 + n, k) displacement gradients; the first one is that of u₀.

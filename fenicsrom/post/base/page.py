@@ -1,9 +1,4 @@
-"""Reports: what a command found, as files, in the terminal and on one HTML page.
-
-A report as one HTML file that contains its pictures and charts.
-
-Reports: what a command found, as files and in the terminal; the same for all commands.
-"""
+"""Reports: what a command found, as files, in the terminal and on one HTML page."""
 
 import base64
 import gzip

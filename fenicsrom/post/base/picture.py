@@ -1,7 +1,4 @@
-"""Pictures, and how they are drawn to files.
-
-What to see in each picture, and the file with its numbers, by the name of the picture.
-"""
+"""Pictures, how they are drawn to files, and what to see in each."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence

@@ -1,9 +1,7 @@
-"""The common style of all figures.
+"""The common style of all figures, and which modules for drawing are missing.
 
 Figures are matplotlib `Figure` objects made without pyplot: no window opens and no figure stays in
 memory. `figure.savefig(path)` writes one. matplotlib is imported only when a figure is made.
-
-Python modules that only some outputs need.
 """
 
 import functools

@@ -1,8 +1,4 @@
-"""Tables as text: how a cell is formatted, and the table that the terminal shows.
-
-Text, CSV, JSON, PNG and `.npz` files; each appears complete or not at all.
-
-The names of the directions in which displacements are given, for people.
+"""Tables and quantities as text, in files and in the terminal, and the names of directions.
 
 All tables, sentences and pictures have the same order: the axes, or the normal of the contact and
 then its tangents.

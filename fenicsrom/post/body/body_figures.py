@@ -1,7 +1,4 @@
-"""Figures of deformed bodies: shapes, static deflection and stresses.
-
-Animations of a body as GIF files.
-"""
+"""Figures and films of deformed bodies: shapes, static deflection and stresses."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""The files of response curves: numbers, motions, pictures and the report.
-
-More figures of response curves: Floquet multipliers, harmonics and maps of contact states.
-"""
+"""The files of response curves: numbers, motions, pictures of all details, and the report."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,7 +1,4 @@
-"""The results of response curves: sentences and tables for people, rows and numbers for files.
-
-The peaks of response curves over a second number: sentences, table, rows and picture.
-"""
+"""The results of response curves and their peaks: sentences, tables, rows and numbers for files."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

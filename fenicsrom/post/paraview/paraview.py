@@ -1,9 +1,7 @@
-"""Names with units, groups, surfaces, and one file for ParaView that joins all files.
+"""ParaView files of a study, and one file with a script that shows them all.
 
 The names of arrays end in their unit. Texts on the normalisation and on the material are field
 data, which ParaView shows in the Information panel.
-
-Fields of a study for ParaView and animations: shapes, the last period and contact points.
 """
 
 from __future__ import annotations

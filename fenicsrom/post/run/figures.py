@@ -1,7 +1,4 @@
-"""Figures of motions, contacts, energies and mode shapes.
-
-The wear of abradable layers: its numbers, sentence, table and picture.
-"""
+"""Figures of motions, contacts, energies, mode shapes and wear."""
 
 import itertools
 import re

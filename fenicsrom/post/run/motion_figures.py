@@ -1,9 +1,4 @@
-"""Pictures of motions that answer one question each: transients, sections, maps, coordinates.
-
-The table of the responses of the models, and the notes on the contact points in it.
-
-A motion at a speed of rotation that varies: sentence, numbers and picture.
-"""
+"""The table of responses, run-ups, and pictures of motions that answer one question each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

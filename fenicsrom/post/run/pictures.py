@@ -1,7 +1,4 @@
-"""The pictures of a run: motion, contact, energy, shapes and the animation.
-
-The pictures of the body: set-up, shapes, static deflection, stresses and animation.
-"""
+"""The pictures of a run: set-up, motion, contact, energy, shapes, stresses and animation."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The report of a run: `report.html`.
-
-The sentences about a run for the terminal and the report.
-"""
+"""The report of a run, `report.html`, and its sentences."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial

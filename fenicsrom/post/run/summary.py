@@ -1,9 +1,4 @@
-"""The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint.
-
-The modes of the reduced model beside those of the full model: table, sentence and picture.
-
-Stresses and reactions as rows, sentences and files.
-"""
+"""The numbers of a run: `summary.json`, histories, modes, stresses, model and checkpoint."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

@@ -1,11 +1,7 @@
-"""The picture of the set-up.
-
-The marks in the picture of the set-up: supports, loads, attachments, contacts and probe.
+"""The picture of the set-up: the undeformed mesh with all that acts on it.
 
 All of it belongs to the undeformed body, which the picture shows: the arrow of a pressure is normal
 to the face that is drawn, also if the pressure follows the deformation.
-
-The picture of the set-up: the undeformed mesh with all that acts on it.
 
 The axis of rotation and round walls are often much larger than the body: a second panel then shows
 all of them. Each symbol has a form and a colour of its own, so that readers who cannot tell the

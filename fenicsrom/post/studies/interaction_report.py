@@ -1,7 +1,4 @@
-"""The report of an interaction map: picture, curves, tables and files.
-
-The wear of an interaction map: its numbers and its picture.
-"""
+"""The report of an interaction map: picture, curves, tables, wear and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a scene as dataclasses, which this module reads, writes and describes.
+"""Tables of a scene as dataclasses, which this module reads, writes as TOML, and describes.
 
 A field is a key if its type is `Annotated` with
 
@@ -8,8 +8,6 @@ A field is a key if its type is `Annotated` with
 
 A second entry of the annotation, a dataclass, holds keys that may replace this key.
 A field without a default is required.
-
-TOML text: parsed, of any depth, and written.
 """
 
 from __future__ import annotations

@@ -1,11 +1,4 @@
-"""Checks between keys: each function yields the keys that do not agree with the others.
-
-Whether a fixed step resolves what excites a scene (`fenicsrom.scene.keys.excitation`).
-
-Checks between keys of the body: its supports, attachments and follower pressures.
-
-Checks of the elastic constants and the axes of materials (`fenicsrom.scene.keys.places`).
-"""
+"""Checks between keys: each function yields the keys that do not agree with the others."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Parts and points of the solid, by name or by coordinates, and what holds the solid there.
-
-Materials of the body and of groups of cells, isotropic to orthotropic, and viscous damping.
+"""Places and materials of the solid, what holds it, and how a CAD file is meshed.
 
 An orthotropic material has three axes. With Young's moduli E₁, E₂, E₃ along them, Poisson's ratios
 ν_ij (contraction along j under a stress along i) and shear moduli G_ij, the strains follow from the
@@ -10,8 +8,6 @@ stresses by the compliance
 
 A transversely isotropic material has E₂ = E₃, ν₁₂ = ν₁₃, G₁₂ = G₁₃ and G₂₃ = E₂ / (2 (1 + ν₂₃)).
 Source: Jones, Mechanics of Composite Materials, 1999, section 2.3.
-
-How the body of a CAD file is meshed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Overrides of single keys of a scene, such as `loads.0.force=200`.
+"""Overrides of single keys, such as `loads.0.force=200`, axes of sweeps, and units of keys.
 
 The axes of a sweep: lists and ranges of values of scene keys.
 
@@ -8,8 +8,6 @@ The axes of a sweep: lists and ranges of values of scene keys.
 
 The runs of a sweep are all combinations of the values of its axes. The keys of one axis change
 together.
-
-The units of the numbers of a scene, by the paths of their keys.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Scenes from TOML files, plain data or Python: read, checked and completed.
-
-The folders of the program's own files.
-
-Titles that follow the values of the scene.
+"""Scenes from TOML files, plain data or Python: read, checked and completed; their titles.
 
 A title may hold keys in braces, such as `{loads.0.frequency}`; the heading shows their values.
 If the title does not hold the key of an override, the key is appended to the title in this form.
