@@ -2,9 +2,10 @@
 
 Three archives belong to a scene. One holds the equilibrium and the component modes, one the
 selection, the derivatives, the basis and the reduced models, and one the larger model that has seen
-the residual of the full equations along the motion. A run that finds them builds no mesh and no solid, unless it draws the body or runs the
-full model. A run that finds the first one only, because its loads or its friction select
-other derivatives, computes no equilibrium and no modes. The results are the same to the last digit.
+the residual of the full equations along the motion. A run that finds them builds no mesh and no
+solid, unless it draws the body or runs the full model. A run that finds the first one only, because
+its loads or its friction select other derivatives, computes no equilibrium and no modes. The
+results are the same to the last digit.
 
 Only runs on one rank use the cache: the arrays of several ranks belong to one partition of a mesh.
 

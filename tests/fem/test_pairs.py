@@ -16,6 +16,7 @@ from support import refusal
 
 import fenicsrom as fr
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.fem.body import pairs
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
@@ -276,6 +277,18 @@ def test_region_without_a_facet_opposite_is_refused(tmp_path: Path) -> None:
     load = [{"group": "1 high x", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
     contact = {"group": "1 low y", "against": "0 high y"}
     with refusal(ErrorKind.PLACE, "contacts[0].against", names="less than 10 % of the area"):
+        solid(scene_of(mesh, 2, contact, supports=held, loads=load))
+
+
+def test_closest_point_that_is_not_converged_is_no_partner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = stacked(tmp_path / "two.vtu", 2, 3, 4)
+    held = [{"group": "0 low y"}, {"group": "1 high y"}]
+    load = [{"group": "1 high x", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}]
+    contact = {"group": "1 low y", "against": "0 high y"}
+    monkeypatch.setattr(pairs, "ITERATIONS", 1)  # the first one moves, the second one confirms
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names="no facet of '0 high y'"):
         solid(scene_of(mesh, 2, contact, supports=held, loads=load))
 
 

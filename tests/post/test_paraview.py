@@ -17,6 +17,7 @@ from fenicsrom import study  # noqa: E402
 from fenicsrom.online.motion.motion import read_history  # noqa: E402
 from fenicsrom.online.store.archive import load_model  # noqa: E402
 from fenicsrom.online.stress.stress import von_mises  # noqa: E402
+from fenicsrom.post.base import style  # noqa: E402
 from fenicsrom.post.paraview.paraview import (  # noqa: E402
     frame_rows,
     write_index,
@@ -81,6 +82,14 @@ def test_one_file_opens_every_block_of_the_run(run: Any) -> None:
     assert all(block.n_cells > 0 for block in blocks)
     listed = {Path(path) for path in found.files}
     assert {folder / "results.pvd", folder / "look.py", folder / "groups.vtu"} <= listed
+
+
+def test_script_for_paraview_knows_its_folder_and_the_scale_of_the_pictures(tmp_path: Path) -> None:
+    (tmp_path / "groups.vtu").touch()
+    write_index(tmp_path, [tmp_path / "groups.vtu"])
+    lines = (tmp_path / "look.py").read_text().splitlines()
+    assert f"FOLDER = {str(tmp_path)!r}  # of the run" in lines
+    assert any(line.startswith(f"TRUE_SCALE = {style.TRUE_SCALE} ") for line in lines)
 
 
 def test_names_of_arrays_give_units_and_frequencies(run: Any) -> None:

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.mesh.gmsh_cad import Ints
+from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, points_on
 from fenicsrom.online.contact.surfaces import frame
@@ -40,7 +40,8 @@ ITERATIONS = 10
 """Iterations for the closest point of a facet; one is enough if the facet is flat."""
 
 OVER_THE_EDGE = 1e-6
-"""A closest point may lie so far outside of its facet, in reference coordinates."""
+"""Largest distance outside of a facet, and last change of an iteration, of a closest point, in
+reference coordinates."""
 
 FACING = 0.5
 """Cosine of the largest angle between n and the outer normal of A."""
@@ -125,7 +126,8 @@ class _Side:
     def closest(self, x: Array) -> tuple[Ints, Array, Array]:
         """Facets (q,), reference points (q, d - 1) and distances (q,) of the points closest to x.
 
-        The distance from x (q, d) is infinite if no facet has a point whose normal meets x.
+        The distance from x (q, d) is infinite if no facet has a point whose normal meets x, or the
+        iterations for it do not converge.
         """
         count = min(NEAREST, len(self.middle))
         near = cKDTree(self.middle).query(x, [*range(1, count + 1)])[1]
@@ -143,7 +145,8 @@ class _Side:
                 if np.max(np.abs(step)) < OVER_THE_EDGE**2:
                     break
             away = np.linalg.norm(x - self.at(facets, found)[0], axis=1)
-            better = self.holds(found) & (away < distance)
+            settled = np.max(np.abs(step), axis=1) < OVER_THE_EDGE
+            better = settled & self.holds(found) & (away < distance)
             facet[better], point[better], distance[better] = (
                 values[better] for values in (facets, found, away)
             )
@@ -226,6 +229,24 @@ def _opposite(body: Any, contact: Contact, key: str, a: _Side, b: _Side) -> _Opp
     )
 
 
+def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[_Side, _Side]:
+    """The two regions of a contact; errors as `pair_rows`."""
+    if body.comm.size > 1:
+        raise _refused(body, "contact between bodies runs on one process only", key)
+    if body.slanted is not None:
+        raise _refused(body, "supports must hold along the axes (components, not normal)", key)
+    regions = contact.place, Region(group=contact.against)
+    for name, region in zip(("group", "against"), regions, strict=True):
+        if body.mesh.reaches_inside(region):
+            where = f"contacts[{number}].{name}"
+            raise _refused(body, "facets of the region lie inside a body; take its surface", where)
+    a, b = (_Side(body, region) for region in regions)
+    if shared := len(np.intersect1d(a.nodes, b.nodes)):
+        reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
+        raise _refused(body, f"{reason}and the first region by a group of one body", key)
+    return a, b
+
+
 def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, ContactPoints]:
     """The contact points of a contact between two regions of a body, at the nodes of the first one.
 
@@ -244,19 +265,7 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
             gap.
     """
     key, d = f"contacts[{number}].against", body.dimension
-    if body.comm.size > 1:
-        raise _refused(body, "contact between bodies runs on one process only", key)
-    if body.slanted is not None:
-        raise _refused(body, "supports must hold along the axes (components, not normal)", key)
-    regions = contact.place, Region(group=contact.against)
-    for name, region in zip(("group", "against"), regions, strict=True):
-        if body.mesh.reaches_inside(region):
-            where = f"contacts[{number}].{name}"
-            raise _refused(body, "facets of the region lie inside a body; take its surface", where)
-    a, b = (_Side(body, region) for region in regions)
-    if shared := len(np.intersect1d(a.nodes, b.nodes)):
-        reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
-        raise _refused(body, f"{reason}and the first region by a group of one body", key)
+    a, b = _sides(body, contact, number, key)
     found, nodes = _opposite(body, contact, key, a, b), body.space.tabulate_dof_coordinates()
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)

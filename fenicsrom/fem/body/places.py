@@ -214,9 +214,9 @@ class Places:
         mesh, topology = self._body.mesh, self._body.mesh.domain.topology
         corners = mesh.node_groups.get(region.group or "", (np.zeros(0, dtype=np.int32),))[0]
         topology.create_connectivity(topology.dim - 1, 0)
-        links = topology.connectivity(topology.dim - 1, 0).links
-        on = [links(facet) for facet in mesh.facets(region)]
-        lost = np.setdiff1d(corners, np.concatenate([*on, np.zeros(0, dtype=np.int32)]))
+        facets = mesh.facets(region).astype(np.int32)
+        on = dolfinx.mesh.compute_incident_entities(topology, facets, topology.dim - 1, 0)
+        lost = np.setdiff1d(corners, on)
         own = topology.index_map(0).size_local
         number = self._body.comm.allreduce(int(np.sum(lost < own)))
         if number:

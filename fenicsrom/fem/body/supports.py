@@ -21,7 +21,6 @@ zero.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import dolfinx.mesh
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -198,14 +197,9 @@ def _held_with_others(
     ]
     if support.group not in alike or len(alike) < 2:
         return np.empty(0, dtype=np.int32)
-    topology, below = mesh.domain.topology, mesh.domain.topology.dim - 1
-    corners = np.unique(np.concatenate([mesh.node_groups[str(name)][0] for name in alike]))
-    topology.create_connectivity(below, topology.dim)
-    topology.create_connectivity(below, 0)
-    boundary = dolfinx.mesh.exterior_facet_indices(topology)
-    links = topology.connectivity(below, 0).links
-    facets = [facet for facet in boundary if np.isin(links(facet), corners).all()]
-    return fem.locate_dofs_topological(space, below, np.array(facets, dtype=np.int32))
+    corners = np.concatenate([mesh.node_groups[str(name)][0] for name in alike])
+    facets = mesh.facets_between(corners).astype(np.int32)
+    return fem.locate_dofs_topological(space, mesh.domain.topology.dim - 1, facets)
 
 
 def _node_at(

@@ -21,9 +21,9 @@ import numpy as np
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.mesh.gmsh_cad import Ints, mesh_cad, model_nodes
+from fenicsrom.fem.mesh.gmsh_cad import mesh_cad, model_nodes
 from fenicsrom.formats import Block, MeshFile
-from fenicsrom.formats.mesh_file import Physics
+from fenicsrom.formats.mesh_file import Ints, Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where

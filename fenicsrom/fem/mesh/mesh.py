@@ -206,6 +206,20 @@ class Mesh:
         edges = self.entities(where).get(1, np.empty(0, dtype=np.int32))
         return bool(self.domain.comm.allreduce(edges.size))
 
+    def facets_between(self, corners: Ints) -> Ints:
+        """Local facets (f,) of the surface, all of whose corners are among local vertices (v,).
+
+        Collective.
+        """
+        topology, below = self.domain.topology, self.domain.topology.dim - 1
+        topology.create_connectivity(below, below + 1)
+        topology.create_connectivity(below, 0)
+        boundary = dolfinx.mesh.exterior_facet_indices(topology)
+        of = topology.connectivity(below, 0)
+        missed = np.add.reduceat(~np.isin(of.array, corners), of.offsets[:-1])
+        found: Ints = boundary[missed[boundary] == 0]
+        return found
+
     def reaches_inside(self, where: str | Region) -> bool:
         """Whether facets of a region lie inside the body. Collective.
 
