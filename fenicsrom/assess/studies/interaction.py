@@ -15,7 +15,7 @@ not: it has another history of wear.
 """
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -235,20 +235,23 @@ def interaction_map(
         before = None if rest else lines.get(top - 1)
         jobs[top] = replace(jobs[top], checked=True, before=before)
         done |= compute([top])
-    for k, error in done.items():
-        if isinstance(error, Exception):
-            found.unfinished = found.unfinished or error
-            text = f"{jobs[k].speed_rpm:g} rpm: {error}"
-            found.warnings.append(Note(NoteKind.FAILED, text))
-    if found.unfinished and not rest and len(lines) + 1 < len(jobs):
-        text = "The map ends there: no other speed has a start."
-        found.warnings.append(Note(NoteKind.FAILED, text))
+    found.unfinished = next((one for one in done.values() if isinstance(one, Exception)), None)
+    found.warnings += _failures(jobs, done, ends=not rest and len(lines) + 1 < len(jobs))
     lines |= {k: line for k, line in done.items() if isinstance(line, Line)}
     found.lines = sorted(lines.values(), key=lambda line: line.speed_rpm)
     found.interrupted = batch.interrupted
     found.warnings += _warnings(found)
     found.seconds = clock.perf_counter() - begin
     return found
+
+
+def _failures(jobs: Sequence[_Job], done: Mapping[int, Any], ends: bool) -> list[Note]:
+    """Notes on the speeds that have an error, and on a map that ends at one of them."""
+    errors = {jobs[k].speed_rpm: one for k, one in done.items() if isinstance(one, Exception)}
+    texts = [f"{speed:g} rpm: {error}" for speed, error in errors.items()]
+    if errors and ends:
+        texts.append("The map ends there: no other speed has a start.")
+    return [Note(NoteKind.FAILED, text) for text in texts]
 
 
 def _line(job: _Job, report: Callable[[float, str], None]) -> Line:

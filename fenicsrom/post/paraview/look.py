@@ -55,7 +55,8 @@ def shape(label):
         for name in [] if source is None else vectors(source):
             found[kind if name == DISPLACEMENT else name.partition("_")[0]] = source, name
     if label not in found:
-        sys.exit(f"{folder} does not hold {label!r}; it holds {', '.join(found)}")
+        hint = ": run with output.motion = true" if label == "motion" else ""
+        sys.exit(f"{folder} does not hold {label!r}{hint}; it holds {', '.join(found)}")
     return found[label]
 
 
