@@ -221,7 +221,7 @@ class Places:
         number = self._body.comm.allreduce(int(np.sum(lost < own)))
         if number:
             text = f"{key}: {counted(number, 'node')} of the group {region.group!r} {are(number)} "
-            text += "on none of its facets and left out: the numbers of facets are per area"
+            text += "on none of its facets and left out: a node without a facet has no area"
             self._body.warnings.append(Note(NoteKind.WARNING, text, key))
 
     def _facet_weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
