@@ -44,7 +44,7 @@ from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of, no_pressure
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial
-from fenicsrom.online.step.statics import Correction, newton, small_against_load
+from fenicsrom.online.step.statics import dense_newton
 from fenicsrom.reduction.basis import projected_terms
 from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.protocols import Inverse
@@ -454,16 +454,10 @@ class BeamStructure(DenseBody):
         """
         start = np.zeros(self.size) if guess is None else guess
 
-        def correct(u: Array) -> Correction:
-            force, tangent = self.beam.elastic(u)
-            change = np.asarray(np.linalg.solve(tangent, load - force))
-            return change, abs(float((load - force) @ change))
-
-        def converged(u: Array, decrement: float, first: float, last: float) -> bool:
-            return small_against_load(decrement, first, float(load @ u))
-
         decrements: list[float] = []
-        found = newton(start, correct, converged, STATIC_ITERATIONS, decrements=decrements)
+        found = dense_newton(
+            start, self.beam.elastic, load, STATIC_ITERATIONS, decrements=decrements
+        )
         if found is None:
             raise ConvergenceError(
                 "static equilibrium of the 1D beam: Newton's method did not converge in "

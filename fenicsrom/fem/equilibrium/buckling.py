@@ -30,6 +30,7 @@ above its critical speed. There the roots of the whole pencil decide (`online.mo
 Galerkin's method with Φ and K⁻¹ G Φ.
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.model.pencil import growing
-from fenicsrom.online.step.statics import Correction, newton, small_against_load
+from fenicsrom.online.step.statics import Correction, downhill, newton, small_against_load
 from fenicsrom.reduction.basis import (
     COUPLING,
     extended_space,
@@ -55,9 +56,6 @@ PUSH = 1e-3
 
 SIDE = 1e-6
 """A smaller cosine between the push and the loads is rounding: they push to no side."""
-
-STEPS = 60
-"""Largest number of steps (1); about ten let the push grow to the size of the body."""
 
 ITERATIONS = 15
 """Largest number of Newton iterations of a step."""
@@ -257,20 +255,12 @@ def _stable_equilibrium(body: Any, unstable: int) -> Array | None:
     u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
     matrix = body.factor.matrix.duplicate(copy=True)
     factor = Factorisation(matrix, "fenicsrom_buckling")
+
+    def unstable_at(u: Array) -> int:
+        return negative_eigenvalues(body.tangent(u, matrix))
+
     try:
-        for _ in range(STEPS):
-            trial = _step(body, u, c, matrix, factor)
-            if trial is None:
-                c *= 4.0
-                continue
-            u = trial
-            if negative_eigenvalues(body.tangent(u, matrix)):
-                continue
-            found = _step(body, u, 0.0, matrix, factor)
-            if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
-                return found
-            c *= 0.25
-        return None
+        return downhill(u, c, partial(_step, body, matrix, factor), unstable_at)
     finally:
         factor.destroy(matrix=True)
 
@@ -286,16 +276,16 @@ def _side(body: Any, shape: Array) -> float:
 
 
 def _step(
-    body: Any, start: Array, c: float, matrix: PETSc.Mat, factor: Factorisation
+    body: Any, matrix: PETSc.Mat, factor: Factorisation, start: Array, c: float
 ) -> Array | None:
     """The solution (local,) of (1) near its start, or None without convergence. Collective.
 
     Args:
         body: the body.
-        start: (local,) u₀.
-        c: factor of the mass, 1/s²; 0 for the equilibrium.
         matrix: work space of the tangent.
         factor: its factorisation.
+        start: (local,) u₀.
+        c: factor of the mass, 1/s²; 0 for the equilibrium.
     """
     load = body.static_load
 

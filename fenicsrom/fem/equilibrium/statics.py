@@ -27,6 +27,7 @@ that the body reaches as it spins up, also above a critical speed. If it loses i
 path, there is no prediction.
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,13 @@ from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.online.kernels.dense import negative_eigenvalues
-from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.step.statics import (
     STATIC_TOLERANCE,
     Correction,
+    dense_newton,
+    force_and_tangent,
     in_load_steps,
     newton,
-    small_against_load,
 )
 
 CONTRACTION = 0.5
@@ -357,34 +358,14 @@ def predicted_equilibrium(body: Any) -> Array | None:
     elastic = body.strain_polynomial(vectors, QUADRATURE_DEGREE)
     pushing = body.inner(vectors, load[:, None])[:, 0]
     softening = rotation.omega_squared * body.inner(vectors, rotation.mass_times(vectors))
-    force, tangent = np.empty(pushing.size), np.empty(softening.shape)
-
-    def solve(start: Array, part: float) -> Array | None:
-        """The equilibrium in the basis under a part of the loads."""
-
-        def correct(q: Array) -> Correction | None:
-            elastic_force(elastic, q, force, tangent)
-            residual = force - part * (pushing + softening @ q)
-            try:
-                change = -np.linalg.solve(tangent - part * softening, residual)
-            except np.linalg.LinAlgError:
-                return None
-            return change, abs(float(residual @ change))
-
-        def converged(q: Array, decrement: float, first: float, last: float) -> bool:
-            return small_against_load(decrement, first, float(pushing @ q))
-
-        return newton(start, correct, converged, ITERATIONS, GROWTH)
-
     q = np.zeros(pushing.size)
     for part in np.arange(1, LOAD_STEPS + 1) / LOAD_STEPS:
-        found = solve(q, float(part))
-        if found is None:
+        turning = elastic._replace(stiffness=elastic.stiffness - part * softening)
+        forces = partial(force_and_tangent, turning)
+        found = dense_newton(q, forces, part * pushing, ITERATIONS, GROWTH)
+        if found is None or negative_eigenvalues(forces(found)[1]):
             return None
         q = found
-        elastic_force(elastic, q, force, tangent)
-        if negative_eigenvalues(tangent - part * softening):
-            return None
     return np.asarray(vectors @ q)
 
 

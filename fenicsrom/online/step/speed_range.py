@@ -22,6 +22,7 @@ the loads, and combinations of the derivatives along interface modes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
@@ -34,7 +35,6 @@ from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import (
     ElasticPolynomial,
-    elastic_force,
     paired_cubic,
     unique_cubic,
 )
@@ -46,7 +46,7 @@ from fenicsrom.online.model.subspace import (
     subspace_model,
 )
 from fenicsrom.online.model.turning import Turning, rest_row
-from fenicsrom.online.step.statics import Correction, in_load_steps, newton, small_against_load
+from fenicsrom.online.step.statics import dense_newton, force_and_tangent, in_load_steps
 
 NEXT_MODES = 3
 """Normal modes of the larger model above those of the model."""
@@ -217,9 +217,7 @@ class RangeModel:
 
     def tangent(self, omega: float, q: Array) -> Array:
         """The tangent (n, n) of `elastic` at q (n,)."""
-        force, found = np.empty(q.size), np.empty((q.size, q.size))
-        elastic_force(self.elastic(omega), q, force, found)
-        return found
+        return force_and_tangent(self.elastic(omega), q)[1]
 
     def equilibrium(self, omega: float) -> Array:
         """q_Ω (n,) at a speed in rad/s, under the static loads.
@@ -249,23 +247,10 @@ class RangeModel:
 
     def _newton(self, start: Array, omega: float, part: float) -> Array | None:
         """The equilibrium (n,) under a part of all loads from a start (n,), or None."""
-        elastic = self.elastic(omega, part)
-        load = part * (self.model.loads @ static_factors(self.model.load_histories))
-        driving = load + part * omega**2 * self.centrifugal
-        force, tangent = np.empty(start.size), np.empty((start.size, start.size))
-
-        def correct(q: Array) -> Correction | None:
-            elastic_force(elastic, q, force, tangent)
-            try:
-                change = np.asarray(np.linalg.solve(tangent, load - force), np.float64)
-            except np.linalg.LinAlgError:
-                return None
-            return change, abs(float((load - force) @ change))
-
-        def converged(q: Array, decrement: float, first: float, last: float) -> bool:
-            return small_against_load(decrement, 0.0, float(driving @ q)) or decrement == 0.0
-
-        return newton(start, correct, converged, ITERATIONS)
+        static = self.model.loads @ static_factors(self.model.load_histories)
+        load = part * (static + omega**2 * self.centrifugal)
+        turning = self.elastic(omega, part)._replace(force=self.model.elastic.force)
+        return dense_newton(start, partial(force_and_tangent, turning), load, ITERATIONS)
 
     def at(self, omega: float, interface_modes: bool, nonlinear: bool) -> AtSpeed:
         """The models on (2) at a speed in rad/s.

@@ -43,6 +43,7 @@ from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.loads import largest, static_factors
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.pencil import growing
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.progress import tell
 
 log = logging.getLogger(__name__)
@@ -105,6 +106,79 @@ def small_against_load(decrement: float, first: float, work: float) -> bool:
     return decrement <= STATIC_TOLERANCE**2 * max(first, abs(work))
 
 
+def force_and_tangent(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array]:
+    """The elastic force (n,) and its tangent (n, n) at q (n,), in new arrays."""
+    force, tangent = np.empty(q.size), np.empty((q.size, q.size))
+    elastic_force(elastic, q, force, tangent)
+    return force, tangent
+
+
+def dense_newton(
+    start: Array,
+    elastic: Callable[[Array], tuple[Array, Array]],
+    load: Array,
+    iterations: int,
+    growth: float = np.inf,
+    decrements: list[float] | None = None,
+) -> Array | None:
+    """The equilibrium (n,) of a model with dense matrices under a load, or None; as `newton`.
+
+    Args:
+        start: (n,) unknowns.
+        elastic: gives the force (n,) and the tangent (n, n) at q (n,).
+        load: (n,) N.
+        iterations: as those of `newton`.
+        growth: as that of `newton`.
+        decrements: as those of `newton`.
+    """
+
+    def correct(q: Array) -> Correction | None:
+        force, tangent = elastic(q)
+        try:
+            change = np.asarray(np.linalg.solve(tangent, load - force), np.float64)
+        except np.linalg.LinAlgError:
+            return None
+        return change, abs(float((load - force) @ change))
+
+    def converged(q: Array, decrement: float, first: float, last: float) -> bool:
+        return small_against_load(decrement, first, float(load @ q))
+
+    return newton(start, correct, converged, iterations, growth, decrements=decrements)
+
+
+def downhill(
+    u: Array,
+    rate: float,
+    step: Callable[[Array, float], Array | None],
+    unstable: Callable[[Array], int],
+) -> Array | None:
+    """Follow M (u1 - u0)/tau + f(u1) = load downhill in the energy to a stable equilibrium.
+
+    Args:
+        u: (n,) a state beside an unstable equilibrium.
+        rate: 1/tau of the first steps, 1/s^2.
+        step: gives the end of a step from u (n,) with 1/tau, or None without convergence. With
+            1/tau = 0 it is an equilibrium.
+        unstable: number of unstable directions at u (n,).
+
+    Returns:
+        The stable equilibrium (n,), or None.
+    """
+    for _ in range(DOWNHILL_STEPS):
+        trial = step(u, rate)
+        if trial is None:
+            rate *= SHORTER
+            continue
+        u = trial
+        if unstable(u):
+            continue
+        found = step(u, 0.0)
+        if found is not None and not unstable(found):
+            return found
+        rate /= SHORTER
+    return None
+
+
 def in_load_steps(
     start: Array, solve: Callable[[Array, float], Array | None], smallest: float
 ) -> tuple[Array, float]:
@@ -143,7 +217,8 @@ ITERATIONS = 25
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 SMALLEST_PART = 1e-4  # smallest load step, as a part of the contacts' pressure
 BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to the deflection
-DOWNHILL_STEPS = 400
+DOWNHILL_STEPS = 200  # about ten let the push grow to the size of the body
+SHORTER = 4.0  # factor of 1/tau of a step downhill that failed
 REGULAR = 1e9  # c of K + c M, 1/s^2
 BALANCED = 1e-6  # forces balance if the rest is smaller, relative to the contact forces
 INVERSE_ITERATIONS = 8
@@ -174,7 +249,7 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
         is_free = problem.model.linear or not problem.contacts.preload.size
         unstable = 0 if is_free else statics.unstable(q)
         return (statics.downhill(q), unstable) if unstable else (q, 0)
-    q, reached = in_load_steps(q, lambda q, part: statics.newton(q, part, 0.0), SMALLEST_PART)
+    q, reached = in_load_steps(q, statics.newton, SMALLEST_PART)
     if reached < 1.0:
         raise ConvergenceError(
             f"equilibrium under the preload: Newton's method converged up to "
@@ -239,7 +314,7 @@ class _Statics:
         zero, one = np.zeros_like(q), np.ones(1)
         return self.model.elastic_over_step(zero, q, zero, 0.0, one, one)[1]
 
-    def newton(self, q0: Array, part: float, mass_coefficient: float) -> Array | None:
+    def newton(self, q0: Array, part: float, mass_coefficient: float = 0.0) -> Array | None:
         """Equilibrium near q0 (n,), or a step downhill from q0; None without convergence.
 
         Args:
@@ -340,11 +415,11 @@ class _Statics:
         """The independent directions (n,) of a block, M-orthonormal."""
         kept: list[Array] = []
         for vector in block:
-            x = vector / np.sqrt(self.model.dot(vector, self.model.mass_times(vector)))
+            x = vector / mass_norm(self.model, vector)
             for _ in range(2):  # the second pass removes the rounding errors of the first
                 for y in kept:
                     x = x - y * self.model.dot(y, self.model.mass_times(x))
-            size = np.sqrt(self.model.dot(x, self.model.mass_times(x)))
+            size = mass_norm(self.model, x)
             if size > DEPENDENT:
                 kept.append(x / size)
         return kept
@@ -383,11 +458,11 @@ class _Statics:
         model, solve = self.model, self._inverse(q)
         rate = 0.0
         for _ in range(INVERSE_ITERATIONS):
-            shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
+            shape = shape / mass_norm(model, shape)
             inertia = model.mass_times(shape).copy()
             shape = solve(inertia)
             rate = 1.0 / model.dot(inertia, shape)
-        return shape / np.sqrt(model.dot(shape, model.mass_times(shape))), rate
+        return shape / mass_norm(model, shape), rate
 
     def downhill(self, q: Array) -> Array:
         """A stable equilibrium with less energy than an unstable one."""
@@ -396,27 +471,18 @@ class _Statics:
         shape, rate = self._soften(q, seed)
         if model.dot(force, shape) < 0.0:  # towards the side to which the loads push
             shape = -shape
-        mass_coefficient = 2.0 * abs(rate)
-        size = np.sqrt(
-            max(model.dot(q, model.mass_times(q)), model.dot(seed, model.mass_times(seed)))
-        )
-        here = q + BUCKLING_PUSH * size * shape
-        stable = False
-        for _ in range(DOWNHILL_STEPS):
-            trial = self.newton(here, 1.0, mass_coefficient)
-            if trial is None:
-                mass_coefficient *= 2.0
-                continue
-            here = trial
-            stable = stable or self.unstable(here) == 0
-            if stable:
-                found = self.newton(here, 1.0, 0.0)
-                if found is not None and self.unstable(found) == 0:
-                    return found
-                mass_coefficient *= 0.5
+        size = max(mass_norm(model, q), mass_norm(model, seed))
+        pushed = q + BUCKLING_PUSH * size * shape
+
+        def step(start: Array, mass_coefficient: float) -> Array | None:
+            return self.newton(start, 1.0, mass_coefficient)
+
+        found = downhill(pushed, 2.0 * abs(rate), step, self.unstable)
+        if found is not None:
+            return found
         raise ConvergenceError(
             "the equilibrium under the preload is unstable, and no stable one was found below it",
-            here,
+            q,
             kind=ErrorKind.INSTABILITY,
             decrements=self.decrements,
         )
