@@ -60,6 +60,33 @@ def test_sector_is_found_about_any_axis(number: int) -> None:
     assert sector.distances(move) == pytest.approx(0.0, abs=1e-9)
 
 
+SHIFTS = {  # of the angle of the cut faces, rad, over radius and height from 0 to 1
+    "helical": lambda r, z: 0.2 * z,
+    "spiral": lambda r, z: 0.2 * r**2,
+    "twisted": lambda r, z: 0.2 * r * z,
+    "kinked": lambda r, z: 0.4 * np.abs(r - 0.5),
+}
+
+
+@pytest.mark.parametrize("shift", SHIFTS.values(), ids=SHIFTS)
+@pytest.mark.parametrize("number", [8, 24])
+def test_sector_between_curved_or_kinked_cuts_is_found(number: int, shift: Any) -> None:
+    at, cells = grid((8, 3, 4))
+    r, angle = 0.06 + 0.09 * at[:, 0], 2.0 * np.pi / number * at[:, 1]
+    angle += shift(at[:, 0], at[:, 2])
+    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.03 * at[:, 2]])
+    sector = found(points[:, [2, 0, 1]], cells)
+    assert sector is not None and sector.number == number
+    assert abs(sector.axis[0]) == pytest.approx(1.0)
+    assert sector.distances(np.zeros(3)) == pytest.approx(0.0, abs=1e-6)
+
+
+def turned(x: Any, y: Any, angle: Any, z: Any) -> Any:
+    """Places (n, 3) of a bar along z, whose cross-sections are turned."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([c * x - s * y, s * x + c * y, z])
+
+
 def bars() -> dict[str, tuple[Any, Any]]:
     """Bodies that are no sector of a disk."""
     box, cells = grid((4, 2, 2))
@@ -67,7 +94,12 @@ def bars() -> dict[str, tuple[Any, Any]]:
     rows = [(0, 1, 2, 3), (0, 3, 4, 5)]
     prism = np.array([(*p, z) for z in (0.0, 3.0) for p in hexagon])
     wide = np.tan(np.radians(20.0)) * (1.0 + box[:, :1]) * (2.0 * box[:, 1:2] - 1.0)
+    fine, bricks = grid((20, 4, 2))
+    chord, across = 2.0 * fine[:, 1] - 1.0, (2.0 * fine[:, 2] - 1.0) * 0.2
+    twist, thick = 0.8 * fine[:, 0], across * (1.05 - chord**2)
     return {
+        "twisted blade": (turned(chord, across, twist, 5.0 * fine[:, 0]), bricks),
+        "twisted profile": (turned(chord, thick, twist, 5.0 * fine[:, 0]), bricks),
         "square bar": (box * [4.0, 1.0, 1.0], cells),
         "hexagonal bar": (prism, np.array([[*row, *(k + 6 for k in row)] for row in rows])),
         "no whole number": ring(33.0),

@@ -1,8 +1,9 @@
 """Bodies that are one sector of a disk: two cut faces that map onto each other by a rotation.
 
-Only plane cut faces are found. The axis is the line in which their planes meet. The surface beside
-the cut faces must go on without a kink from one sector to the next one, as that of a disk does and
-that of a tapered body does not.
+The cut faces may be plane, curved (of twisted blades) or kinked. The turn takes the outer normal of
+one cut face to the inner normal of the other, and one middle to the other; both tell the axis. The
+surface beside the cut faces must go on without a kink from one sector to the next one, as that of a
+disk does and that of a tapered body does not.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from scipy.spatial.transform import Rotation
 from fenicsrom.formats.mesh_file import Floats, Ints, Marks
 from fenicsrom.notes import Note, NoteKind
 
-FLAT = 1e-6
-"""Two neighbouring facets lie in one plane if the sine between them is smaller."""
+SHARP = np.radians(30.0)
+"""Two neighbouring facets belong to one face of the body if the angle between them is smaller."""
 
 LEAST_AREA = 1e-3
 """Faces with a smaller share of the surface are no cut faces."""
 
 MOST_FACES = 40
-"""Most plane faces that are compared."""
+"""Most faces that are compared."""
 
 SAME = 1e-3
 """Accepted difference of two faces after the rotation, relative to the face."""
@@ -128,8 +129,29 @@ def _surface(points: Floats, facets: Ints) -> _Surface:
     return _Surface(x, areas, normals, points[ends[order][same]], sides)
 
 
+class _Turn(NamedTuple):
+    """The rotation of faces a onto faces b: 360°/number about an axis through a point."""
+
+    number: int
+    turn: Rotation
+    axis: Floats
+    point: Floats
+    a: Ints
+    b: Ints
+
+    def moved(self, x: Floats) -> Floats:
+        """Places (..., 3) after the rotation."""
+        return self.point + self.turn.apply(x - self.point)
+
+    def equals(self, other: _Turn, extent: float) -> bool:
+        """Whether another rotation is the same one, in a body of some extent, m."""
+        away = np.linalg.norm(np.cross(other.point - self.point, self.axis))
+        turned = (self.turn.as_rotvec() - other.turn.as_rotvec()) / self.turn.magnitude()
+        return bool(np.linalg.norm(turned) < SAME and away < SAME * extent)
+
+
 def find_sector(points: Floats, facets: Ints) -> Sector | None:
-    """Find two plane faces of a body in space that map onto each other by 360°/N, with N > 2.
+    """Find two faces of a body in space that map onto each other by 360°/N, with N > 2.
 
     Args:
         points: coordinates (n, 3), m.
@@ -137,89 +159,91 @@ def find_sector(points: Floats, facets: Ints) -> Sector | None:
     """
     surface = _surface(points, facets)
     sizes = np.linalg.norm(surface.areas, axis=1)
-    faces = _plane_faces(surface)
+    faces = _faces(surface)
     size = np.array([sizes[face].sum() for face in faces])
     large = np.argsort(-size)[:MOST_FACES]
     large = large[size[large] > LEAST_AREA * sizes.sum()]
-    used, found = points[np.unique(facets)], []
-    for a, b in combinations(large, 2):
-        if abs(size[a] / size[b] - 1.0) < SAME:
-            turned = _between(surface, faces[a], faces[b], used)
-            if turned is not None:
-                places = (points[np.unique(facets[faces[k]])] for k in (a, b))
-                found.append(Sector(*turned, (next(places), next(places))))
-    # a hexagonal bar has several axes, a sector has one
-    one = all(abs(abs(sector.axis @ found[0].axis) - 1.0) < SAME for sector in found)
-    one = one and all(s.distances(found[0].point) < SAME * np.ptp(used) for s in found)
-    return found[0] if found and one else None
+    used = points[np.unique(facets)]
+    extent = np.ptp(used, axis=0).max()
+    turns: list[_Turn] = []
+    for i, j in combinations(large, 2):
+        turned = _between(surface, faces[i], faces[j], used)
+        if abs(size[i] / size[j] - 1.0) < SAME and turned is not None:
+            # a kinked cut face has several plane parts, which turn together
+            same = next((k for k, turn in enumerate(turns) if turn.equals(turned, extent)), None)
+            if same is None:
+                turns.append(turned)
+            else:
+                a, b = (
+                    np.concatenate(parts) for parts in zip(turns[same][4:], turned[4:], strict=True)
+                )
+                turns[same] = turned._replace(a=a, b=b)
+    turns = [turn for turn in turns if _is_smooth(surface, turn)]
+    if len(turns) != 1:  # a hexagonal bar has several axes, a sector has one
+        return None
+    places = (points[np.unique(facets[face])] for face in (turns[0].a, turns[0].b))
+    return Sector(turns[0].number, turns[0].axis, turns[0].point, (next(places), next(places)))
 
 
-def _plane_faces(surface: _Surface) -> list[Ints]:
-    """The facets of each plane part of the boundary."""
+def _faces(surface: _Surface) -> list[Ints]:
+    """The facets of each face of the body: sharp edges are between faces."""
     first, second = surface.sides.T
     normals, count = surface.normals, len(surface.x)
-    flat = np.linalg.norm(np.cross(normals[first], normals[second]), axis=1) < FLAT
-    graph = coo_array((np.ones(flat.sum()), (first[flat], second[flat])), shape=(count, count))
+    blunt = np.einsum("ki,ki->k", normals[first], normals[second]) > np.cos(SHARP)
+    graph = coo_array((np.ones(blunt.sum()), (first[blunt], second[blunt])), shape=(count, count))
     face = connected_components(graph, directed=False)[1]
     order = np.argsort(face, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(face[order])) + 1)
 
 
-def _between(
-    surface: _Surface, a: Ints, b: Ints, points: Floats
-) -> tuple[int, Floats, Floats] | None:
-    """Number of sectors, axis and a point of it, if a face a maps onto a face b; else None."""
-    x, areas = surface.x, surface.areas
-    normal, other = (areas[face].sum(axis=0) for face in (a, b))
-    normal, other = normal / np.linalg.norm(normal), other / np.linalg.norm(other)
-    axis = np.cross(normal, other)
-    sine = float(np.linalg.norm(axis))
-    angle = np.pi - np.arctan2(sine, normal @ other)  # from one outer normal to the other inner one
-    if sine < SAME or angle < SAME:
+def _between(surface: _Surface, a: Ints, b: Ints, points: Floats) -> _Turn | None:
+    """The rotation that takes a face a, seen from outside, to a face b, seen from inside."""
+    sums = [surface.areas[face].sum(axis=0) for face in (a, b)]
+    weights = [np.linalg.norm(surface.areas[face], axis=1) for face in (a, b)]
+    middles = [surface.x[face].mean(axis=1) for face in (a, b)]
+    moments = [_moments(x, w) for x, w in zip(middles, weights, strict=True)]
+    (first, _), (last, wanted) = moments
+    axis = np.cross(sums[0] + sums[1], last - first)
+    least = SAME * np.linalg.norm(sums[0]) * np.linalg.norm(last - first)
+    if np.linalg.norm(axis) <= least:
         return None
-    number = round(2.0 * np.pi / angle)
+    axis = axis / np.linalg.norm(axis)
+    axis *= np.sign(axis[np.abs(axis).argmax()])
+    angle = np.arctan2(
+        axis @ np.cross(sums[1], sums[0]), (sums[0] @ axis) * (sums[1] @ axis) - sums[0] @ sums[1]
+    )
+    if angle < 0.0:
+        return _between(surface, b, a, points)
+    number = round(2.0 * np.pi / angle) if angle > SAME else 0
     if not 3 <= number <= MOST_SECTORS or abs(2.0 * np.pi / angle - number) > WHOLE:
         return None
-    axis = axis / sine * np.sign(axis[np.abs(axis).argmax()])
-    weights = [np.linalg.norm(areas[face], axis=1) for face in (a, b)]
-    middles = [
-        np.average(x[face].mean(axis=1), axis=0, weights=w)
-        for face, w in zip((a, b), weights, strict=True)
-    ]
-    planes = np.array([normal, other, axis])
-    point = np.linalg.solve(planes, [normal @ middles[0], other @ middles[1], axis @ middles[0]])
+    turn = Rotation.from_rotvec(angle * axis)
+    point = np.linalg.lstsq(np.eye(3) - turn.as_matrix(), last - turn.apply(first), rcond=SAME)[0]
+    found = _Turn(number, turn, axis, point, a, b)
     away = np.linalg.norm(np.cross(points - point, axis), axis=1)
     if number <= FEW and away.min() < BORE * np.ptp(points, axis=0).max():
         return None
-    if max(normal @ (middles[1] - point), other @ (middles[0] - point)) > 0.0:
+    if sums[0] @ np.cross(axis, first - point) > 0.0:
         return None  # the body is the rest of the disk
-    for sign in (1.0, -1.0):
-        turn = Rotation.from_rotvec(sign * angle * axis)
-        if np.allclose(turn.apply(normal), -other, atol=SAME):
-            turned = point + turn.apply(x[a].mean(axis=1) - point)
-            inertia = _moments(turned, weights[0]), _moments(x[b].mean(axis=1), weights[1])
-            scale = np.sqrt(np.trace(inertia[1][1]))
-            near = np.linalg.norm(inertia[0][0] - inertia[1][0]) < SAME * scale
-            alike = np.abs(inertia[0][1] - inertia[1][1]).max() < 10.0 * SAME * scale**2
-            fits = near and alike and _is_smooth(surface, a, b, point, turn)
-            return (number, axis, point) if fits else None
-    return None
+    mean, square = _moments(found.moved(middles[0]), weights[0])
+    scale = np.sqrt(np.trace(wanted))
+    near = np.linalg.norm(mean - last) < SAME * scale
+    return found if near and np.abs(square - wanted).max() < 10.0 * SAME * scale**2 else None
 
 
-def _is_smooth(surface: _Surface, a: Ints, b: Ints, point: Floats, turn: Rotation) -> bool:
-    """Whether the surface beside a face a, turned onto a face b, goes on beside b without kinks."""
+def _is_smooth(surface: _Surface, turned: _Turn) -> bool:
+    """Whether the surface beside faces a, turned onto faces b, goes on beside b without kinks."""
     rims = []
-    for face in (a, b):
+    for face in (turned.a, turned.b):
         inside = np.isin(surface.sides, face)
         rim = inside[:, 0] != inside[:, 1]
         beside = surface.sides[rim][~inside[rim]]
         rims.append((surface.ends[rim], surface.normals[beside]))
     (ends, normals), (others, wanted) = rims
     length = np.linalg.norm(np.diff(np.concatenate([ends, others]), axis=1), axis=2).max()
-    places = point + turn.apply(ends.mean(axis=1) - point)
-    near = cKDTree(others.mean(axis=1)).query_ball_point(places, length)
-    least = np.cos(KINK * turn.magnitude())
-    pairs = zip(turn.apply(normals), near, strict=True)
+    near = cKDTree(others.mean(axis=1)).query_ball_point(turned.moved(ends.mean(axis=1)), length)
+    least = np.cos(KINK * turned.turn.magnitude())
+    pairs = zip(turned.turn.apply(normals), near, strict=True)
     return all(np.max(wanted[found] @ normal, initial=-1.0) > least for normal, found in pairs)
 
 
