@@ -89,7 +89,7 @@ def test_scene_with_another_probe_is_refused(stored: StoredModel) -> None:
         stored.simulate(beam_scene(2, SHORT, contacts=None, probe={"group": "load"}))
 
 
-@pytest.mark.parametrize("name", ["mass", "frequencies_hz", "header"])
+@pytest.mark.parametrize("name", ["model.mass", "frequencies_hz", "header"])
 def test_model_whose_file_was_changed_is_refused(
     stored: StoredModel, tmp_path: Path, name: str
 ) -> None:
@@ -98,7 +98,7 @@ def test_model_whose_file_was_changed_is_refused(
     with np.load(path) as file:
         arrays = dict(file)
     other = np.append(arrays[name].ravel(), arrays[name].ravel())
-    if name == "mass":
+    if name == "model.mass":
         other = np.nextafter(arrays[name], 9.0)
     if name == "header":
         other = np.array(str(arrays[name]).replace("rubin", "robin"))

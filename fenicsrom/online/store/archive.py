@@ -1,63 +1,14 @@
 """Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
 
-With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
-points in d dimensions, v normal modes, and c different cubic coefficients, the file holds these
-arrays of float64, in SI units:
+The arrays, in SI units, have the names of the attributes that hold them, from those of
+`StoredModel` on: `model.mass`, `model.elastic.stiffness`, `tables.stress.gradients`, and of a model
+for a range of speeds `whole.centrifugal`. The records state their shapes and units. A file with
+a larger model has `candidates` and no `model`, which is the first `size` coordinates of the larger
+one. The cubic coefficients are the different ones (`fenicsrom.online.model.polynomial`).
 
-    ==================== ============ ========== ================================================
-    name                 shape        unit       meaning
-    ==================== ============ ========== ================================================
-    mass                 (n, n)       kg         M
-    damping              ()           1/s        alpha of the damping matrix C = alpha M
-    force                (n,)         N          elastic force at q = 0
-    stiffness            (n, n)       N/m        K, the tangent at q = 0
-    quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
-    cubic                (c,)         N/m^3      B (`fenicsrom.online.model.polynomial`)
-    velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
-    loads                (n, loads)   1          projected unit loads, one column for each load
-    contact_rows         (P d, n)     1          local contact displacement = rows q + offset
-    contact_offset       (P d,)       m          local contact displacement at q = 0
-    probe                (d, n)       1          probe displacement = probe q + offset, global axes
-    probe_offset         (d,)         m          probe displacement at q = 0
-    point_contact        (P,) int64   -          contact of the scene that each point belongs to
-    point_tributary_area (P,)         m^(d-1)    area, length or number that a point stands for
-    point_position       (P, d)       m          place on the undeformed body
-    point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
-    point_unit_lengths   (P,) int64   -          0 of facets, 1 of edges, 2 of nodes of a region
-    frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
-    pressure_linear      (k, n, n)    m          G of k follower pressures
-    pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
-    ==================== ============ ========== ================================================
-
-A model without follower pressures has no arrays of pressures. The model of a body that static loads
-or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.stress`.
-
-A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.reactions`.
-
-The arrays are those of all coordinates that the file holds, in their order. The model has the first
-`size` of them. The larger model of all of them judges it
-(`fenicsrom.assess.errors.estimates.basis_errors`), and a model of any of them is a part of the
-arrays.
-
-Arrays with the prefix `finer_` are those of a model of finer elements, which judges the mesh
-(`fenicsrom.assess.errors.estimates.mesh_errors`). Its coordinates have the `finer_labels` of the
-header. `finer_frequencies_hz` (v,) are the natural frequencies of the finer elements, those of
-`frequencies_hz` in the same order. Without a finer model, `unjudged` in the header says why.
-
-A model for a speed that varies has the arrays of `fenicsrom.online.model.turning.Turning`, with the
-prefix `turning_`.
-
-A model for a range of speeds has the arrays of the range model (`online.step.speed_range`) with the
-prefix `range_`: those above, and `range_centrifugal` (n,), `range_softening` and `range_coriolis`
-(n, n), `range_euler` (n,), `range_inertia` (1,), `range_moments` (loads, 1 + n), `range_speeds`
-(s,), `range_equilibria` (s, n) and `range_errors` (4, k). The range model of finer elements has the
-prefix `range_finer_`. The other arrays are those of the model at the speed of the scene; at another
-speed they follow from the range model.
-
-The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
-unknowns of the mesh (`dofs`), scene with its source, provenance, and of a range model the
-numbers of its modes and masters. The entry `digest` is
-the SHA-256 of all other entries: a file that was changed is refused.
+The entry `header` is JSON text: the format, the scene with its source, and the tree of all other
+attributes (`fenicsrom.online.store.store.pack`). The entry `digest` is the SHA-256 of all other
+entries: a file that was changed is refused.
 
 `fenicsrom.online.store.scene_changes` states which keys may change when a stored model runs again.
 """
@@ -68,6 +19,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +28,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.contact.points import stored_points
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import history_of, speed_history
 from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
@@ -87,28 +39,15 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
-from fenicsrom.online.stress.reactions import (
-    Recovery,
-    read_recovery,
-    recovery_arrays,
-    reduced_modes,
-)
-from fenicsrom.online.stress.stress import Deformation, StressTable
+from fenicsrom.online.store.store import pack, unpack, without
+from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
+from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 from fenicsrom.words import brief
 
-FORMAT = "fenicsrom reduced model 9"
-FINER = "finer_"  # start of the names of the arrays of the model of finer elements
-RANGE = "range_"  # start of the names of the arrays of the model for a range of speeds
-PLAIN = ("loads", "contact_rows", "contact_offset", "probe", "probe_offset", "velocity_matrix")
-TURNING = "turning_"  # start of the names of the arrays of a speed that varies
-RANGE_ARRAYS = (
-    *("centrifugal", "softening", "coriolis", "euler", "inertia", "moments"),
-    *("speeds", "equilibria"),
-)
-PRESSURES = ("pressure_linear", "pressure_quadratic")
+FORMAT = "fenicsrom reduced model 10"
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
@@ -491,56 +430,39 @@ def save_model(path: Path, stored: StoredModel) -> None:
 
 def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]:
     """The header and the arrays of the file of a reduced model."""
-    header = {
-        "format": FORMAT,
-        "method": stored.method,
-        "labels": [*stored.labels, *stored.further],
-        "size": stored.size,
-        "dofs": stored.dofs,
-        "source": stored.scene.source,
-        "scene": scene_table(stored.scene),
-        "provenance": stored.provenance,
-        "unjudged": stored.unjudged,
-    }
-    model = stored.model
-    arrays = {
-        "frequencies_hz": stored.frequencies_hz,
-        f"{FINER}frequencies_hz": stored.finer_frequencies_hz,
-        "damping": np.array(model.damping),
-        **{f"point_{name}": array for name, array in model.points._asdict().items()},
-        **_arrays(stored.candidates or model),
-        **recovery_arrays(stored.tables),
-    }
-    if stored.deformation is not None:
-        arrays["deformation"] = stored.deformation.as_array()
-    if stored.finer is not None:
-        arrays |= {f"{FINER}{name}": array for name, array in _arrays(stored.finer).items()}
-        header["finer_labels"] = list(stored.finer_labels)
-    if (whole := stored.whole) is not None:
-        arrays |= {f"{RANGE}{name}": array for name, array in _range_arrays(whole).items()}
-        header["range"] = {"modes": whole.modes, "masters": whole.masters}
-    return header, arrays
+    kept = replace(stored, model=None) if stored.candidates else stored  # type: ignore[arg-type]
+    tree, arrays = pack(kept, FORMS, named=True)
+    scene = {"source": stored.scene.source, "scene": scene_table(stored.scene)}
+    return {"format": FORMAT, "tree": tree, **scene}, arrays
 
 
-def _range_arrays(whole: RangeModel) -> dict[str, Array]:
-    """The arrays of a range model by their names, and those of the finer one with a prefix."""
-    found = _arrays(whole.model)
-    found |= {name: np.array(getattr(whole, name)) for name in (*RANGE_ARRAYS, "errors")}
-    finer = {} if whole.finer is None else _range_arrays(whole.finer)
-    return found | {f"{FINER}{name}": array for name, array in finer.items()}
+def _with_unique_cubic(cubic: Array, stiffness: Array, **others: Array) -> dict[str, Any]:
+    """The fields of a polynomial, of which a file keeps the different cubic coefficients."""
+    return {"cubic": unique_cubic(cubic, len(stiffness)), "stiffness": stiffness, **others}
 
 
-def _arrays(model: ReducedModel) -> dict[str, Array]:
-    """The arrays of a model by their names in the file, without its contact points."""
-    follows = model.pressure.numbers.size > 0
-    turning, varies = model.turning._asdict(), model.turning.history.size > 0
-    return {
-        "mass": model.mass,
-        **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
-        **model.elastic._asdict(),
-        "cubic": unique_cubic(model.elastic.cubic, model.size),
-        **{name: getattr(model, name) for name in PLAIN},
-        **({f"{TURNING}{name}": np.array(a) for name, a in turning.items()} if varies else {}),
+def _polynomial(cubic: Array, stiffness: Array, **others: Array) -> ElasticPolynomial:
+    """The polynomial of the fields that a file keeps."""
+    paired = paired_cubic(cubic, len(stiffness))
+    return ElasticPolynomial(stiffness=stiffness, cubic=paired, **others)
+
+
+FORMS = {
+    "StoredModel": without("scene", "file"),
+    "ReducedModel": without("work", "load_histories"),
+    "ElasticPolynomial": _with_unique_cubic,
+    "StressTable": without("law"),
+}
+"""What a file keeps of the records; the scene gives the rest."""
+
+
+def makers(scene: Scene) -> dict[str, Any]:
+    """What makes the records of the fields that a file keeps, and of its scene."""
+    plain = (ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation)
+    return {kind.__name__: kind for kind in (*plain, RangeModel, RangeErrors)} | {
+        "ElasticPolynomial": _polynomial,
+        "ReducedModel": partial(reduced_model, load_histories=load_histories(scene)),
+        "StressTable": partial(StressTable, StressLaw.of(scene)),
     }
 
 
@@ -570,74 +492,11 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
         SceneError: the scene in the header is wrong.
     """
     scene = parse_scene(header["scene"], str(header["source"]), None)
-    labels, size, finer_labels = header["labels"], header["size"], header.get("finer_labels", ())
-    whole = _model(data, scene)
-    return StoredModel(
-        nested_model(whole, range(size)) if size < len(labels) else whole,
-        scene,
-        header["method"],
-        tuple(labels[:size]),
-        header["dofs"],
-        data["frequencies_hz"],
-        header["provenance"],
-        read_recovery(data, scene),
-        whole if size < len(labels) else None,
-        Deformation.of_array(data["deformation"]) if "deformation" in data else None,
-        str(path),
-        tuple(labels[size:]),
-        _model(data | _part(data, FINER), scene) if finer_labels else None,
-        tuple(finer_labels),
-        data[f"{FINER}frequencies_hz"],
-        header["unjudged"],
-        _range_model(_part(data, RANGE), data, scene, **header["range"])
-        if "range" in header
-        else None,
-    )
 
+    def made(model: Any, labels: Any, candidates: Any, **others: Any) -> StoredModel:
+        model = nested_model(candidates, range(len(labels))) if model is None else model
+        known = {"labels": labels, "candidates": candidates, "file": str(path), **others}
+        return StoredModel(model, scene, **known)
 
-def _part(data: dict[str, Any], prefix: str) -> dict[str, Any]:
-    """The arrays whose names have a prefix, without it."""
-    return {name[len(prefix) :]: data[name] for name in data if name.startswith(prefix)}
-
-
-def _range_model(
-    data: dict[str, Any], shared: dict[str, Any], scene: Scene, modes: int, masters: int
-) -> RangeModel:
-    """The range model of the arrays of a file, with that of finer elements if there is one.
-
-    Args:
-        data: its own arrays.
-        shared: arrays that have its points and its damping.
-        scene: the scene.
-        modes: number of its normal modes.
-        masters: number of its masters.
-    """
-    finer = _part(data, FINER)
-    common = {key: shared[key] for key in shared if key == "damping" or key.startswith("point_")}
-    return RangeModel(
-        _model(common | data, scene),
-        **{name: data[name] for name in RANGE_ARRAYS},
-        modes=modes,
-        masters=masters,
-        errors=RangeErrors(*data["errors"]),
-        finer=_range_model(finer, shared, scene, modes, masters) if finer else None,
-    )
-
-
-def _model(data: dict[str, Any], scene: Scene) -> ReducedModel:
-    """The model of the arrays of a file under the loads of a scene."""
-    followers = np.array(scene.followers, dtype=np.int64)
-    pressures = (data[name] for name in PRESSURES) if followers.size else None
-    cubic = paired_cubic(data["cubic"], len(data["mass"]))
-    return reduced_model(
-        mass=data["mass"],
-        damping=float(data["damping"]),
-        elastic=ElasticPolynomial(data["force"], data["stiffness"], data["quadratic"], cubic),
-        load_histories=load_histories(scene),
-        points=stored_points(data),
-        pressure=None if pressures is None else PressurePolynomial(followers, *pressures),
-        turning=Turning(*(data[f"{TURNING}{name}"] for name in Turning._fields))
-        if f"{TURNING}history" in data
-        else None,
-        **{name: data[name] for name in PLAIN},
-    )
+    found: StoredModel = unpack(header["tree"], data, {**makers(scene), "StoredModel": made})
+    return found

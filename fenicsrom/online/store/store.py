@@ -42,7 +42,6 @@ from fenicsrom.online.contact.state import ContactState
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.state import TIME, Checkpoint, PeriodicSearch, Record, State, no_state
-from fenicsrom.online.store.archive import PLAIN
 from fenicsrom.online.store.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.progress import log
 from fenicsrom.scene import Scene, parse_scene, scene_table
@@ -51,12 +50,19 @@ from fenicsrom.scene.base.rules import Where
 DTYPES = ("float64", "complex128", "int64", "int8")  # of the arrays that can be packed
 
 
-def pack(value: Any) -> tuple[Any, dict[str, Any]]:
-    """Split a value into a tree that JSON can hold and flat arrays by their type.
+def pack(
+    value: Any,
+    forms: Mapping[str, Callable[..., dict[str, Any]]] | None = None,
+    named: bool = False,
+) -> tuple[Any, dict[str, Any]]:
+    """Split a value into a tree that JSON can hold and arrays.
 
     Args:
         value: a dataclass, list, dict, tuple (named or not), array of `DTYPES`, complex or JSON
             value, nested at will.
+        forms: for a class of this name, gives the fields that are kept, of all its fields.
+        named: whether each array has the name of its path, such as "model.mass"; otherwise those of
+            one type follow one another in one array, for a list of many small records.
 
     Returns:
         The tree and the arrays; an array in the tree is a place in one of these arrays.
@@ -64,16 +70,34 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
     Raises:
         TypeError: a value of another type.
     """
-    parts: dict[str, list[Any]] = {name: [] for name in DTYPES}
+    parts: dict[str, list[Any]] = {}
     sizes = dict.fromkeys(DTYPES, 0)
 
-    def tree(item: Any) -> Any:
+    def array(item: Any, path: str) -> Any:
+        if named:
+            parts[path] = [item]
+            return {"array": path}
+        name = item.dtype.name
+        place = {"array": name, "shape": list(item.shape), "at": sizes[name]}
+        parts.setdefault(name, []).append(item.ravel())
+        sizes[name] += item.size
+        return place
+
+    def record(item: Any, path: str, names: Sequence[str]) -> Any:
+        name, found = type(item).__name__, {key: getattr(item, key) for key in names}
+        if forms and name in forms:
+            found = forms[name](**found)
+        return {"class": name, "fields": inside(found, path)}
+
+    def inside(items: Mapping[str, Any], path: str) -> dict[str, Any]:
+        return {name: tree(one, f"{path}.{name}".lstrip(".")) for name, one in items.items()}
+
+    def sequence(items: Sequence[Any], path: str) -> list[Any]:
+        return [tree(one, f"{path}.{k}".lstrip(".")) for k, one in enumerate(items)]
+
+    def tree(item: Any, path: str) -> Any:
         if isinstance(item, np.ndarray) and item.dtype.name in DTYPES:
-            name = item.dtype.name
-            place = {"array": name, "shape": list(item.shape), "at": sizes[name]}
-            parts[name].append(item.ravel())
-            sizes[name] += item.size
-            return place
+            return array(item, path)
         if isinstance(item, np.generic):
             item = item.item()
         if item is None or isinstance(item, bool | int | float | str):
@@ -81,22 +105,20 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
         if isinstance(item, complex):
             return {"complex": [item.real, item.imag]}
         if isinstance(item, list):
-            return [tree(one) for one in item]
+            return sequence(item, path)
         if isinstance(item, dict):
-            return {"dict": {name: tree(one) for name, one in item.items()}}
+            return {"dict": inside(item, path)}
         if isinstance(item, tuple) and hasattr(item, "_fields"):
-            named = {name: tree(one) for name, one in zip(item._fields, item, strict=True)}
-            return {"class": type(item).__name__, "fields": named}
+            return record(item, path, item._fields)
         if isinstance(item, tuple):
-            return {"tuple": [tree(one) for one in item]}
+            return {"tuple": sequence(item, path)}
         if is_dataclass(item) and not isinstance(item, type):
-            named = {part.name: tree(getattr(item, part.name)) for part in fields(item)}
-            return {"class": type(item).__name__, "fields": named}
+            return record(item, path, [part.name for part in fields(item)])
         raise TypeError(f"a value of type {type(item).__name__} cannot be packed")
 
-    packed = tree(value)
+    packed = tree(value, "")
     return packed, {
-        name: np.concatenate([np.zeros(0, name), *found]) for name, found in parts.items()
+        name: found[0] if named else np.concatenate(found) for name, found in parts.items()
     }
 
 
@@ -105,8 +127,9 @@ def unpack(tree: Any, arrays: Mapping[str, Any], classes: Mapping[str, Any]) -> 
 
     Args:
         tree: the tree.
-        arrays: the arrays by their type.
-        classes: the dataclasses and named tuples that may occur, by name.
+        arrays: the arrays by their names.
+        classes: for the dataclasses and named tuples that may occur, by name, what makes one of the
+            fields that were kept.
 
     Raises:
         KeyError, TypeError, ValueError: the tree was not made by `pack`, or of other classes.
@@ -115,18 +138,20 @@ def unpack(tree: Any, arrays: Mapping[str, Any], classes: Mapping[str, Any]) -> 
         return [unpack(one, arrays, classes) for one in tree]
     if not isinstance(tree, dict):
         return tree
-    if "array" in tree:
+    if "at" in tree:
         size = int(np.prod(tree["shape"]))
         found = arrays[tree["array"]][tree["at"] : tree["at"] + size]
         return found.reshape(tree["shape"]).copy()
+    if "array" in tree:
+        return arrays[tree["array"]]
     if "complex" in tree:
         return complex(*tree["complex"])
     if "dict" in tree:
         return {name: unpack(one, arrays, classes) for name, one in tree["dict"].items()}
     if "tuple" in tree:
         return tuple(unpack(one, arrays, classes) for one in tree["tuple"])
-    named = {name: unpack(one, arrays, classes) for name, one in tree["fields"].items()}
-    return classes[tree["class"]](**named)
+    made = {name: unpack(one, arrays, classes) for name, one in tree["fields"].items()}
+    return classes[tree["class"]](**made)
 
 
 def provenance(
@@ -315,7 +340,7 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-FORMAT = "fenicsrom checkpoint 4"
+FORMAT = "fenicsrom checkpoint 5"
 EARLIER = "fenicsrom checkpoint"  # start of the names of earlier formats
 CLASSES = {
     kind.__name__: kind
@@ -326,17 +351,21 @@ TIME_TOLERANCE = 1e-6  # of the time after a number of periods, relative to the 
 INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 
 
+def without(*names: str) -> Callable[..., dict[str, Any]]:
+    """A form of `pack` that leaves out fields."""
+    return lambda **fields: {name: fields[name] for name in fields if name not in names}
+
+
 def fingerprint(model: ReducedModel) -> str:
     """SHA-256 of the arrays of a model.
 
     The damping and the load histories are left out: they belong to the scene.
     """
-    digest = hashlib.sha256()
-    arrays = (getattr(model, name) for name in PLAIN)
-    followers = model.pressure if model.pressure.numbers.size else ()
-    for array in (model.mass, *model.elastic, *arrays, *model.points, *followers):
-        digest.update(repr((array.shape, array.dtype.str)).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
+    form = without("work", "load_histories", "damping", "turning")
+    tree, arrays = pack(model, {"ReducedModel": form})
+    digest = hashlib.sha256(json.dumps(tree).encode())
+    for name in sorted(arrays):
+        digest.update(arrays[name].tobytes())
     return digest.hexdigest()
 
 
