@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from fenicsrom.formats.mesh_file import (
     axes_of,
 )
 from fenicsrom.formats.nodal_forces import MOST_TABLES, forces_on
-from fenicsrom.formats.shapes import facet_nodes
 from fenicsrom.words import counted
 
 DEEPEST = 16
@@ -258,7 +256,6 @@ class Collector:
                 own = [node for node, entry in passed.items() if entry == components]
                 self.hold(name, own, set(components))
         self._leave_couplings()
-        self._join_supports(cells)
         found: list[DeckSupport] = []
         axes = set(range(cells[0].shape.dimension)) if cells else set()
         for name, (nodes, components) in self.held.items():
@@ -283,34 +280,6 @@ class Collector:
                     groups[same[0]] = np.array(kept)
                 found.append((name if name in same else same[0], held))
         return found
-
-    def _join_supports(self, cells: list[Block]) -> None:
-        """Join supports that hold facets of cells together, and not alone.
-
-        The nodes of a group of a scene hold a facet, so with the nodes that finer elements have on
-        it, only if all its corners are in the group.
-        """
-        rows = [
-            block.nodes[:, list(facet)]
-            for block in cells
-            for facet in (facet_nodes(block.kind) if block.shape.edges else block.shape.facets)
-        ]
-        sizes = [len(facet) for block in cells for facet in block.shape.facets]
-        for axes in (set(some) for k in (3, 2, 1) for some in combinations(range(3), k)):
-            wide = {name: nodes for name, (nodes, held) in self.held.items() if held >= axes}
-            every = np.unique(np.concatenate([*wide.values(), np.empty(0, dtype=np.int64)]))
-            missed = [np.empty(0, dtype=np.int64)]
-            for facets, corners in zip(rows, sizes, strict=True) if len(wide) > 1 else ():
-                near = facets[np.isin(facets[:, :corners], every).all(axis=1)]
-                alone = [np.isin(near[:, :corners], nodes).all(axis=1) for nodes in wide.values()]
-                missed.append(near[~np.any(alone, axis=0)].ravel())
-            joined = np.intersect1d(np.concatenate(missed), every)
-            touched = [name for name, nodes in wide.items() if np.isin(nodes, joined).any()]
-            same = [name for name in touched if self.held[name][1] == axes]
-            for name in same:
-                joined = np.union1d(joined, self.held.pop(name)[0])
-            if joined.size:
-                self.held[" + ".join(same or [*touched, axes_of(axes)])] = joined, axes
 
     def _leave_couplings(self) -> None:
         """Name the couplings of nodes that can move."""

@@ -208,25 +208,6 @@ def test_combined_sets_are_taken_with_their_factors(tmp_path: Path, case: str) -
     assert not found.not_taken
 
 
-@pytest.mark.parametrize(
-    ("supports", "expected"),
-    [
-        ("SPC1,1,123,1,5\nSPC1,3,123,4,8\n", {(0, 3, 4, 7): (0, 1, 2)}),
-        ("SPC1,1,123,1\nSPC1,3,1,4,5,8\n", {(0,): (0, 1, 2), (0, 3, 4, 7): (0,)}),
-        (
-            "SPC1,1,12,1,5\nSPC1,3,23,4,8\n",
-            {(0, 4): (0, 1), (3, 7): (1, 2), (0, 3, 4, 7): (1,)},
-        ),
-        ("SPC1,1,123,1,5\nSPC1,3,123,3,7\n", {(0, 4): (0, 1, 2), (2, 6): (0, 1, 2)}),
-    ],
-)
-def test_supports_that_hold_a_facet_together_hold_it_with_its_middle(
-    tmp_path: Path, supports: str, expected: dict[tuple[int, ...], tuple[int, ...]]
-) -> None:
-    found, groups = nastran(tmp_path, "SPC = 7\n", f"SPCADD,7,1,3\n{supports}")
-    assert held(found, groups) == expected and not found.not_taken
-
-
 def test_only_the_first_subcase_is_taken_and_the_others_are_named(tmp_path: Path) -> None:
     case = "SPC = 1\nSUBCASE 1\n LOAD = 1\nSUBCASE 2\n SPC = 3\n LOAD = 2\n"
     bulk = "SPC1,1,123,1\nSPC1,3,3,2\nFORCE,1,7,,5.,0.,1.,0.\nFORCE,2,6,,1.,1.,0.,0.\n"

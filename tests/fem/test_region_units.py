@@ -11,6 +11,7 @@ from mpi4py import MPI
 from fenicsrom import build_model, build_solid, make_scene
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.exchange.deck import scene_deck
+from fenicsrom.fem.mesh.mesh import Ints
 from fenicsrom.fem.solid.finer import FinerSolid
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.scene import Scene
@@ -258,17 +259,22 @@ def test_node_sets_that_hold_a_face_together_hold_its_middle(
     (tmp_path / "bar.inp").write_text(DECKS[deck] + sets)
     d = 2 if deck == "plane" else 3
     thick = {"thickness": 1.0} if d == 2 else {}
-    clamped = []
-    for groups in (["root"], ["part0", "part1"]):
+
+    def clamped(*supports: tuple[str, str]) -> Ints:
         scene = make_scene(
             folder=tmp_path,
             geometry={"mesh": "bar.inp", "dimension": d, "degree": 2, **thick},
             material={"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9},
-            supports=[{"group": name} for name in groups],
+            supports=[{"group": name, "components": list(axes)} for name, axes in supports],
             probe={"group": "face"},
         )
-        clamped.append(set_up(scene).clamped)
-    np.testing.assert_array_equal(*clamped)
+        return set_up(scene).clamped
+
+    shared, more = "xyz"[: d - 1], "xyz"[d - 1 : d]
+    held = clamped(("part0", shared + more), ("part1", shared + more))
+    np.testing.assert_array_equal(held, clamped(("root", shared + more)))
+    held = clamped(("part0", shared), ("part1", shared + more))
+    np.testing.assert_array_equal(held, clamped(("root", shared), ("part1", more)))
 
 
 def test_node_of_a_set_beside_its_facets_is_named(tmp_path: Path) -> None:

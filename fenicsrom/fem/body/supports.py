@@ -18,6 +18,7 @@ Vectors with P u = u are an invariant space of these matrices. The other part of
 zero.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -143,10 +144,15 @@ def held_displacements(
     """
     d = mesh.domain.geometry.dim
     dyads = np.zeros((space.tabulate_dof_coordinates().shape[0], d, d))
+    sets: dict[tuple[float, ...], list[Ints]] = defaultdict(list)
     for support in supports:
         nodes, directions = support_directions(mesh, space, support, source)
         dyads[nodes] += directions.T @ directions
-        dyads[_held_with_others(mesh, space, support, supports)] += directions.T @ directions
+        if support.group in mesh.node_groups:
+            for direction in directions.tolist():
+                sets[tuple(direction)].append(mesh.node_groups[support.group][0])
+    for direction, corners in sets.items():
+        dyads[_nodes_between(mesh, space, corners)] += np.outer(direction, direction)
     diagonal = np.einsum("nii->ni", dyads)
     axial = diagonal > 0.0
     nodes = np.flatnonzero(np.abs(dyads).sum(axis=(1, 2)) > diagonal.sum(axis=1))
@@ -182,23 +188,17 @@ def support_directions(
     return nodes, np.eye(d)[axes]
 
 
-def _held_with_others(
-    mesh: Mesh, space: fem.FunctionSpace, support: Support, supports: Sequence[Support]
+def _nodes_between(
+    mesh: Mesh, space: fem.FunctionSpace, sets: Sequence[Ints]
 ) -> npt.NDArray[np.int32]:
-    """The nodes of the facets whose corners node sets hold together, alike. Collective.
+    """The nodes of the facets whose corners are in several node sets together. Collective.
 
-    Without them the nodes inside such a facet, which the file does not have, would be free.
+    The sets hold one direction. The nodes inside such a facet that the file does not have would be
+    free in it.
     """
-    alike = [
-        other.group
-        for other in supports
-        if (other.components, other.normal) == (support.components, support.normal)
-        and other.group in mesh.node_groups
-    ]
-    if support.group not in alike or len(alike) < 2:
+    if len(sets) < 2:
         return np.empty(0, dtype=np.int32)
-    corners = np.concatenate([mesh.node_groups[str(name)][0] for name in alike])
-    facets = mesh.facets_between(corners).astype(np.int32)
+    facets = mesh.facets_between(np.concatenate(sets)).astype(np.int32)
     return fem.locate_dofs_topological(space, mesh.domain.topology.dim - 1, facets)
 
 
