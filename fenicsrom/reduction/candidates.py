@@ -46,9 +46,15 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, SceneError
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.derivatives import Selection, all_pairs, combinations, split
-from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.modes import (
+    ComponentModes,
+    component_modes,
+    load_responses,
+    varying_loads,
+)
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.stages import (
     Derivatives,
@@ -261,8 +267,10 @@ def _combinations(
 
 def finer_model(
     structure: Structure, finer: Any, options: Basis, found: Reduction
-) -> tuple[ReducedModel, Array]:
+) -> tuple[ReducedModel, tuple[str, ...], Array]:
     """The reduced model of finer elements, in the coordinates of the model of a structure.
+
+    A vector that depends on the others on the finer elements is no coordinate of this model.
 
     Args:
         structure: the structure.
@@ -272,8 +280,8 @@ def finer_model(
         found: the stages of the reduced model of the structure.
 
     Returns:
-        The model, and the frequencies (v,) of the normal modes, those that are no coordinates
-        included, Hz.
+        The model, the labels of its coordinates, and the frequencies (v,) of the normal modes,
+        those that are no coordinates included, Hz.
 
     Raises:
         ConvergenceError, AccuracyError, SceneError: a stage failed.
@@ -286,7 +294,13 @@ def finer_model(
         return np.where(products < 0.0, -1.0, 1.0)
 
     modes = component_modes(finer, replace(options, modes=found.modes.omega.size))
-    modes = replace(modes, normal=modes.normal * signs(found.modes.normal, modes.normal))
+    loads = found.modes.loads  # the same responses, even if these modes leave out less of a load
+    columns = [f"{number + 1}L" in loads.labels for number in varying_loads(finer)]
+    modes = replace(
+        modes,
+        normal=modes.normal * signs(found.modes.normal, modes.normal),
+        loads=replace(loads, vectors=load_responses(finer)[:, columns]),
+    )
     selection = _moved(structure, found.modes, modes, found.selection)
     derivatives = differentiate(finer, options, modes, selection)
     if selection.principal is not None:  # as many combinations as the basis has
@@ -297,7 +311,9 @@ def finer_model(
     if basis.labels == found.basis.labels:
         turned = signs(found.basis.vectors, basis.vectors)
         basis = replace(basis, vectors=basis.vectors * turned)
-    return project(finer, basis, finer.geometrically_nonlinear), modes.frequencies_hz
+    common = [k for k, label in enumerate(basis.labels) if label in found.basis.labels]
+    model = nested_model(project(finer, basis, finer.geometrically_nonlinear), common)
+    return model, tuple(basis.labels[k] for k in common), modes.frequencies_hz
 
 
 def _moved(

@@ -215,10 +215,9 @@ def finer_elements(run: Run) -> None:
 
     def reduce(solid: FinerSolid) -> None:
         if study.basis is not None:
-            study.finer, study.finer_frequencies_hz = finer_model(
+            study.finer, study.finer_labels, study.finer_frequencies_hz = finer_model(
                 study.solid, solid, options, run.reduction
             )
-            study.finer_labels = study.basis.labels
 
     study.mesh_check = mesh_check.of_solid(
         study.scene,

@@ -19,6 +19,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.solid import finer as finer_module
 from fenicsrom.fem.solid.finer import FinerSolid, too_large
 from fenicsrom.reduction.candidates import finer_model
+from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 
 SPREAD = {
@@ -114,7 +115,21 @@ def test_model_of_finer_elements_has_the_coordinates_of_the_basis() -> None:
     solid = make_solid(scene)
     found = Reduction(solid, scene, lambda stage: nullcontext())
     model: Any = found.model
-    finer, _ = finer_model(solid, FinerSolid(scene, solid), scene.basis, found)
+    finer, labels, _ = finer_model(solid, FinerSolid(scene, solid), scene.basis, found)
     for name in ("probe", "contact_rows", "mass"):
         ours, theirs = getattr(model, name), getattr(finer, name)
         np.testing.assert_allclose(theirs, ours, atol=0.05 * np.abs(ours).max())
+    assert labels == found.basis.labels
+
+
+def test_model_of_finer_elements_has_the_responses_that_the_coarse_modes_lack() -> None:
+    """Two linear elements lock, so their modes leave out more of the load than those of others."""
+    locking = ("geometry.degree=1", "geometry.parameters.elements_along=2", "basis.modes=2")
+    open_beam: dict[str, Any] = {"contacts": None, "probe": {"group": "tip"}}
+    scene = beam_scene(2, (*COARSE, *locking), **open_beam)
+    solid = make_solid(scene)
+    found = Reduction(solid, scene, lambda stage: nullcontext())
+    finer = FinerSolid(scene, solid)
+    assert not component_modes(finer, scene.basis).loads.labels
+    assert "1L" in found.basis.labels
+    assert finer_model(solid, finer, scene.basis, found)[1] == found.basis.labels
