@@ -61,6 +61,17 @@ def test_wrong_axis_is_refused(text: str) -> None:
         make_axes([text])
 
 
+@pytest.mark.parametrize("text", ["basis.modes=2:5:3", "response.points=[3, 4.5]", "probe.group=[1]"])
+def test_axis_whose_values_have_another_type_than_its_key_is_refused(text: str) -> None:
+    with refusal(ErrorKind.TYPE, text.partition("=")[0]):
+        make_axes([text])
+
+
+def test_range_of_an_integer_key_that_gives_integers_is_taken() -> None:
+    (axis,) = make_axes(["basis.modes=2:6:3"])
+    assert axis.values == ((2,), (4,), (6,))
+
+
 def test_sweep_without_axis_is_refused() -> None:
     with refusal(ErrorKind.MISSING, "--over"):
         make_axes([])

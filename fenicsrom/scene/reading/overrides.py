@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.scene.base.rules import is_number, is_sequence, show
+from fenicsrom.scene.base.rules import Rule, Where, is_number, is_sequence, show
 from fenicsrom.scene.base.tables import (
     keys,
     parse_toml,
@@ -69,9 +69,9 @@ def make_axes(over: Sequence[str], together: Sequence[str] = ()) -> tuple[Axis, 
         together: texts KEY=VALUES of keys that change together; they form one axis, the last one.
 
     Raises:
-        SceneError: there is no axis, a text is not KEY=VALUES, a key occurs twice, the keys that
-            change together have different numbers of values, or there are more than `MOST_RUNS`
-            runs.
+        SceneError: there is no axis, a text is not KEY=VALUES, a value has another type than its
+            key, a key occurs twice, the keys that change together have different numbers of
+            values, or there are more than `MOST_RUNS` runs.
     """
     axes = [Axis((key,), tuple((value,) for value in values)) for key, values in map(_read, over)]
     if together:
@@ -106,9 +106,15 @@ def _read(text: str) -> tuple[str, list[Any]]:
     key, equals, values = (part.strip() for part in text.partition("="))
     if not key or not equals:
         raise _refuse_values(text, "must be KEY=VALUES, where VALUES is a list or a range", key)
-    if values.startswith("["):
-        return key, _list(text, key, values)
-    return key, _range(text, key, values)
+    found = _list(text, key, values) if values.startswith("[") else _range(text, key, values)
+    if rule := _rule(names_of(key)):
+        for value in found:
+            try:
+                rule(value, Where("sweep", key))
+            except SceneError as error:
+                if error.kind is ErrorKind.TYPE:  # others may be a bound, and fail in their run
+                    raise
+    return key, found
 
 
 def _list(text: str, key: str, values: str) -> list[Any]:
@@ -291,18 +297,24 @@ def unit_of(scene: Scene, path: str) -> str:
     return "" if "," in unit else unit  # of the columns of a table
 
 
-def _found(names: list[str]) -> tuple[str, type | None]:
-    """The unit of the key with these names, and the dataclass of its table if it is a table."""
+def _rule(names: list[str]) -> Rule | None:
+    """The rule of the key with these names; None if there is no such key."""
     kind: type | None = Scene
-    unit = ""
+    rule: Rule | None = None
     for name in names:
         if name.isdecimal() or name == "*":
             continue
         rule = next((rule for key, rule, *_ in keys(kind) if key == name), None) if kind else None
         if rule is None:
-            return "", None
-        kind, unit = table_kind(rule), rule.unit
-    return unit, kind
+            return None
+        kind = table_kind(rule)
+    return rule
+
+
+def _found(names: list[str]) -> tuple[str, type | None]:
+    """The unit of the key with these names, and the dataclass of its table if it is a table."""
+    rule = _rule(names)
+    return ("", None) if rule is None else (rule.unit, table_kind(rule))
 
 
 def given_unit_of(scene: Scene, path: str) -> str:
