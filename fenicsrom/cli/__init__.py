@@ -22,9 +22,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with terminable():
             from fenicsrom.cli.commands import make_parser
+            from fenicsrom.cli.starting import SHARED
 
             options = make_parser().parse_args(words, options)
-            alone = options.name not in ("sweep", "map")
+            alone = options.name not in SHARED
             if getattr(options, "stored", None) and alone and is_idle():
                 return 0
             return int(options.command(options))

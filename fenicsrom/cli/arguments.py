@@ -60,7 +60,6 @@ def _model_file(given: str) -> Path:
     return path / MODEL if path.is_dir() else path
 
 
-SCENE_OR_MODEL = scene_file(nargs="?")
 FROM = Argument(
     "--from",
     dest="stored",
@@ -77,22 +76,6 @@ SET = Argument(
     help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
     "may be repeated",
 )
-FRESH = Argument(
-    "--fresh",
-    action="store_true",
-    help="compute modes and reduced model again, also where an earlier run left them in the cache",
-)
-RESUME_FOLDER = Argument(
-    "--resume",
-    action="store_true",
-    help="keep the results in the output folder, and compute only the others",
-)
-SCHEDULER = Argument(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="compute on a running Dask cluster, such as tcp://node1:8786; its workers need fenicsrom "
-    "and the output folder",
-)
 OUTPUT = Argument(
     "--output",
     metavar="DIR",
@@ -101,12 +84,6 @@ OUTPUT = Argument(
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
 )
-RESULTS = (SET, OUTPUT, FORCE)
-"""Arguments of the commands that compute."""
-
-FROM_MODEL = (FROM, SET, FRESH, OUTPUT, FORCE)
-"""Arguments of the commands that compute from a scene or from a stored model."""
-
 SCENE = scene_file()
 MESH = Argument("mesh", help="mesh or geometry file")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")

@@ -69,7 +69,7 @@ def output_path(options: argparse.Namespace) -> Path:
     return folder
 
 
-VARIATIONS = {"axis": "--axis", "over": "--over", "together": "--zip"}  # options that vary a scene
+VARIATIONS = {"axes": "--axis", "over": "--over", "together": "--zip"}  # options that vary a scene
 STATES = {
     "run": "checkpoint.npz",
     "response": "response_state",
@@ -84,8 +84,9 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
-    if resume is True:  # a sweep and a map continue in their own folder
-        resume = folder / STATES[options.name]
+    in_place = isinstance(resume, bool)
+    if in_place:
+        resume = folder / STATES[options.name] if resume else None
     varied = [
         word
         for name, option in VARIATIONS.items()
@@ -93,7 +94,7 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
         for word in (option, value)
     ]
     command, task = ("fenicsrom", *options.arguments), (options.name, *varied)
-    return Origin(command, task, options.overrides, model, resume or None)
+    return Origin(command, task, options.overrides, model, resume, in_place)
 
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
@@ -112,7 +113,7 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
             )
         return "nothing to continue from was kept; run the command again"
     words = ["fenicsrom", *options.arguments]  # of options that are repeated, the last one counts
-    if options.name in ("sweep", "map"):
+    if isinstance(options.resume, bool):
         words += [] if "--resume" in words else ["--resume"]
     else:
         words += ["--resume", str(folder / state)]

@@ -89,7 +89,7 @@ def finish(found: Any, comm: Any) -> int:
         comm: the communicator; None without MPI.
 
     Returns:
-        The exit code 0.
+        The exit code: 0, or 1 if the record says that a part of it failed.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted.
@@ -105,7 +105,7 @@ def finish(found: Any, comm: Any) -> int:
     if getattr(found, "interrupted", False):
         raise KeyboardInterrupt
     if (error := failure_of(found)) is None:
-        return 0
+        return int(getattr(found, "failed", False))
     if comm is not None:
         comm.barrier()  # the first rank writes its files
     raise error

@@ -7,6 +7,7 @@ import gc
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,9 @@ from fenicsrom.study.execution import all_ranks
 
 if TYPE_CHECKING:
     from fenicsrom.assess.jobs import Workers
+
+SHARED = ("sweep", "map")
+"""The commands whose ranks share the runs of a stored model."""
 
 PATIENCE = 10  # s in which the scheduler of a cluster must answer
 
@@ -69,58 +73,43 @@ def workers(options: argparse.Namespace) -> Iterator[Workers]:
         yield executor
 
 
-def require_scene(options: argparse.Namespace) -> None:
-    """Check that a command without a stored model has a scene file.
-
-    Raises:
-        SceneError: the command has no scene file.
-    """
-    if options.scene is not None:
-        return
-    resuming = getattr(options, "resume", None)
-    sentence = (
-        "--resume also needs the scene file or --from MODEL"
-        if resuming
-        else f"{options.name}: give a scene file or --from MODEL"
-    )
-    raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
-
-
-def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Scene]:
-    """Give the communicator and the scene.
-
-    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
-    MPI starts first, so that only one rank prints an error in the scene.
-    """
-    return all_ranks(), read_scene(options.scene, options.overrides, unloaded=unloaded)
-
-
-def ranks() -> Any:
-    """Give the communicator of all ranks; None where mpi4py is not installed."""
-    from fenicsrom.post.base.style import missing_module
-
-    return None if missing_module("mpi4py") else all_ranks()
-
-
-def changed_model(options: argparse.Namespace, stored: Any) -> Any:
-    """Give a stored model under the scene file, or under its own scene with the values of --set."""
-    if options.scene is not None:
-        return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
-    return stored.with_overrides(options.overrides)
-
-
-def source(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
+def source(options: argparse.Namespace, unloaded: bool) -> tuple[Any, Any, Scene]:
     """Give the communicator, a scene or a stored model, and its scene.
 
-    A stored model needs no MPI, and has no communicator. Argument `unloaded` as `start`.
-    """
-    if getattr(options, "stored", None):
-        from fenicsrom.online.store import archive
+    MPI starts first, so that only one rank prints an error in the scene. A stored model runs on one
+    rank, without MPI, but its runs or speeds may be shared by the ranks of `SHARED` commands.
 
-        current = changed_model(options, archive.load_model(options.stored))
-        return None, current, current.scene
-    require_scene(options)
-    comm, scene = start(options, unloaded)
+    Args:
+        options: those of the command.
+        unloaded: whether the scene needs no load and no probe.
+
+    Raises:
+        SceneError: there is no scene, or it cannot be used.
+    """
+    from fenicsrom.post.base.style import missing_module
+
+    shared = options.name in SHARED and not missing_module("mpi4py")
+    comm = all_ranks() if shared else None
+    if model := getattr(options, "stored", None):
+        with importing():
+            from fenicsrom.online.store import archive
+            from fenicsrom.online.store import store as checkpoints
+        stored, checkpoint = archive.load_model(model), getattr(options, "resume", None)
+        if options.name == "run" and checkpoint is not None:
+            # the stopped run may have used another scene than the model
+            stored = replace(stored, scene=checkpoints.load_scene(checkpoint))
+        if options.scene is not None:
+            stored = stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
+        else:
+            stored = stored.with_overrides(options.overrides)
+        return comm, stored, stored.scene
+    if options.scene is None:
+        resuming = getattr(options, "resume", None)
+        also = "--resume also needs the scene file or --from MODEL"
+        sentence = also if resuming else f"{options.name}: give a scene file or --from MODEL"
+        raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
+    comm = comm or all_ranks()
+    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
     return comm, scene, scene
 
 

@@ -12,10 +12,10 @@ both start from a `source`. `analyses` holds what needs no reduced model of its 
 from fenicsrom.study.analyses import campbell, compare, stability, statics
 from fenicsrom.study.curves import backbone, interaction_map, response
 from fenicsrom.study.execution import build_model, modes, run
-from fenicsrom.study.forecast import forecast, refusal_of, set_up
+from fenicsrom.study.forecast import forecast, refusal_of, require_usable, set_up
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan
 from fenicsrom.study.stage import Stage
-from fenicsrom.study.stored import rerun
+from fenicsrom.study.stored import integrate, rerun
 from fenicsrom.study.sweeps import run_sweep, sweep

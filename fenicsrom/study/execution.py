@@ -82,12 +82,18 @@ def run(
 
 
 @starts_from(pairs=True)
-def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study:
+def modes(
+    scene: Scene,
+    comm: Any = None,
+    *,
+    folder: Path | None = None,
+    stop: Callable[[], bool] = never,
+) -> Study:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
     Arguments and errors as `run`.
     """
-    return run(scene, comm, folder=folder, modes_only=True)
+    return run(scene, comm, folder=folder, modes_only=True, stop=stop)
 
 
 def offline(

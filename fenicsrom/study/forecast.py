@@ -6,6 +6,7 @@ differ: the estimate holds within a factor of about three.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from fenicsrom.errors import SceneError
@@ -73,26 +74,34 @@ def set_up(scene: Scene) -> Solid:
         return solid_of(scene, mesh, UNDEFORMED)
 
 
-def refusal_of(table: str, scene: Scene) -> str:
-    """Why the command of a table of the scene would refuse the scene; "" if it would not."""
-    from fenicsrom.assess.curves.backbone import check_backbone
-    from fenicsrom.assess.curves.equilibrium_path import varied_loads
-    from fenicsrom.assess.curves.response_problem import check_response
-    from fenicsrom.assess.rotation.campbell import speeds_rpm
-    from fenicsrom.assess.studies.interaction import map_speeds
-
-    checks = {
-        "response": check_response,
-        "backbone": check_backbone,
-        "statics": varied_loads,
-        "campbell": speeds_rpm,
-        "map": map_speeds,
-    }
+def refusal_of(command: str, scene: Scene) -> str:
+    """Why a command would refuse the scene; "" if it would not."""
     try:
-        checks.get(table, str)(scene)
+        require_usable(command, scene)
     except SceneError as error:
         return str(error)
     return ""
+
+
+def require_usable(command: str, scene: Scene) -> None:
+    """Check that a command can use a scene, before anything is computed.
+
+    Raises:
+        SceneError: the command would refuse the scene.
+    """
+    check: Callable[[Scene], object] = str
+    match command:  # each check is imported when it is needed
+        case "response":
+            from fenicsrom.assess.curves.response_problem import check_response as check
+        case "backbone":
+            from fenicsrom.assess.curves.backbone import check_backbone as check
+        case "statics":
+            from fenicsrom.assess.curves.equilibrium_path import varied_loads as check
+        case "campbell":
+            from fenicsrom.assess.rotation.campbell import speeds_rpm as check
+        case "map":
+            from fenicsrom.assess.studies.interaction import map_speeds as check
+    check(scene)
 
 
 def forecast(scene: Scene, solid: Solid) -> list[str]:

@@ -200,8 +200,9 @@ def _continues(folder: Path, record: dict[str, Any] | None, scene: Scene, origin
         return False
     same_command = list(record.get("task") or ())[:1] == list(origin.task[:1])
     inside = folder.resolve() in origin.resume.resolve().parents
-    sweeps = origin.task[0] in ("sweep", "map")
-    return same_command and inside and (not sweeps or _has_same_scene(folder, record, scene))
+    return (
+        same_command and inside and (not origin.in_place or _has_same_scene(folder, record, scene))
+    )
 
 
 def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:

@@ -7,15 +7,46 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.notes import Note, NoteKind
+from fenicsrom.scene import Scene
 from fenicsrom.study import writing
-from fenicsrom.study.execution import execute
+from fenicsrom.study.execution import build_model, execute, run
+from fenicsrom.study.given import starts_from
 from fenicsrom.study.motions import checked, integrated
 from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.records import Rerun
+    from fenicsrom.records import Rerun, Study
+
+
+@starts_from("StoredModel", pairs=True)
+def integrate(
+    given: Scene | StoredModel,
+    comm: Any = None,
+    *,
+    folder: Path,
+    resume: Path | None = None,
+    stop: Callable[[], bool] = never,
+    fresh: bool = False,
+    keys: Collection[str] = (),
+) -> Study | Rerun:
+    """Run a scene or a stored model; of a range of speeds, its model runs at that of the scene.
+
+    Arguments and errors as `rerun` and `fenicsrom.study.execution.run`.
+    """
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+
+    if not isinstance(given, Scene):
+        return rerun(given, folder, resume=resume, stop=stop, given=keys)
+    if given.speeds_rpm is None:
+        return run(given, comm, folder=folder, resume=resume, stop=stop, fresh=fresh)
+    stored = build_model(given, comm=comm)
+    save_model(folder / MODEL, stored)
+    found = rerun(stored, folder, resume=resume, stop=stop)
+    found.files.append(folder / MODEL)
+    return found
 
 
 def rerun(

@@ -79,7 +79,7 @@ def sweep(
 def run_sweep(
     scene: Scene,
     variant: Callable[[Sequence[str]], Scene],
-    axes: tuple[Axis, ...],
+    varied: tuple[Axis, ...],
     folder: Path,
     *,
     stored: Path | None = None,
@@ -94,7 +94,7 @@ def run_sweep(
     Args:
         scene: the scene that the runs change.
         variant: makes the scene with overrides; raises SceneError if an override is wrong.
-        axes: the keys and their values.
+        varied: the keys and their values.
         folder: folder of the output files, of the reduced models and of the results.
         stored: file of the reduced model of all runs; by default the models are built.
         comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
@@ -114,7 +114,7 @@ def run_sweep(
     from fenicsrom.assess.studies.sweep_runs import Sweep, compute, failure
 
     begin = clock.perf_counter()
-    rows, scenes = _rows_and_scenes(variant, axes)
+    rows, scenes = _rows_and_scenes(variant, varied)
     runs, models = _assign_models(scenes, folder, stored)
     build = [(s, path, fresh) for path, s in models.items() if not (resume and path.exists())]
     if build and comm is not None and comm.size > 1:
@@ -135,7 +135,7 @@ def run_sweep(
     for k, result in batch.each(compute, pending, say, [run.digest for run in pending]).items():
         results[pending[k].number] = failure(result) if isinstance(result, Exception) else result
     rows = [row | results.get(k, {}) for k, row in enumerate(rows)]
-    found = Sweep(scene, axes, rows, len(models), batch.reused, interrupted=batch.interrupted)
+    found = Sweep(scene, varied, rows, len(models), batch.reused, interrupted=batch.interrupted)
     found.seconds = clock.perf_counter() - begin
     return written(found, folder, comm)
 

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from motions import RESPONSE_KEYS
 
-from fenicsrom import study
 from fenicsrom.cli import main
 from fenicsrom.cli.commands import make_parser
 from fenicsrom.post.base.origin import checksum
@@ -289,7 +288,7 @@ def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, mo
         assert f"{option} {tmp_path / 'out'}: " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     mounts.write_text(f"{mounts.read_text()}3 1 8:1 /b {tmp_path} rw - ext4 y rw\n")
-    monkeypatch.setattr(study, "run", interrupted)
+    monkeypatch.setattr("fenicsrom.study.stored.run", interrupted)
     assert main(["run", str(SCENE), "--output", str(tmp_path / "out")]) == 130
 
 
@@ -402,7 +401,7 @@ def interrupted(*_, folder=None, **__):
 
 
 def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(study, "run", interrupted)
+    monkeypatch.setattr("fenicsrom.study.stored.run", interrupted)
     call = ["run", str(SCENE), "--set", "basis.modes=1", "--output"]
     assert main([*call, str(tmp_path / "kept")]) == 130
     words = f"fenicsrom {' '.join(call)} {tmp_path / 'kept'} --resume {tmp_path / 'kept'}"

@@ -61,7 +61,9 @@ def test_wrong_axis_is_refused(text: str) -> None:
         make_axes([text])
 
 
-@pytest.mark.parametrize("text", ["basis.modes=2:5:3", "response.points=[3, 4.5]", "probe.group=[1]"])
+@pytest.mark.parametrize(
+    "text", ["basis.modes=2:5:3", "response.points=[3, 4.5]", "probe.group=[1]"]
+)
 def test_axis_whose_values_have_another_type_than_its_key_is_refused(text: str) -> None:
     with refusal(ErrorKind.TYPE, text.partition("=")[0]):
         make_axes([text])

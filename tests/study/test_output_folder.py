@@ -370,7 +370,7 @@ def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
 
 def test_sweep_resumes_only_in_a_folder_of_its_scene(tmp_path: Path) -> None:
     def resumed(*values: str) -> Origin:
-        return Origin((), ("sweep", *values), resume=tmp_path / "runs")
+        return Origin((), ("sweep", *values), resume=tmp_path / "runs", in_place=True)
 
     run(tmp_path, scene(), "report.html")
     with refusal(ErrorKind.FILE, "--output"), output_folder(tmp_path, scene(), None, resumed("a")):

@@ -41,7 +41,7 @@ from fenicsrom.assess.studies.axes import (
     scales_of,
 )
 from fenicsrom.assess.studies.batch import Batch
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion.motion import Motion, check_energy, friction_gains_energy
@@ -137,6 +137,11 @@ class Matrix:
         wrong = self.count(Verdict.WRONG)
         text = f"{wrong} of {counted(len(self.findings), 'run')} are silently wrong"
         return [Note(NoteKind.ERROR, text)] if wrong else []
+
+    @property
+    def failed(self) -> bool:
+        """Whether a run is silently wrong."""
+        return self.count(Verdict.WRONG) > 0
 
     def count(self, verdict: Verdict) -> int:
         """Number of runs with a verdict."""
@@ -334,10 +339,14 @@ def stability(
         seed: seed of the random variants.
 
     Raises:
-        SceneError: the scene itself is wrong, nothing moves in it, or there is no such axis.
+        SceneError: the scene itself is wrong, nothing moves in it, there is no such axis, or axes
+            and random variants are given together.
         ConvergenceError, AccuracyError: the reduced model of the scene itself cannot be made.
     """
     begin = clock.perf_counter()
+    if axes and variants:
+        reason = "not allowed with --axis, because random variants are not on an axis"
+        raise refuse(f"--random {variants}", reason, ErrorKind.CONFLICT)
     for axis in axes:
         if axis not in AXES:
             reason = f"axis {axis!r} does not exist; the axes are {', '.join(AXES)}"

@@ -97,6 +97,11 @@ class Sweep:
             for (kind, quantity), numbers in runs.items()
         ]
 
+    @property
+    def failed(self) -> bool:
+        """Whether a run has no motion."""
+        return bool(self.with_outcome(FAILED))
+
     def with_outcome(self, *outcomes: str) -> list[dict[str, Any]]:
         """The rows with one of these outcomes."""
         return [row for row in self.rows if row.get("outcome") in outcomes]

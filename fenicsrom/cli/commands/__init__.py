@@ -9,18 +9,15 @@ from fenicsrom.cli.commands.export import export
 from fenicsrom.cli.commands.import_matrices import import_matrices
 from fenicsrom.cli.commands.init import init
 from fenicsrom.cli.commands.inspect import inspect
-from fenicsrom.cli.commands.modes import modes
 from fenicsrom.cli.commands.plan import plan
 from fenicsrom.cli.commands.report import report
-from fenicsrom.cli.commands.run import run
 from fenicsrom.cli.commands.schema import schema
-from fenicsrom.cli.commands.stability import stability
-from fenicsrom.cli.commands.sweep import sweep
 from fenicsrom.cli.commands.view import view
 
-FIRST = (run, plan, modes, inspect, init)
-LAST = (sweep, export, import_matrices, cache, schema, stability, view, report)
-COMMANDS = (*FIRST, *studies.COMMANDS, *LAST)
+RUN, MODES, *STUDIES, SWEEP, STABILITY = studies.COMMANDS
+FIRST = (RUN, plan, MODES, inspect, init)
+LAST = (SWEEP, export, import_matrices, cache, schema, STABILITY, view, report)
+COMMANDS = (*FIRST, *STUDIES, *LAST)
 """In the order of the help."""
 
 

@@ -87,6 +87,7 @@ class Origin:
         overrides: the values of `--set`.
         model: the stored model, or None.
         resume: the checkpoint or state that the run continues, or None.
+        in_place: whether the command continues what its own folder has under the same scene.
     """
 
     command: Sequence[str]
@@ -94,6 +95,7 @@ class Origin:
     overrides: Sequence[str] = ()
     model: Path | None = None
     resume: Path | None = None
+    in_place: bool = False
 
 
 def python_origin() -> Origin:
@@ -310,7 +312,7 @@ def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) 
     words: list[str] = []
     if origin.model is not None:
         words += ["--from", (model and model["copy"]) or word(origin.model)]
-    if origin.resume is not None and origin.task[0] not in ("sweep", "map"):
+    if origin.resume is not None and not origin.in_place:
         words += ["--resume", word(origin.resume)]
     return words
 
