@@ -154,6 +154,13 @@ def contact_points(*normals: Sequence[float]) -> ContactPoints:
     return ContactPoints(np.zeros(count, np.int64), area, place, frames)
 
 
+def touching(**keys: Any) -> dict[str, Any]:
+    """The table of a contact at the tip, with two springs of 1e4 and a friction of 0.5, and these
+    keys."""
+    springs = {"normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
+    return {"group": "tip", **springs, **keys}
+
+
 def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: Any) -> Scene:
     """The paper's case: a cantilever whose tip rubs against a wall, loaded at 0.7 of its length, at
     the centre nodes.
@@ -178,17 +185,7 @@ def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: An
         "loads": [
             {"group": "load", "at": "centre", "direction": up, "force": 111.29, "frequency": 3.2}
         ],
-        "contacts": [
-            {
-                "group": "tip",
-                "at": "centre",
-                "normal": along,
-                "preload": 40.0,
-                "friction": 0.5,
-                "normal_stiffness": 1e4,
-                "tangential_stiffness": 1e4,
-            },
-        ],
+        "contacts": [touching(at="centre", normal=along, preload=40.0)],
     } | tables
     table = {name: value for name, value in table.items() if value is not None}
     return parse_scene(override_table(table, overrides, "test"), "test", Path.cwd())

@@ -89,13 +89,9 @@ TRIANGLE = "*NODE\n1,0,0\n2,2,0\n3,0,2\n4,1,0\n5,1,1\n6,0,1\n7,2,2\n8,2,1\n9,1,2
     ("name", "row", "kind"),
     [
         ("CPS3", "1,1,2,3", 2),
-        ("CPE3H", "1,1,2,3", 2),
         ("CPS4R", "1,1,2,7,3", 3),
-        ("cpe4i", "1,1,2,7,3", 3),
         ("CPS6", "1,1,2,3,4,5,6", 9),
-        ("CPE6MH", "1,1,2,3,4,5,6", 9),
         ("CPS8", "1,1,2,7,3,4,8,9,6", 16),
-        ("CPE8R", "1,1,2,7,3,4,8,9,6", 16),
         ("CPS8R", "1,1,2,7,3,\n4,8,9,6", 16),
     ],
 )
@@ -114,7 +110,7 @@ TETRA = "*NODE\n" + "".join(
 )
 
 
-@pytest.mark.parametrize("name", ["C3D10", "C3D10M", "C3D10MH", "C3D10HS"])
+@pytest.mark.parametrize("name", ["C3D10", "C3D10MH"])
 def test_tetrahedron_on_two_lines_has_its_nodes_on_its_edges(tmp_path: Path, name: str) -> None:
     mesh = model(tmp_path, f"{TETRA}*ELEMENT, TYPE={name}\n1, 1,2,3,4,5,6,7,\n8,9,10\n")
     (block,) = mesh.blocks
@@ -134,18 +130,21 @@ def test_surface_of_element_faces_is_a_facet_group(tmp_path: Path) -> None:
     assert not any("_Skin_S3" in block.groups for block in mesh.blocks)
 
 
-@pytest.mark.parametrize("face", range(1, 7))
-def test_faces_of_hexahedra_are_numbered_as_in_the_manual(tmp_path: Path, face: int) -> None:
-    given = [[1, 2, 3, 4], [5, 6, 7, 8], [1, 2, 5, 6], [2, 3, 6, 7], [3, 4, 7, 8], [1, 4, 5, 8]]
-    mesh = model(tmp_path, f"{NODES}{CELLS}*SURFACE, NAME=F\n1, S{face}\n")
-    assert facet_corners(mesh, "F") == [given[face - 1]]
+TETRA_FACES = [[1, 2, 3], [1, 2, 4], [2, 3, 4], [1, 3, 4]]
+CUBE_FACES = [[1, 2, 3, 4], [5, 6, 7, 8], [1, 2, 5, 6], [2, 3, 6, 7], [3, 4, 7, 8], [1, 4, 5, 8]]
 
 
-@pytest.mark.parametrize("face", range(1, 5))
-def test_faces_of_tetrahedra_are_numbered_as_in_the_manual(tmp_path: Path, face: int) -> None:
-    given = [[1, 2, 3], [1, 2, 4], [2, 3, 4], [1, 3, 4]]
-    text = f"{TETRA}*ELEMENT, TYPE=C3D4\n1, 1,2,3,4\n*SURFACE, NAME=F\n1, S{face}\n"
-    assert facet_corners(model(tmp_path, text), "F") == [given[face - 1]]
+@pytest.mark.parametrize(
+    ("body", "faces"),
+    [(NODES + CELLS, CUBE_FACES), (f"{TETRA}*ELEMENT, TYPE=C3D4\n1, 1,2,3,4\n", TETRA_FACES)],
+)
+def test_faces_of_cells_are_numbered_as_in_the_manual(
+    tmp_path: Path, body: str, faces: list[list[int]]
+) -> None:
+    surfaces = "".join(f"*SURFACE, NAME=F{k}\n1, S{k}\n" for k in range(1, len(faces) + 1))
+    mesh = model(tmp_path, body + surfaces)
+    for k, face in enumerate(faces, 1):
+        assert facet_corners(mesh, f"F{k}") == [face]
 
 
 def test_shells_on_facets_are_groups_and_others_are_named(tmp_path: Path) -> None:
@@ -241,18 +240,9 @@ def test_missing_or_endless_include_is_refused(tmp_path: Path) -> None:
         ("*SYSTEM\n1.,0.,0.\n", "*SYSTEM"),
         ("*NODE, SYSTEM=S\n30, 1., 0., 0.\n", "SYSTEM=S"),
         ("*NODE\n1, 0., 0., 0.5\n", "node 1"),
-        ("*NODE\nx, 0., 0.\n", "'x, 0., 0.'"),
-        ("*ELEMENT, TYPE=C3D8\n1, 1,2,3,4,5,6,7,12\n", "element 1"),
         ("*ELEMENT, TYPE=C3D8R\n1, 1,2,3,4,5,6,7,12\n", "element 1"),
-        ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,8\n", "1 and 3"),
-        ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6\n", "element 3"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,99\n", "99"),
         ("*ELEMENT, TYPE=C3D18\n3, 1,2,3,5,6,7\n", "C3D18"),
-        ("*ELEMENT, TYPE=C3D15\n3, 1,2,3,5,6,7\n", "element 3"),
-        ("*ELEMENT, TYPE=SC8R\n3, 1,2,3,4,5,6,7,8\n", "SC8R"),
-        ("*NSET, NSET=a\nb\n*NSET, NSET=b\na\n", "contains itself"),
-        ("*NSET, NSET=a, GENERATE\n1\n", "GENERATE"),
-        ("*NSET, NSET=a, GENERATE\n1, 1000000000000\n", "GENERATE"),
         ("*INSTANCE, NAME=i, PART=p\n*END INSTANCE\n", "no part"),
     ],
 )

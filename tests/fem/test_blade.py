@@ -22,6 +22,7 @@ from support import (
     make_solid,
     needs_mpirun,
     scene_of,
+    touching,
 )
 
 pytest.importorskip("dolfinx")
@@ -35,12 +36,7 @@ from fenicsrom.fem.full.full import FullModel
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.online.model.model import Problem
-from fenicsrom.online.motion.measures import (
-    amplitude,
-    out_of_reach,
-    peak_normal_force,
-    peak_total_normal_force,
-)
+from fenicsrom.online.motion.measures import amplitude, peak_normal_force, peak_total_normal_force
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.step.statics import _Statics
@@ -51,7 +47,7 @@ from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis, Scene, read_scene
-from fenicsrom.study import plan, run
+from fenicsrom.study import run
 
 Array = NDArray[np.float64]
 
@@ -260,25 +256,22 @@ def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
 # ------------------------------------------------------------------ points
 
 
-@pytest.mark.parametrize("masters", ["10", "'all'"])
-def test_two_contacts_of_half_stiffness_equal_one_contact(masters: str) -> None:
+def test_two_contacts_of_half_stiffness_equal_one_contact() -> None:
     """The displacements of both contacts are equal; the basis has each of them once."""
 
     def contact(share: float) -> dict[str, Any]:
-        return {
-            "group": "tip",
-            "normal": [1.0, 0.0, 0.0],
-            "preload": share * 10.0,
-            "friction": 0.5,
-            "normal_stiffness": share * 1e7,
-            "tangential_stiffness": share * 1e7,
-        }
+        return touching(
+            normal=[1.0, 0.0, 0.0],
+            preload=share * 10.0,
+            normal_stiffness=share * 1e7,
+            tangential_stiffness=share * 1e7,
+        )
 
     load = {"group": "load", "direction": [0.3, 1.0, 0.3], "force": 4e4, "frequency": 20.0}
     options = (
         *STOCKY,
         "geometry.parameters.width=0.1",
-        f"basis.masters={masters}",
+        "basis.masters='all'",
         "basis.derivatives=['1V1V']",
         "basis.modes=2",
         "time.periods=2",
@@ -309,14 +302,7 @@ def test_slender_body_with_many_masters_keeps_its_basis(method: str) -> None:
     """Nine nodes of a tip face are 1e8 times stiffer against each other than the beam; residual
     flexibility and fixed-interface modes stay accurate."""
     contacts = [
-        {
-            "group": "tip",
-            "at": "nodes",
-            "normal": [1.0, 0.0, 0.0],
-            "friction": 0.5,
-            "normal_stiffness": 1e8,
-            "tangential_stiffness": 1e8,
-        }
+        touching(at="nodes", normal=[1.0, 0.0, 0.0], normal_stiffness=1e8, tangential_stiffness=1e8)
     ]
     options = (f"basis.method='{method}'", "basis.masters='all'", "basis.derivatives=['1V1V']")
     solid = make_solid(beam_scene(3, options, contacts=contacts))
@@ -350,15 +336,13 @@ def test_tributary_areas_add_up_to_area_or_length() -> None:
     """Corner nodes of quadratic tetrahedra have no tributary area and are no contact points; the
     other nodes keep the order along an edge."""
     contacts = [
-        {
-            "group": "tip",
-            "at": "nodes",
-            "normal": [1.0, 0.0, 0.0],
-            "friction": 0.5,
-            "preload": 100.0,
-            "normal_stiffness": 1e6,
-            "tangential_stiffness": 1e6,
-        }
+        touching(
+            at="nodes",
+            normal=[1.0, 0.0, 0.0],
+            preload=100.0,
+            normal_stiffness=1e6,
+            tangential_stiffness=1e6,
+        )
     ]
     for cells, points in (("structured", 9), ("simplex", 5)):
         solid = make_solid(
@@ -431,15 +415,14 @@ def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> No
     if dimension == 3:
         surface["axis"] = [0.0, 0.0, 1.0]
     gap, come, stiffness = 1e-4, 3e-4, 2e9
-    contact = {
-        "group": "tip",
-        "surface": surface,
-        "gap": gap,
-        "approach": [[0.0, 0.0], [0.05, come], [0.06, come]],
-        "normal_stiffness": stiffness,
-        "tangential_stiffness": stiffness,
-        "friction": 0.0,
-    }
+    contact = touching(
+        surface=surface,
+        gap=gap,
+        approach=[[0.0, 0.0], [0.05, come], [0.06, come]],
+        normal_stiffness=stiffness,
+        tangential_stiffness=stiffness,
+        friction=0.0,
+    )
     overrides = (
         *STOCKY,
         *(("geometry.parameters.width=0.1",) * (dimension == 3)),
@@ -470,54 +453,8 @@ def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> No
     assert motion.gap[-1, 0] == pytest.approx(-expected / stiffness, rel=2e-3)
 
 
-@pytest.mark.slow
-def test_points_out_of_reach_are_reported_with_smallest_gap() -> None:
-    """The run reports points that never touch, with their smallest gap; it does not name points
-    that touch."""
-    scene = blade(
-        *SHORT,
-        "contacts.0.gap=3e-3",
-        "contacts.0.approach=[]",
-        "output.pictures=false",
-        "output.paraview=false",
-        "output.motion=false",
-        "output.animation=false",
-        "basis.derivatives='none'",
-    )
-    from mpi4py import MPI
-
-    found = run(scene, MPI.COMM_WORLD)
-    motion = found.motions["reduced"]
-    (sentence,) = [note for note in found.left_out if note.key == "contacts[0]"]
-    least = 1e3 * motion.gap.min()
-    never = "5 of 5 points never touched the surface"
-    assert sentence == f"{never}; the smallest gap was {least:.4g} mm"
-    assert 1.0 < least < 3.0
-    touching = replace(motion, force=np.where(np.arange(5)[:, None] < 2, 1.0, motion.force))
-    assert "3 of 5 points" in out_of_reach(touching, found.solid.points)[0]
-    assert out_of_reach(replace(motion, force=np.ones_like(motion.force)), found.solid.points) == []
-
-
-def test_plan_of_rub_leaves_out_what_a_point_or_a_body_at_rest_does_not_need() -> None:
-    def stages(scene: Scene) -> dict[str, tuple[bool, str]]:
-        return {item.name: (item.needed, item.reason) for item in plan(scene)}
-
-    found = stages(blade())
-    assert found["static modes"] == (True, "basis.masters is 10")
-    assert found["contact weighting"][0] and "1 contact of every" in found["contact weighting"][1]
-    assert found["gyroscopic term"] == (False, "rotation.coriolis is false")
-    assert stages(blade("basis.masters='all'"))["static modes"][1] == "basis.masters is all"
-    found = stages(beam_scene(3))
-    assert found["static modes"] == (True, "basis.masters is all")
-    assert not found["contact weighting"][0]
-    assert found["gyroscopic term"] == found["rotating frame"] == (False, "no rotation")
-    contact = {
-        "group": "tip",
-        "normal": [1.0, 0.0, 0.0],
-        "friction": 0.5,
-        "normal_stiffness": 1e4,
-        "tangential_stiffness": 1e4,
-    }
+def test_number_of_masters_follows_from_the_contacts() -> None:
+    contact = touching(normal=[1.0, 0.0, 0.0])
     contacts = [{**contact, "gap": 1e-3 * number} for number in range(9)]
     masters = [beam_scene(3, contacts=contacts[:count]).basis.masters for count in (4, 5, 8, 9)]
     assert masters == ["all", 15, 24, 10]

@@ -14,7 +14,7 @@ import gmsh
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from support import refusal
+from support import refusal, touching
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.inspection import inspect
@@ -158,7 +158,7 @@ def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
     assert sizes["body 1"] == pytest.approx(2e-5) and sizes["body 2"] == pytest.approx(1e-5)
 
 
-@pytest.mark.parametrize("build", [boxes, lap, strip_on_plate, rings_on_plate, bolted_plates])
+@pytest.mark.parametrize("build", [strip_on_plate, rings_on_plate, bolted_plates])
 @pytest.mark.slow
 def test_faces_of_touching_bodies_keep_their_places(
     build: Callable[[Any], None], tmp_path: Path
@@ -193,21 +193,21 @@ def test_face_of_a_glued_body_is_the_face_that_a_plane_picks(tmp_path: Path) -> 
     assert mesh.reaches_inside("6+11") and not mesh.reaches_inside("6")
 
 
-@pytest.mark.parametrize(("group", "at"), [("6+11", "nodes"), ("11", "nodes"), ("6", "mean")])
-def test_contact_on_a_glued_face_is_refused(group: str, at: str, tmp_path: Path) -> None:
-    path = step_file(tmp_path / "lap.step", lap)
-    contact = {"group": group, "at": at, "normal": [0.0, 0.0, -1.0], "friction": 0.1, "gap": 0.0}
-    contact |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
+def test_contact_on_a_glued_face_is_refused(tmp_path: Path) -> None:
+    path, mesh = step_file(tmp_path / "lap.step", lap), None
+    contact = touching(normal=[0.0, 0.0, -1.0], gap=0.0)
     table = {
         "geometry": {"mesh": path.name, "dimension": 3, "size": 0.02, "degree": 1},
         "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
         "supports": [{"group": "1"}],
-        "contacts": [contact],
         "time": {"duration": 1e-3, "step": 1e-5},
     }
-    scene = parse_scene(table, "scene", tmp_path, unloaded=True)
-    with refusal(ErrorKind.PLACE, "contacts[0].group", "scene", names=f"'{group}'"):
-        solid_of(scene, build_mesh(scene.geometry, MPI.COMM_WORLD))
+    for group, at in (("6+11", "nodes"), ("6", "mean")):
+        contacts = {"contacts": [{**contact, "group": group, "at": at}]}
+        scene = parse_scene(table | contacts, "scene", tmp_path, unloaded=True)
+        mesh = mesh or build_mesh(scene.geometry, MPI.COMM_WORLD)
+        with refusal(ErrorKind.PLACE, "contacts[0].group", "scene", names=f"'{group}'"):
+            solid_of(scene, mesh)
 
 
 @pytest.mark.slow
@@ -236,20 +236,15 @@ def test_unknown_face_is_refused(tmp_path: Path) -> None:
         read(path, 5e-3, meshing=Meshing(near=(Refinement(group="7"),)))
 
 
-@pytest.mark.parametrize("kind", ["supports", "contacts"])
-def test_unknown_face_is_refused_by_the_key_that_names_it(kind: str, tmp_path: Path) -> None:
+def test_unknown_face_is_refused_by_the_key_that_names_it(tmp_path: Path) -> None:
     path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
     table = {
         "geometry": {"mesh": path.name, "dimension": 3, "size": 5e-3},
         "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
-        "supports": [{"group": "1"}],
+        "supports": [{"group": "7"}],
     }
-    contact = {"group": "7", "normal": [0.0, 0.0, 1.0], "gap": 0.0, "friction": 0.1}
-    contact |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
-    table["time"] = {"duration": 1e-3, "step": 1e-5}
-    table[kind] = [{"group": "7"}] if kind == "supports" else [contact]
     geometry = parse_scene(table, "scene", tmp_path, unloaded=True).geometry
-    with refusal(ErrorKind.PLACE, f"{kind}[0].group", "box.step", names="'7'"):
+    with refusal(ErrorKind.PLACE, "supports[0].group", "box.step", names="'7'"):
         build_mesh(geometry, MPI.COMM_WORLD)
 
 
@@ -260,14 +255,8 @@ def test_structured_box_has_hexahedra(tmp_path: Path) -> None:
     assert 20 * 4 * 2 <= cells(mesh) < 2 * 20 * 4 * 2 and volume(mesh) == pytest.approx(2e-5)
 
 
-def test_structured_body_without_six_sides_is_refused(tmp_path: Path) -> None:
-    path = step_file(tmp_path / "pin.step", lambda occ: occ.addCylinder(0, 0, 0, 0, 0, 50, 5))
-    with refusal(ErrorKind.CONFLICT, "geometry.cells", "pin.step"):
-        read(path, 5e-3, cells="structured")
-
-
 def test_inspection_says_whether_curved_cells_work(tmp_path: Path) -> None:
-    found = inspect(step_file(tmp_path / "tube.step", tube(2.0)), size=0.01)
+    found = inspect(step_file(tmp_path / "tube.step", tube(2.0)), size=0.03)
     assert found.curved.startswith("works") and 0.0 < found.quality < 1.0
 
 

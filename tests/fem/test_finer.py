@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, make_solid, random_field
+from support import STOCKY, beam_scene, make_solid, random_field, touching
 
 pytest.importorskip("dolfinx")
 
@@ -22,15 +22,7 @@ from fenicsrom.reduction.candidates import finer_model
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 
-SPREAD = {
-    "group": "tip",
-    "at": "nodes",
-    "normal": [1.0, 0.0],
-    "preload": 1.0,
-    "friction": 0.1,
-    "normal_stiffness": 1e4,
-    "tangential_stiffness": 1e4,
-}
+SPREAD = touching(at="nodes", normal=[1.0, 0.0], preload=1.0, friction=0.1)
 PRESSED = {"group": "load", "direction": [0.0, 1.0], "force": 1.0, "frequency": 1.0}
 BODY = {"direction": [0.0, 1.0], "acceleration": 9.81}
 

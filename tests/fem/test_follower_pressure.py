@@ -194,10 +194,7 @@ def ring_scene(folder: Path, load: dict[str, Any], **tables: Any) -> Scene:
         folder=folder,
         geometry={"mesh": "ring.geo", "dimension": 2, "thickness": 1.0, "curved": True},
         material={"young": YOUNG, "poisson": 0.3, "density": 7800.0},
-        supports=[
-            {"group": "right", "components": ["y"]},
-            {"group": "top", "components": ["x"]},
-        ],
+        supports=[{"group": "right", "components": ["y"]}, {"group": "top", "components": ["x"]}],
         loads=[{"group": "outside", **load}],
         **tables,
     )
@@ -368,10 +365,7 @@ def test_full_model_moves_as_the_reduced_model_of_all_unknowns() -> None:
         beam_scene(
             2,
             (*STOCKY, "geometry.parameters.elements_along=2", "geometry.parameters.height=0.05"),
-            loads=[
-                {**below, "pressure": 2e6, "frequency": 40.0},
-                {**below, "pressure": 5e5},
-            ],
+            loads=[{**below, "pressure": 2e6, "frequency": 40.0}, {**below, "pressure": 5e5}],
             contacts=[touch],
             time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
         )

@@ -17,7 +17,7 @@ import meshio
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from support import group_names, needs_mpirun, on_ranks, refusal
+from support import group_names, needs_mpirun, on_ranks, refusal, touching
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import inspect
@@ -193,7 +193,9 @@ def test_stiffness_of_each_format_matches_gmsh(tmp_path: Path, kind: str, suffix
         assert integral(other, 1.0, other.surface(mine)) == pytest.approx(expected_area, rel=1e-12)
 
 
-@pytest.mark.parametrize(("kind", "suffix"), [file for file in FILES if file[0] in QUADRATIC])
+@pytest.mark.parametrize(
+    ("kind", "suffix"), [("hexahedron20", ".inp"), ("tetra10", ".bdf"), ("quad8", ".vtu")]
+)
 def test_midside_nodes_of_each_format_are_at_midsides(
     tmp_path: Path, kind: str, suffix: str
 ) -> None:
@@ -318,15 +320,9 @@ INVERTED = "2,5,11,9,7,6,10,12,8"  # the second cell with two nodes exchanged
     ("old", "new", "names"),
     [
         ("C3D8", "C3D99", "C3D99"),
-        ("*NODE\n", "*NODE\n1, 9., 0., 0.\n*NODE\n", "node 1"),
-        ("*NSET, NSET=root\n", "*NSET, NSET=both\nroot, tip\n*NSET, NSET=root\n", "tip"),
-        ("*NSET, NSET=root\n", "*ELSET, ELSET=both\nroot\n*NSET, NSET=root\n", "root"),
         ("2,5,9,", "2,5,99,", "99"),
-        ("2,5,9,11,7,6,10,12,8\n", "2,5,9,11,7,6\n", ""),
-        ("1,1,5,7,3,2,6,8,4\n2,5,9,11,7,6,10,12,8\n", "", ""),
         ("\n1, 0.0000000000000000e+00", "\n1, nan", "coordinate"),
         ("2,5,9,11,7,6,10,12,8", INVERTED, "1 cell "),
-        ("C3D8", "C3D18", ""),
     ],
 )
 def test_damaged_abaqus_file_is_refused(tmp_path: Path, old: str, new: str, names: str) -> None:
@@ -343,8 +339,6 @@ def test_damaged_abaqus_file_is_refused(tmp_path: Path, old: str, new: str, name
     [
         ("ENDDATA", "", "ENDDATA"),
         ("GRID*   2" + 16 * " ", "GRID*   2" + 15 * " " + "7", "coordinate system"),
-        ("CHEXA", "CSTRO", "no cells"),
-        ("GRID*   3 ", "GRID*   4 ", ""),
     ],
 )
 def test_damaged_nastran_file_is_refused(tmp_path: Path, old: str, new: str, names: str) -> None:
@@ -359,23 +353,17 @@ def test_nastran_without_begin_bulk_is_read_and_empty_file_is_refused(tmp_path: 
     path = cube(tmp_path / "two.bdf")
     path.write_text(path.read_text().replace("BEGIN BULK\n", ""))
     assert integral(read(path), 1.0) == pytest.approx(2.0)
-    for text in ("BEGIN BULK\nENDDATA\n", "ENDDATA\n", "SOL 101\nCEND\nBEGIN BULK\n$\nENDDATA\n"):
-        path.write_text(text)
-        with refusal(ErrorKind.FORMAT, file="two.bdf", names="no cells"):
-            read(path)
+    path.write_text("BEGIN BULK\nENDDATA\n")
+    with refusal(ErrorKind.FORMAT, file="two.bdf", names="no cells"):
+        read(path)
 
 
 def test_contact_on_a_node_set_that_is_an_element_set_too_takes_areas(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp", point_sets={"root": np.arange(4), "tip": np.arange(8, 12)})
     path.write_text(path.read_text() + "*ELSET, ELSET=tip\n2\n*ELSET, ELSET=root\n1\n")
-    contact = {
-        "group": "tip",
-        "at": "nodes",
-        "normal": [1, 0, 0],
-        "normal_stiffness": 1e6,
-        "tangential_stiffness": 1e6,
-        "friction": 0.3,
-    }
+    contact = touching(
+        at="nodes", normal=[1, 0, 0], normal_stiffness=1e6, tangential_stiffness=1e6, friction=0.3
+    )
     made = table(path, {"group": "root"}, {"group": "tip"}) | {"contacts": [contact]}
     solid = solid_of(parse_scene(made, "s.toml", tmp_path), read(path))
     assert solid.points.tributary_area.sum() == pytest.approx(1.0, rel=1e-12)
@@ -385,14 +373,11 @@ def test_contact_on_a_node_set_that_is_an_element_set_too_takes_areas(tmp_path: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", [".inp", ".bdf", ".vtu", ".step", ".msh"])
-@pytest.mark.parametrize("keep", [0.0, 0.5])
+@pytest.mark.parametrize(("suffix", "keep"), [(".inp", 0.0), (".vtu", 0.5), (".step", 0.5)])
 def test_truncated_file_is_refused(tmp_path: Path, suffix: str, keep: float) -> None:
     path = tmp_path / f"short{suffix}"
     if suffix == ".step":
         write_step(path)
-    elif suffix == ".msh":
-        write_msh(path, "tetra", False)
     else:
         cube(path)
     data = path.read_bytes()
@@ -407,13 +392,6 @@ def test_unsupported_cells_are_refused(tmp_path: Path) -> None:
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
     meshio.Mesh(points, [("VTK_LAGRANGE_TETRAHEDRON", [[0, 1, 2, 3]])]).write(path)
     with refusal(ErrorKind.FORMAT, file="prism.vtu", names="VTK_LAGRANGE_TETRAHEDRON"):
-        read(path)
-
-
-def test_missing_meshio_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = cube(tmp_path / "two.vtu")
-    monkeypatch.setitem(sys.modules, "meshio", None)
-    with refusal(ErrorKind.DEPENDENCY, file="two.vtu", names="meshio"):
         read(path)
 
 
@@ -556,9 +534,8 @@ def write_step(path: Path) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", [".step", ".STP"])
-def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
-    path = write_step(tmp_path / "rod.step").rename(tmp_path / f"rod{suffix}")
+def test_step_file_is_meshed(tmp_path: Path) -> None:
+    path = write_step(tmp_path / "rod.step").rename(tmp_path / "rod.STP")
     coarse, fine = (read(path, size=size, curved=True) for size in (0.01, 0.005))
     volume = np.pi * 0.01**2 * 0.1
     assert integral(coarse, 1.0) == pytest.approx(volume, rel=2e-2)
@@ -619,12 +596,8 @@ UNIT_BOX = [[0, 0, 0], [1, 1, 1]]
     ("support", "kind", "key"),
     [
         ({}, ErrorKind.MISSING, "group"),
-        ({"box": [[0, 0, 0]]}, ErrorKind.TYPE, "box"),
-        ({"box": [[0, 0, 0], [1, 1]]}, ErrorKind.RANGE, "box"),
         ({"box": [[0, 0], [1, 1]]}, ErrorKind.CONFLICT, "box[0]"),
         ({"plane": {"point": [0, 0, 0]}}, ErrorKind.MISSING, "plane.normal"),
-        ({"plane": {"point": [0, 0, 0], "normal": [0, 0, 0]}}, ErrorKind.RANGE, "plane.normal"),
-        ({"plane": {"point": [0, 0, 0], "normal": [1, 0]}}, ErrorKind.CONFLICT, "plane.normal"),
         ({"group": "a", "box": UNIT_BOX}, ErrorKind.CONFLICT, "box"),
     ],
 )
@@ -640,8 +613,6 @@ def test_wrong_support_is_refused(
     [
         ({}, ErrorKind.MISSING, "group"),
         ({"nearest": [0, 0, 0], "node": [0, 0, 0]}, ErrorKind.CONFLICT, "nearest"),
-        ({"nearest": [0, 0, 0], "at": "centre"}, ErrorKind.CONFLICT, "at"),
-        ({"nearest": [0, 0]}, ErrorKind.CONFLICT, "nearest"),
     ],
 )
 def test_wrong_place_is_refused(
@@ -796,11 +767,3 @@ def test_two_ranks_give_the_same_imported_mesh(tmp_path: Path) -> None:
         assert np.allclose(one[1], two[1], rtol=1e-8) and min(one[1]) > 0
         assert np.allclose(one[2], two[2], atol=1e-12)
     assert dict(map(tuple, found[0][2][3])) == {"tip_nodes": 17}  # shared by the ranks
-
-
-def test_mesh_with_a_node_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    from fenicsrom.fem.mesh.gmsh_model import check_conforming
-
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
-    with refusal(ErrorKind.MESH, file="a.msh", names="not finite"):
-        check_conforming(str(tmp_path / "a.msh"), 2, np.array([[0, 1, 2]]), points, 2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -42,9 +41,7 @@ def write_box(path: Path, incomplete: bool = False) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "before"),
-    [(suffix, "") for suffix in (".msh", ".unv", ".step", ".MSH")]
-    + [(".msh", "\n"), (".msh", "// $MeshFormat\n"), (".msh", "# $MeshFormat\n")],
+    ("suffix", "before"), [(".msh", ""), (".unv", ""), (".step", ""), (".msh", "// $MeshFormat\n")]
 )
 def test_script_with_the_suffix_of_data_does_not_run(
     tmp_path: Path, suffix: str, before: str
@@ -56,9 +53,8 @@ def test_script_with_the_suffix_of_data_does_not_run(
     assert not ran.exists()
 
 
-@pytest.mark.parametrize("suffix", [".msh", ".unv"])
-def test_script_beside_a_mesh_does_not_run(tmp_path: Path, suffix: str) -> None:
-    ran, path = tmp_path / "ran", write_box(tmp_path / f"a{suffix}")
+def test_script_beside_a_mesh_does_not_run(tmp_path: Path) -> None:
+    ran, path = tmp_path / "ran", write_box(tmp_path / "a.msh")
     for name in (f"{path}.opt", tmp_path / "a.opt", tmp_path / "a.geo"):
         Path(name).write_text(f'SystemCall "touch {ran}";\n')
     found = inspect(path)
@@ -100,11 +96,4 @@ def test_node_number_given_twice_is_refused(tmp_path: Path) -> None:
         "$Elements\n1\n1 3 2 1 1 1 2 3 4\n$EndElements\n"
     )
     with refusal(ErrorKind.FORMAT, file="a.msh", names="node 4"):
-        inspect(path)
-
-
-def test_message_names_the_file_and_not_its_link(tmp_path: Path) -> None:
-    path = write_box(tmp_path / "a.msh")
-    path.write_text(re.sub(r"\$Elements.*", "$Elements\nrubbish\n", path.read_text(), flags=re.S))
-    with refusal(ErrorKind.MESH, file="a.msh"):
         inspect(path)

@@ -27,10 +27,7 @@ from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.online.store.archive import FORMS, makers
 from fenicsrom.online.store.store import pack, unpack
-from fenicsrom.online.stress.reactions import (
-    Recovery,
-    equilibrium_reactions,
-)
+from fenicsrom.online.stress.reactions import Recovery, equilibrium_reactions
 from fenicsrom.online.stress.stress import StressLaw
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, Material, make_scene
@@ -171,7 +168,7 @@ def test_bimaterial_bar_has_the_frequencies_of_the_closed_form(tmp_path: Path) -
     np.testing.assert_allclose(found, exact, rtol=1e-5)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])
+@pytest.mark.parametrize("angle", [0.4, 1.1])
 def test_tension_of_a_turned_lamina_stretches_and_shears_by_the_closed_form(angle: float) -> None:
     """Off-axis modulus and coupling of shear and extension (Jones, 1999, equations 2.94).
 
@@ -320,8 +317,9 @@ def test_orthotropic_material_of_equal_constants_is_isotropic(plane: str) -> Non
     np.testing.assert_allclose(matrices[0], matrices[1], rtol=0, atol=1e-12 * matrices[1].max())
 
 
-@pytest.mark.parametrize("plane", ["stress", "strain", None])
-@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize(
+    ("plane", "linear"), [("stress", False), ("strain", False), (None, False), ("stress", True)]
+)
 def test_stresses_of_orthotropic_material_of_equal_constants_are_isotropic(
     plane: str | None, linear: bool
 ) -> None:
@@ -362,15 +360,9 @@ def test_turned_body_has_the_frequencies_of_the_turned_material(tmp_path: Path) 
     ("changes", "kind", "key"),
     [
         ({"poisson": 0.3}, ErrorKind.CONFLICT, "material.poisson"),
-        ({"poisson": [0.3, 0.2]}, ErrorKind.CONFLICT, "material.poisson"),
-        ({"shear": 5e9}, ErrorKind.CONFLICT, "material.shear"),
         ({"shear": None}, ErrorKind.MISSING, "material.shear"),
-        ({"poisson": [4.0, 0.25, 0.4]}, ErrorKind.RANGE, "material.poisson"),
         ({"poisson": [0.3, 0.9, 1.02]}, ErrorKind.RANGE, "material.poisson"),
-        ({"young": 140e9}, ErrorKind.CONFLICT, "material.poisson"),
         ({"axes": [[1.0, 0.0, 0.0]]}, ErrorKind.CONFLICT, "material.axes[0]"),
-        ({"axes": [[1.0, 0.0], [0.0, 1.0]]}, ErrorKind.CONFLICT, "material.axes"),
-        ({"young": [140e9]}, ErrorKind.RANGE, "material.young"),
     ],
 )
 def test_constants_that_do_not_agree_are_refused(
@@ -385,12 +377,9 @@ def test_constants_that_do_not_agree_are_refused(
     ("materials", "kind", "key"),
     [
         ([{"group": "both"}, {"group": "right"}], ErrorKind.CONFLICT, "materials[1].group"),
-        ([{"group": "left"}] * 2, ErrorKind.CONFLICT, "materials[1].group"),
         ([{"group": "middle"}], ErrorKind.PLACE, ""),
-        ([{"group": "left", "thickness": 1.0}], ErrorKind.CONFLICT, "materials[0].thickness"),
-        ([{}], ErrorKind.MISSING, "materials[0].group"),
     ],
-    ids=["overlap", "twice", "unknown", "thickness", "no group"],
+    ids=["overlap", "unknown"],
 )
 def test_bad_groups_of_materials_are_refused(
     materials: list[dict[str, Any]], kind: ErrorKind, key: str, tmp_path: Path

@@ -31,7 +31,7 @@ def model(tmp_path: Path, text: str, suffix: str = ".bdf") -> MeshFile:
     return read(path)
 
 
-@pytest.mark.parametrize("suffix", [".bdf", ".nas", ".dat", ".BDF"])
+@pytest.mark.parametrize("suffix", [".nas", ".BDF"])
 def test_cube_is_read_with_its_property_as_group(tmp_path: Path, suffix: str) -> None:
     mesh = model(tmp_path, GRIDS + HEXA, suffix)
     assert mesh.blocks[0].kind == 5 and mesh.blocks[0].groups.keys() == {"7"}
@@ -42,7 +42,6 @@ def test_cube_is_read_with_its_property_as_group(tmp_path: Path, suffix: str) ->
     "text",
     [
         small("CHEXA", 1, 7, 1, 2, 3, 4, 5, 6) + small("", 7, 8),
-        small("CHEXA", 1, 7, 1, 2, 3, 4, 5, 6, "+") + small("+", 7, 8),
         small("chexa", 1, 7, 1, 2, 3, 4, 5, 6) + small("+", 7, 8),
         "CHEXA,1,7,1,2,3,4,5,6\n,7,8\n",
         "CHEXA,1,7,1,2,3,4,5,6,+B\n+B,7,8\n",
@@ -57,7 +56,7 @@ def test_every_field_format_and_continuation_is_read(tmp_path: Path, text: str) 
     assert np.array_equal(mesh.blocks[0].nodes, [range(8)])
 
 
-@pytest.mark.parametrize("text", ["1.5-3", "1.5E-3", "1.5D-3", ".0015", "+1.5-3", "15.-4"])
+@pytest.mark.parametrize("text", ["1.5D-3", "+1.5-3", "15.-4"])
 def test_reals_without_exponent_letter_are_read(tmp_path: Path, text: str) -> None:
     mesh = model(tmp_path, GRIDS + small("GRID", 9, "", text) + HEXA)
     assert mesh.points[8, 0] == pytest.approx(1.5e-3, rel=1e-15)
@@ -79,7 +78,7 @@ def quadratic(kind: str) -> tuple[list[tuple[float, ...]], list[int]]:
 
 
 @pytest.mark.parametrize(("name", "kind"), [("CHEXA", 17), ("CTETRA", 11)])
-@pytest.mark.parametrize("missing", [(), (9,), (10,), (9, 10)])
+@pytest.mark.parametrize("missing", [(), (9, 10)])
 def test_quadratic_solids_have_their_nodes_on_their_edges(
     tmp_path: Path, name: str, kind: int, missing: tuple[int, ...]
 ) -> None:
@@ -122,7 +121,7 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     ]
 
 
-@pytest.mark.parametrize("card", ["CROD", "CTUBE", "CBAR", "CBEAM", "CONROD"])
+@pytest.mark.parametrize("card", ["CBEAM", "CONROD"])
 def test_grids_of_a_line_stand_behind_its_property(tmp_path: Path, card: str) -> None:
     """A grid that the file does not hold is named, wherever the card has it."""
     first = (3,) if card == "CONROD" else (4, 3)
@@ -147,16 +146,16 @@ BY_GRIDS = small("CORD1R", 8, 2, 6, 3)
 
 
 @pytest.mark.parametrize(
-    ("system", "place", "expected"),
+    ("system", "place", "expected", "default"),
     [
-        (5, (2.0, 90.0, 3.0), (1.0, 2.0, 3.0)),
-        (6, (2.0, 90.0, 90.0), (0.0, 2.0, 0.0)),
-        (6, (2.0, 0.0, 45.0), (0.0, 0.0, 2.0)),
-        (7, (1.0, 2.0, 3.0), (-1.0, 2.0, 3.0)),
-        (8, (1.0, 2.0, 3.0), (-1.0, 1.0, 3.0)),
+        (5, (2.0, 90.0, 3.0), (1.0, 2.0, 3.0), False),
+        (5, (2.0, 90.0, 3.0), (1.0, 2.0, 3.0), True),
+        (6, (2.0, 90.0, 90.0), (0.0, 2.0, 0.0), False),
+        (6, (2.0, 0.0, 45.0), (0.0, 0.0, 2.0), True),
+        (7, (1.0, 2.0, 3.0), (-1.0, 2.0, 3.0), False),
+        (8, (1.0, 2.0, 3.0), (-1.0, 1.0, 3.0), False),
     ],
 )
-@pytest.mark.parametrize("default", [False, True])
 def test_coordinate_systems_are_honoured(
     tmp_path: Path, system: int, place: tuple, expected: tuple, default: bool
 ) -> None:
@@ -180,19 +179,11 @@ def test_included_files_are_read(tmp_path: Path) -> None:
     ("text", "names"),
     [
         (small("CPENTA", 2, 7, 1, 2, 3, 5, 6), "CPENTA"),
-        (small("CHEXCZ", 2, 7, 1, 2, 3, 4, 5), "CHEXCZ"),
         (small("GRID", 1, "", 0.0, 0.0, 0.5), "GRID 1"),
         (small("GRID", 9, 44, 0.0, 0.0, 0.5), "coordinate system 44"),
-        (small("GRDSET", "", 44) + small("GRID", 9), "coordinate system 44"),
-        (small("GRID", 9, "", "abc"), "abc"),
-        (small("CTETRA", 1, 7, 1, 2, 3, 5), "element 1"),
-        (small("CHEXA", 3, 7, 1, 2, 3, 4, 5, 6) + small("", 7, 8), "1 and 3"),
-        (small("CTETRA", 3, 7, 1, 2, 3), "CTETRA 3"),
         (small("CTETRA", 3, 7, 1, 2, 3, 99), "GRID 99"),
-        (small("+X", 7, 8), "+X"),
         (small("=", "*1", "="), "replication"),
         ("BEGIN SUPER=1\n", "superelements"),
-        ("CHEXA,3,7,1,2,3,4,5,6,7,8\n", "fields"),
     ],
 )
 def test_what_cannot_be_honoured_is_refused_by_name(tmp_path: Path, text: str, names: str) -> None:

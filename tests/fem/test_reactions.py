@@ -17,11 +17,7 @@ pytest.importorskip("dolfinx")
 from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.stress.reactions import (
-    Reactions,
-    equilibrium_reactions,
-    motion_reactions,
-)
+from fenicsrom.online.stress.reactions import Reactions, equilibrium_reactions, motion_reactions
 from fenicsrom.online.stress.stress import StressLaw
 from fenicsrom.reduction.stages import Reduction
 

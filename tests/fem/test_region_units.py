@@ -170,8 +170,6 @@ DECKS = {
 1, 2, 3, 5, 6, 7
 *NSET, NSET=edge
 4, 11, 14
-*NSET, NSET=ends
-4, 11
 *NSET, NSET=half
 4, 14
 *NSET, NSET=face
@@ -204,17 +202,15 @@ DECKS = {
 }
 
 
-@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
-    ("deck", "group", "unit", "total"),
+    ("deck", "group", "unit", "total", "degree"),
     [
-        ("brick", "edge", "node", 2 * 2e4),
-        ("brick", "face", "mm² of facets", 100 * 2e4),
-        ("quadratic", "edge", "node", 3 * 2e4),
-        ("quadratic", "ends", "node", 2 * 2e4),
-        ("quadratic", "half", "node", 2 * 2e4),
-        ("plane", "inner", "node", 3 * 2e4),
-        ("plane", "face", "mm² of facets", 20 * 2e4),
+        ("brick", "edge", "node", 2 * 2e4, 2),
+        ("brick", "face", "mm² of facets", 100 * 2e4, 1),
+        ("quadratic", "edge", "node", 3 * 2e4, 1),
+        ("quadratic", "half", "node", 2 * 2e4, 2),
+        ("plane", "inner", "node", 3 * 2e4, 1),
+        ("plane", "face", "mm² of facets", 20 * 2e4, 2),
     ],
 )
 def test_node_set_of_a_deck_has_the_stiffness_of_its_nodes_unless_it_is_a_face(
@@ -304,10 +300,8 @@ def test_node_set_of_a_deck_is_exported_with_its_nodes(tmp_path: Path) -> None:
     assert {name: len(nodes) for name, nodes in groups.items()} == {"root": 8, "edge": 2, "face": 8}
 
 
-@pytest.mark.parametrize(("dimension", "region"), [(2, "nodes"), (3, "edges")])
-def test_region_in_millimetres_moves_as_in_si_units(
-    tmp_path: Path, dimension: int, region: str
-) -> None:
+def test_region_in_millimetres_moves_as_in_si_units(tmp_path: Path) -> None:
+    dimension, region = 3, "edges"
     plain, other = (
         build_model(bar(tmp_path, dimension, region, system)).simulate()
         for system in (None, "mm, t, s")
@@ -324,13 +318,8 @@ def test_region_in_millimetres_moves_as_in_si_units(
     np.testing.assert_allclose(found.gap, alone.simulate().gap, rtol=1e-9, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("parameter", "value"), [("contacts.0.preload", 12.0), ("loads.0.force", 30.0)]
-)
-def test_family_over_a_number_is_that_of_si_units(
-    tmp_path: Path, parameter: str, value: float
-) -> None:
-    found = []
+def test_family_over_a_number_is_that_of_si_units(tmp_path: Path) -> None:
+    parameter, value, found = "contacts.0.preload", 12.0, []
     for system, unit in ((None, 1.0), ("in, slinch, s", POUND)):
         response = {"parameter": parameter, "first": 0.5 * value / unit, "last": value / unit}
         scene = bar(tmp_path, 3, "nodes", system, response=response)

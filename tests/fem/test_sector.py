@@ -50,7 +50,7 @@ def found(points: Any, cells: Any) -> Sector | None:
     return find_sector(points, sides[first[count == 1]])
 
 
-@pytest.mark.parametrize("number", [3, 5, 24, 60])
+@pytest.mark.parametrize("number", [3, 24])
 def test_sector_is_found_about_any_axis(number: int) -> None:
     points, cells = ring(360.0 / number)
     turn, move = Rotation.from_rotvec([0.4, -1.1, 0.3]), np.array([0.3, 0.1, -0.2])
@@ -69,8 +69,8 @@ SHIFTS = {  # of the angle of the cut faces, rad, over radius and height from 0 
 
 
 @pytest.mark.parametrize("shift", SHIFTS.values(), ids=SHIFTS)
-@pytest.mark.parametrize("number", [8, 24])
-def test_sector_between_curved_or_kinked_cuts_is_found(number: int, shift: Any) -> None:
+def test_sector_between_curved_or_kinked_cuts_is_found(shift: Any) -> None:
+    number = 8
     at, cells = grid((8, 3, 4))
     r, angle = 0.06 + 0.09 * at[:, 0], 2.0 * np.pi / number * at[:, 1]
     angle += shift(at[:, 0], at[:, 2])

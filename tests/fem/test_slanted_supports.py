@@ -89,18 +89,6 @@ SLANTED_ROLLER = {"node": [1.0, 0.0], "normal": [0.0, 1.0]}
 MASS = [{"node": [1.0, 0.0], "mass": 0.3, "stiffness": 2e5}]
 
 
-def test_turned_beam_on_a_roller_has_the_frequencies_of_the_beam() -> None:
-    """A mass and a spring sit on the roller."""
-    flat = turned(0.0, [HINGE, ROLLER], attachments=MASS)
-    slanted = turned(ANGLE, [HINGE, SLANTED_ROLLER], attachments=MASS)
-    assert slanted.free == flat.free
-    np.testing.assert_allclose(frequencies(slanted), frequencies(flat), rtol=1e-9)
-    modes = component_modes(slanted, Basis(modes=4)).normal
-    held = turn(2, ANGLE) @ [0.0, 1.0]
-    at = slanted.place(scene_of(slanted).attachments[0].place, "attachments[0]")[0]
-    assert np.abs(held @ at @ modes).max() < 1e-12 * np.abs(modes).max()
-
-
 def test_turned_solid_between_planes_has_the_frequencies_of_the_solid() -> None:
     """In space: a face that slides in its plane, and an edge of nodes held in two directions."""
     sizes = ("length=1", "height=0.2", "width=0.15", "elements_along=2", "load_at=0.5")
@@ -253,19 +241,12 @@ def test_tangent_and_mass_are_those_of_the_projected_unknowns() -> None:
     [
         ([{"group": "root", "normal": [1.0, 0.1]}], ErrorKind.SUPPORT, "supports"),
         (
-            [{"group": "root", "normal": [1.0, 1.0]}, {"group": "tip", "normal": [2.0, 2.0]}],
-            ErrorKind.SUPPORT,
-            "supports",
-        ),
-        (
             [{"group": "root", "normal": [1.0, 0.0], "components": ["y"]}],
             ErrorKind.CONFLICT,
             "supports[0].normal",
         ),
-        ([{"group": "root", "normal": [1.0, 0.0, 0.0]}], ErrorKind.CONFLICT, "supports[0].normal"),
-        ([{"group": "root", "normal": [0.0, 0.0]}], ErrorKind.RANGE, "supports[0].normal"),
     ],
-    ids=["slides", "parallel", "components", "3D", "zero"],
+    ids=["slides", "components"],
 )
 def test_bad_slanted_support_is_refused(
     supports: list[dict[str, Any]], kind: ErrorKind, key: str

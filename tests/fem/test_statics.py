@@ -234,7 +234,7 @@ def test_too_little_memory_is_no_singular_matrix() -> None:
         assert caught.value.kind is kind
 
 
-@pytest.mark.parametrize("stiffness", [1e-20, 1.0, 1e20])
+@pytest.mark.parametrize("stiffness", [1e-20, 1e20])
 def test_soft_and_stiff_matrices_have_factors(stiffness: float) -> None:
     side = scipy.sparse.diags_array([[2.0] * 12, [-1.0] * 11, [-1.0] * 11], offsets=[0, 1, -1])
     rows = scipy.sparse.csr_array(stiffness * side)

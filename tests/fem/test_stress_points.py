@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import KINDS_OF_CELLS, STOCKY, beam_scene, enriched, make_solid, random_field, scene_of
+from support import KINDS_OF_CELLS, STOCKY, beam_scene, make_solid, random_field, scene_of
 
 from fenicsrom.online.stress.stress import stiffness
 
@@ -91,7 +91,7 @@ def solid_volume(solid: Any) -> float:
     return float(fem.assemble_scalar(fem.form(solid.thickness * one * solid.dx)))
 
 
-@pytest.mark.parametrize("kind", ["plane stress", "triangles", "hexahedra", "tetrahedra"])
+@pytest.mark.parametrize("kind", ["plane stress", "tetrahedra"])
 def test_linear_stress_is_recovered_exactly(kind: str) -> None:
     """Quadratic displacements of a linear scene have linear stresses, at the vertices too."""
     dimension, overrides = KINDS[kind]
@@ -109,9 +109,7 @@ def test_linear_stress_is_recovered_exactly(kind: str) -> None:
     means = table.in_cells(table.stress(np.ones(1)))
     centres = table.in_cells(table.position)
     np.testing.assert_allclose(
-        means[:, 0],
-        along * 1e-3 * centres[:, 1],
-        atol=1e-10 * np.abs(expected).max(),
+        means[:, 0], along * 1e-3 * centres[:, 1], atol=1e-10 * np.abs(expected).max()
     )
 
 
@@ -211,15 +209,3 @@ def test_prestressed_equilibrium_turns_with_the_body(
     np.testing.assert_allclose(there.stress(q), here.stress(q), rtol=0, atol=1e-9 * size)
     expected = turn @ tensors(here.stress(q, CAUCHY)) @ turn.T
     np.testing.assert_allclose(tensors(there.stress(q, CAUCHY)), expected, rtol=0, atol=1e-9 * size)
-
-
-def test_reduced_model_reproduces_stresses_of_its_snapshots(bent2d: Any) -> None:
-    """Stresses of a displacement in the span of a basis about a prestressed equilibrium."""
-    _, _, basis = enriched(bent2d, modes=2)
-    table = stress_table(bent2d, scene_of(bent2d), bent2d.equilibrium, basis.vectors)
-    q = np.random.default_rng(1).uniform(-1.0, 1.0, basis.size)
-    q *= 0.02 / np.abs(basis.vectors @ q).max()
-    for measure in MEASURES:
-        expected = full_stress(bent2d, bent2d.equilibrium + basis.vectors @ q, measure)
-        found = table.stress(q, measure)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
