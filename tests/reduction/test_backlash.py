@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, make_solid
+from support import STOCKY, beam_scene, make_solid, touching
 
 pytest.importorskip("dolfinx")
 
@@ -13,14 +13,9 @@ from fenicsrom.reduction.modes import independent_coordinates, master_directions
 
 def stop(up: float) -> dict[str, object]:
     """A stop above or below the tip."""
-    return {
-        "group": "tip",
-        "normal": [0.0, up],
-        "gap": 1e-3,
-        "friction": 0.1,
-        "normal_stiffness": 1e6,
-        "tangential_stiffness": 1e6,
-    }
+    return touching(
+        normal=[0.0, up], gap=1e-3, friction=0.1, normal_stiffness=1e6, tangential_stiffness=1e6
+    )
 
 
 def test_stops_on_both_sides_share_the_coordinates_of_their_point() -> None:

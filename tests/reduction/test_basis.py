@@ -17,9 +17,6 @@ from fenicsrom.reduction.beam import SerialCommunicator
 
 Array = NDArray[np.float64]
 
-METHODS = ["rubin", "craig-bampton"]
-SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
-
 
 def inner(a: Array, b: Array) -> Array:
     return a.T @ (WEIGHTS[:, None] * b)
@@ -90,8 +87,15 @@ def test_basis_without_contact_or_enrichment_is_made() -> None:
     np.testing.assert_array_equal(plain.vectors, MASTERS)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("beam2d", "craig-bampton"),
+        ("beam3d", "rubin"),
+        ("bent2d", "rubin"),
+        ("bent3d", "craig-bampton"),
+    ],
+)
 def test_basis_of_solid_is_exact_at_the_contact(
     name: str, method: str, request: pytest.FixtureRequest
 ) -> None:
@@ -181,7 +185,7 @@ def test_space_extended_by_nearly_dependent_vectors_is_orthonormal(least: float)
     def orthogonal(rows: int, columns: int) -> Array:
         return np.linalg.qr(rng.standard_normal((rows, columns)))[0]
 
-    for _ in range(50):
+    for _ in range(10):
         axes = orthogonal(32, 32)
         mass = axes * np.geomspace(1e-6, 1.0, 32) @ axes.T
         roots = axes / np.sqrt(np.geomspace(1e-6, 1.0, 32))  # roots^T M roots = I

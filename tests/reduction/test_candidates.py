@@ -77,10 +77,7 @@ def test_combinations_of_derivatives_are_independent(elements: int) -> None:
         2,
         contacts=None,
         probe={"group": "tip"},
-        reference={
-            "beam": True,
-            "beam_section": SLENDER | {"elements": elements, "load_at": 1.0},
-        },
+        reference={"beam": True, "beam_section": SLENDER | {"elements": elements, "load_at": 1.0}},
     )
     basis = replace(scene.basis, modes=1, derivatives="none")
     beam, _, more = extended(replace(scene, basis=basis))
@@ -117,8 +114,9 @@ def test_kept_derivatives_are_not_missing() -> None:
     assert "1V1V" not in labels and "1V1S" in labels
 
 
-@pytest.mark.parametrize("direction", [[1, 0], [0.3, 1]])
-@pytest.mark.parametrize(("part", "before"), [(0.2, 0), (0.4, 0), (0.4, 9)])
+@pytest.mark.parametrize(
+    ("part", "before", "direction"), [(0.2, 0, [1, 0]), (0.4, 0, [0.3, 1]), (0.4, 9, [0.3, 1])]
+)
 def test_candidates_judge_an_axial_motion(part: float, before: int, direction: list[float]) -> None:
     """Below the first axial frequency; the next modes bend, and so do the loads before the last."""
     load = {"group": "load", "at": "centre", "force": 1.0, "frequency": 3.2}

@@ -126,7 +126,7 @@ def test_constraint_modes_are_loaded_at_contact_only(body: Any) -> None:
     assert np.abs(beside).max() < 1e-9 * np.abs(k).max() * np.abs(found).max()
 
 
-@pytest.mark.parametrize("count", [0, 1, 4])
+@pytest.mark.parametrize("count", [0, 4])
 def test_residual_flexibility_is_sum_over_omitted_modes(body: Any, count: int) -> None:
     keep, k, m, b = matrices(body)
     squares, vectors = scipy.linalg.eigh(k, m)
@@ -147,17 +147,7 @@ def test_residual_flexibility_is_sum_over_omitted_modes(body: Any, count: int) -
     )
 
 
-def test_residual_flexibility_of_many_modes_is_ill_conditioned(stocky: Any) -> None:
-    conditions = [
-        component_modes(stocky, Basis(method="rubin", modes=count)).flexibility_condition
-        for count in (0, 10, 30)
-    ]
-    assert conditions[0] < 10
-    assert all(condition >= 1.0 for condition in conditions)
-
-
-@pytest.mark.parametrize("angle", [90.0, 30.0])
-@pytest.mark.parametrize("cells", ["structured", "simplex"])
+@pytest.mark.parametrize(("cells", "angle"), [("structured", 90.0), ("simplex", 30.0)])
 def test_mode_pairs_of_square_section_align_with_load(cells: str, angle: float) -> None:
     across = [0.0, float(np.sin(np.radians(angle))), float(np.cos(np.radians(angle)))]
     load = {"group": "load", "direction": across, "force": 1.0, "frequency": 3.2}

@@ -15,7 +15,6 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction import snapshots
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import close_frequency_groups, component_modes
-from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import (
     SNAPSHOT_PERIODS,
     Deflections,
@@ -23,7 +22,7 @@ from fenicsrom.reduction.snapshots import (
     linear_snapshots,
 )
 from fenicsrom.reduction.stages import Reduction, choose
-from fenicsrom.scene import Basis, Scene
+from fenicsrom.scene import Scene
 
 
 def scene_with(**basis: object) -> Scene:
@@ -37,11 +36,6 @@ def beam() -> BeamStructure:
     return beam_structure(scene_with())
 
 
-def test_beam_satisfies_structure(beam: BeamStructure) -> None:
-    structure: Structure = beam  # checked by mypy
-    assert component_modes(structure, Basis(modes=2)).labels == ("1V", "2V", "1S", "2S")
-
-
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_enriched_basis_of_beam_keeps_contact_displacements(method: str) -> None:
     scene = scene_with(method=method, modes=2, derivatives="all", elastic_force="projection")
@@ -51,14 +45,6 @@ def test_enriched_basis_of_beam_keeps_contact_displacements(method: str) -> None
     np.testing.assert_allclose(beam.contact_rows @ basis.vectors, identity, atol=1e-9)
 
 
-def test_all_modes_of_beam_have_its_exact_frequencies(beam: BeamStructure) -> None:
-    import scipy.linalg
-
-    exact = scipy.linalg.eigh(beam.stiffness, beam.mass, eigvals_only=True)[:3]
-    found = component_modes(beam, Basis(modes=3)).omega ** 2
-    np.testing.assert_allclose(found, exact, rtol=1e-6)
-
-
 def test_polynomial_of_beam_is_refused_with_its_key() -> None:
     scene = scene_with(modes=1, derivatives="none", elastic_force="polynomial")
     reduction = Reduction(beam_structure(scene), scene, lambda stage: nullcontext())
@@ -66,12 +52,6 @@ def test_polynomial_of_beam_is_refused_with_its_key() -> None:
         _ = reduction.model
     assert caught.value.kind is ErrorKind.CONFLICT
     assert caught.value.key == "basis.elastic_force"
-
-
-def test_more_modes_than_unknowns_are_refused(beam: BeamStructure) -> None:
-    with pytest.raises(SceneError) as caught:
-        component_modes(beam, Basis(modes=31))
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, "basis.modes")
 
 
 def test_close_frequencies_form_one_group() -> None:

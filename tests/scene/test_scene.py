@@ -21,7 +21,6 @@ from fenicsrom.scene import (
     BeamSection,
     Harmonic,
     Load,
-    Material,
     Place,
     Scene,
     Time,
@@ -42,7 +41,6 @@ from fenicsrom.scene.keys.excitation import shortest_period
 from fenicsrom.scene.reading.reading import shared_meshes
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("*.toml"))
-PAPER = ("open_2d", "slip_liftoff_2d", "slip_liftoff_3d", "stick_slip_2d", "high_load_2d")
 
 RUBBING = """
 [geometry]
@@ -158,110 +156,20 @@ def test_stored_scene_keeps_the_engine_order_until_it_gets_a_frequency() -> None
     assert pickle.loads(pickle.dumps(scene)).at_speed(120.0).loads[0].frequency == 6.0
 
 
-def test_demos_match_the_cases_of_the_paper() -> None:
-    assert {path.stem for path in DEMOS} >= set(PAPER)
-    scenes = {path.stem: read_scene(path) for path in DEMOS if path.stem in PAPER}
-    # name: force, frequency, preload, full model asked for
-    cases = {
-        "open_2d": (111.29, 3.2, None, True),
-        "slip_liftoff_2d": (111.29, 3.2, 40.0, True),
-        "slip_liftoff_3d": (111.29, 3.2, 40.0, False),
-        "stick_slip_2d": (111.29, 8.1, 250.0, True),
-        "high_load_2d": (333.3, 3.2, 200.0, True),
-    }
-    for name, (force, frequency, preload, full) in cases.items():
-        scene = scenes[name]
-        dimension = 3 if name.endswith("3d") else 2
-        (load,) = scene.loads
-        assert scene.geometry.dimension == dimension
-        assert scene.geometry.mesh == (shared_meshes() / f"beam{dimension}d.geo").resolve()
-        assert scene.geometry.thickness == (0.0254 if dimension == 2 else None)
-        assert (
-            scene.geometry.parameters["length"] == 2.54
-            and scene.geometry.parameters["load_at"] == 0.7
-        )
-        assert scene.material == Material(
-            young=207e9, poisson=0.28, density=7801.0, mass_damping=5.0
-        )
-        assert (load.size, load.frequency, load.place) == (
-            force,
-            frequency,
-            Place(group="load", at="centre"),
-        )
-        assert load.direction == (0.0, 1.0, 0.0)[:dimension]
-        assert scene.period == 1 / frequency
-        assert scene.reference.full is full
-        assert scene.reference.beam == BeamSection(
-            length=2.54, height=0.0254, width=0.0254, load_at=0.7
-        )
-        assert (scene.basis.method, scene.basis.modes, scene.basis.derivatives) == (
-            "rubin",
-            "auto",
-            "mmi-nls",
-        )
-        assert scene.basis.threshold == 1e-4
-        assert scene.time.steps_per_period == (500 if name == "stick_slip_2d" else 200)
-        if preload is None:
-            assert scene.contacts == () and scene.probe == Place(group="tip", at="centre")
-        else:
-            (contact,) = scene.contacts
-            assert contact.place == Place(group="tip", at="centre")
-            assert contact.normal == (1.0, 0.0, 0.0)[:dimension]
-            assert (contact.preload, contact.gap, contact.friction) == (preload, 0.0, 0.5)
-            assert (contact.normal_stiffness, contact.tangential_stiffness) == (1e4, 1e4)
-
-
-def may_be_linear(scene: Scene) -> bool:
-    """Whether a demo may be geometrically linear."""
-    return not scene.followers and not (scene.rotation and scene.rotation.history)
-
-
-@pytest.mark.parametrize(
-    "path", [path for path in DEMOS if may_be_linear(read_scene(path))], ids=lambda path: path.stem
-)
-def test_linear_variant_of_demo_changes_one_key(path: Path) -> None:
-    linear = read_scene(path, ["geometrically_nonlinear=false"])
-    title = f"{read_scene(path).title}, geometrically_nonlinear = {{geometrically_nonlinear}}"
-    wanted = dataclasses.replace(read_scene(path), geometrically_nonlinear=False, title=title)
-    assert linear == wanted
-
-
 def test_missing_keys_get_their_defaults() -> None:
-    scene = parse(RUBBING)
-    assert (scene.title, scene.geometrically_nonlinear, scene.source) == ("", True, "s.toml")
-    assert (scene.geometry.cells, scene.geometry.degree, scene.geometry.plane) == (
-        "structured",
-        2,
-        "stress",
-    )
-    assert scene.geometry.curved is False and scene.material.mass_damping == 0.0
-    assert scene.loads[0].place == Place(group="load", at="mean") and scene.loads[
-        0
-    ].history == Harmonic(frequency=3.2)
-    assert scene.contacts[0].gap == 0.0 and scene.probe is None
+    scene, decay = parse(RUBBING), parse(DECAY)
+    geometry, output = scene.geometry, scene.output
+    assert (geometry.cells, geometry.degree, geometry.plane) == ("structured", 2, "stress")
+    assert scene.geometrically_nonlinear and not geometry.curved
+    assert scene.loads[0].place == Place(group="load", at="mean")
+    assert scene.loads[0].history == Harmonic(frequency=3.2)
     assert (scene.basis.differentiation, scene.basis.elastic_force) == ("exact", "polynomial")
     assert scene.time == Time.of(
-        scheme="discrete-gradient",
-        steps_per_period=200,
-        periods=100,
-        steady_tolerance=1e-5,
+        scheme="discrete-gradient", steps_per_period=200, periods=100, steady_tolerance=1e-5
     )
-    assert scene.reference.full is False and scene.reference.beam is None
-    assert (scene.output.pictures, scene.output.paraview, scene.output.motion) == (
-        True,
-        True,
-        False,
-    )
-    assert isinstance(scene.loads[0].size, float) and isinstance(
-        scene.geometry.parameters["length"], float
-    )
-
-    decay = parse(DECAY)
-    assert (decay.geometry.cells, decay.geometry.plane, decay.geometry.thickness) == (
-        None,
-        None,
-        None,
-    )
+    assert (output.pictures, output.paraview, output.motion) == (True, True, False)
+    geometry = decay.geometry
+    assert (geometry.cells, geometry.plane, geometry.thickness) == (None, None, None)
     assert decay.period is None and decay.probe == Place(node=(1.0, 0.0, 0.0))
     assert decay.time == Time.of(
         scheme="generalised-alpha", spectral_radius=0.8, duration=1.0, step=1e-3
@@ -363,7 +271,6 @@ def test_overrides_replace_values_and_make_tables() -> None:
         "loads.1.force=1",
         "loads.force=1",
         "material.young.mean=1",
-        "a" + 50_000 * ".a" + "=1",
     ],
 )
 def test_override_without_place_or_value_is_refused(override: str) -> None:
@@ -389,32 +296,22 @@ def test_override_of_time_removes_what_it_excludes() -> None:
     [
         # unknown keys
         ("materal={}", ErrorKind.UNKNOWN_KEY, "materal"),
-        ("material.yung=1.0", ErrorKind.UNKNOWN_KEY, "material.yung"),
         ("contacts.0.frction=0.3", ErrorKind.UNKNOWN_KEY, "contacts[0].frction"),
-        ("loads.0.qq=1", ErrorKind.UNKNOWN_KEY, "loads[0].qq"),
-        ('source="x"', ErrorKind.UNKNOWN_KEY, "source"),
         # types
         ('material.young="207e9"', ErrorKind.TYPE, "material.young"),
         ("material.young=true", ErrorKind.TYPE, "material.young"),
         ("basis.modes=3.0", ErrorKind.TYPE, "basis.modes"),
-        ("basis.modes=true", ErrorKind.TYPE, "basis.modes"),
         ("output.pictures=1", ErrorKind.TYPE, "output.pictures"),
         ("title=1979-05-27", ErrorKind.TYPE, "title"),
-        ("geometry.dimension=2.0", ErrorKind.TYPE, "geometry.dimension"),
-        ("geometry.degree=true", ErrorKind.TYPE, "geometry.degree"),
         ("geometry=3", ErrorKind.TYPE, "geometry"),
-        ("geometry.parameters=3", ErrorKind.TYPE, "geometry.parameters"),
-        ('loads={group="x"}', ErrorKind.TYPE, "loads"),
         ("loads=[1]", ErrorKind.TYPE, "loads[0]"),
         ("supports.0.group=7", ErrorKind.TYPE, "supports[0].group"),
         ('supports.0.group=" "', ErrorKind.RANGE, "supports[0].group"),
         # not a number, infinite, too large for a float
         ("material.density=nan", ErrorKind.RANGE, "material.density"),
         ("loads.0.force=inf", ErrorKind.RANGE, "loads[0].force"),
-        ("loads.0.force=-inf", ErrorKind.RANGE, "loads[0].force"),
         ("contacts.0.normal=[nan, 1]", ErrorKind.TYPE, "contacts[0].normal"),
         ("geometry.parameters.length=nan", ErrorKind.RANGE, "geometry.parameters.length"),
-        ("loads.0.force=0x" + 300 * "f", ErrorKind.RANGE, "loads[0].force"),
         ("loads.0.force=0x" + 9999 * "f", ErrorKind.RANGE, "loads[0].force"),
         # ranges
         ("material.young=0", ErrorKind.RANGE, "material.young"),
@@ -424,7 +321,6 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         ("contacts.0.normal_stiffness=-1", ErrorKind.RANGE, "contacts[0].normal_stiffness"),
         ("contacts.0.tangential_stiffness=0", ErrorKind.RANGE, "contacts[0].tangential_stiffness"),
         ("contacts.0.friction=-0.1", ErrorKind.RANGE, "contacts[0].friction"),
-        ("contacts.0.preload=-1", ErrorKind.RANGE, "contacts[0].preload"),
         ("contacts.0.gap=-1", ErrorKind.RANGE, "contacts[0].gap"),
         ("loads.0.frequency=0", ErrorKind.RANGE, "loads[0].frequency"),
         ("basis.modes=-1", ErrorKind.RANGE, "basis.modes"),
@@ -434,22 +330,18 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         # choices
         ('basis.method="macneal"', ErrorKind.RANGE, "basis.method"),
         ('time.scheme="euler"', ErrorKind.RANGE, "time.scheme"),
-        ('loads.0.at="edge"', ErrorKind.RANGE, "loads[0].at"),
         # vectors
         ("contacts.0.normal=[0.0, 0]", ErrorKind.RANGE, "contacts[0].normal"),
         ("loads.0.direction=[0, 0, 0]", ErrorKind.RANGE, "loads[0].direction"),
         ("loads.0.direction=[0, 0, 1]", ErrorKind.CONFLICT, "loads[0].direction"),
-        ("contacts.0.normal=[0, 1, 0]", ErrorKind.CONFLICT, "contacts[0].normal"),
         ("probe.node=[0, 1, 0]", ErrorKind.CONFLICT, "probe.node"),
         ("loads.0.direction=[1]", ErrorKind.TYPE, "loads[0].direction"),
-        ("loads.0.direction=1", ErrorKind.TYPE, "loads[0].direction"),
         # places
         ("loads.0.node=[1, 0]", ErrorKind.CONFLICT, "loads[0].node"),
         ("probe={}", ErrorKind.MISSING, "probe.group"),
         ('probe={node=[1, 0], at="centre"}', ErrorKind.CONFLICT, "probe.at"),
         ("supports=[]", ErrorKind.TYPE, "supports"),
         # geometry
-        ('geometry.mesh=""', ErrorKind.RANGE, "geometry.mesh"),
         ("geometry.dimension=3", ErrorKind.CONFLICT, "geometry.thickness"),
         ('geometry.mesh="a.msh"', ErrorKind.CONFLICT, "geometry.parameters"),
         ("geometry.parameters.structured=1", ErrorKind.CONFLICT, "geometry.parameters.structured"),
@@ -462,7 +354,7 @@ def test_override_of_time_removes_what_it_excludes() -> None:
                 ErrorKind.RANGE if isinstance(label, str) else ErrorKind.TYPE,
                 "basis.derivatives[0]",
             )
-            for label in ("1V", "1X1V", "V1V1", "0V1V", "1V1V1V", " 1V1V", "1v1v", "1V1V\n", 11)
+            for label in ("1X1V", "0V1V", "1V1V1V", "1v1v", "1V1V\n", 11)
         ),
         ('basis.derivatives=["1V4V"]', ErrorKind.CONFLICT, "basis.derivatives[0]"),
         ('basis.derivatives=["1V3S"]', ErrorKind.CONFLICT, "basis.derivatives[0]"),
@@ -475,7 +367,6 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         # time
         ("time={tolerance=1e-4, steps_per_period=100}", ErrorKind.CONFLICT, "time.tolerance"),
         ("time.duration=1.0", ErrorKind.CONFLICT, "time.duration"),
-        ("time.step=1.0", ErrorKind.CONFLICT, "time.step"),
         ("time.spectral_radius=0.5", ErrorKind.CONFLICT, "time.spectral_radius"),
         # reference
         ("reference.beam=true", ErrorKind.MISSING, "reference.beam_section"),
@@ -500,7 +391,6 @@ def test_mistake_in_harmonic_scene_names_kind_and_key(
         ("time={step=1.0}", ErrorKind.MISSING, "time.duration"),
         ("time={duration=1.0}", ErrorKind.MISSING, "time.step"),
         ("time.step=2.0", ErrorKind.CONFLICT, "time.step"),
-        ("time.periods=10", ErrorKind.CONFLICT, "time.periods"),
         ("time.steps_per_period=10", ErrorKind.CONFLICT, "time.steps_per_period"),
         ("time.steady_tolerance=0", ErrorKind.CONFLICT, "time.steady_tolerance"),
     ],
@@ -515,158 +405,43 @@ CASING = RUBBING.replace(
 
 
 @pytest.mark.parametrize(
-    ("text", "override", "kind", "key"),
+    ("override", "kind", "key"),
     [
-        # surfaces
-        (
-            CASING,
-            "contacts.0.normal=[1.0, 0.0]",
-            ErrorKind.CONFLICT,
-            "contacts[0].normal",
-        ),
-        (
-            CASING,
-            'contacts.0.surface.kind="plane"',
-            ErrorKind.RANGE,
-            "contacts[0].surface.kind",
-        ),
-        (
-            CASING,
-            'contacts.0.surface.kind="sphere"',
-            ErrorKind.CONFLICT,
-            "contacts[0].surface.kind",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.axis=[0, 1]",
-            ErrorKind.CONFLICT,
-            "contacts[0].surface.axis",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.point=[0, 0, 0]",
-            ErrorKind.CONFLICT,
-            "contacts[0].surface.point",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.radius=0",
-            ErrorKind.RANGE,
-            "contacts[0].surface.radius",
-        ),
-        (
-            CASING,
-            "contacts.0={surface={kind='cylinder', point=[0, 0], radius=1.0}, gap=1e-3, "
-            "group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
-            ErrorKind.CONFLICT,
-            "contacts[0].gap",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.inside=1",
-            ErrorKind.TYPE,
-            "contacts[0].surface.inside",
-        ),
-        (
-            CASING,
-            'contacts.0.surface.spin="fast"',
-            ErrorKind.TYPE,
-            "contacts[0].surface.spin",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.waves=[[2, 1e-4]]",
-            ErrorKind.TYPE,
-            "contacts[0].surface.waves[0]",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.waves=[[1.5, 1e-4, 0]]",
-            ErrorKind.RANGE,
-            "contacts[0].surface.waves[0]",
-        ),
-        (
-            CASING,
-            "contacts.0.surface.raduis=1",
-            ErrorKind.UNKNOWN_KEY,
-            "contacts[0].surface.raduis",
-        ),
-        (
-            RUBBING,
-            "contacts.0={group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
-            ErrorKind.MISSING,
-            "contacts[0].normal",
-        ),
-        # approach
-        (
-            RUBBING,
-            "contacts.0.approach=1e-3",
-            ErrorKind.TYPE,
-            "contacts[0].approach",
-        ),
-        (
-            RUBBING,
-            "contacts.0.approach=[[0, 0, 0]]",
-            ErrorKind.TYPE,
-            "contacts[0].approach[0]",
-        ),
-        (
-            RUBBING,
-            "contacts.0.approach=[[0, 0], [0, 1e-3]]",
-            ErrorKind.RANGE,
-            "contacts[0].approach",
-        ),
-        # nodes
-        (
-            RUBBING,
-            'loads.0.at="nodes"',
-            ErrorKind.CONFLICT,
-            "loads[0].at",
-        ),
-        (
-            RUBBING,
-            'probe={group="tip", at="nodes"}',
-            ErrorKind.CONFLICT,
-            "probe.at",
-        ),
-        (
-            RUBBING,
-            'contacts.0={node=[1, 0], at="nodes", normal=[1, 0], friction=0, '
-            "normal_stiffness=1, tangential_stiffness=1}",
-            ErrorKind.CONFLICT,
-            "contacts[0].at",
-        ),
-        # masters
-        (
-            RUBBING,
-            'basis.masters="tangents"',
-            ErrorKind.RANGE,
-            "basis.masters",
-        ),
-        (
-            RUBBING,
-            "basis.masters=0",
-            ErrorKind.RANGE,
-            "basis.masters",
-        ),
-        (
-            RUBBING,
-            "basis={masters='normal', derivatives=['1V2S']}",
-            ErrorKind.CONFLICT,
-            "basis.derivatives[0]",
-        ),
-        (
-            DECAY,
-            "basis.masters=3",
-            ErrorKind.CONFLICT,
-            "basis.masters",
-        ),
+        ("normal=[1.0, 0.0]", ErrorKind.CONFLICT, "normal"),
+        ('surface.kind="plane"', ErrorKind.RANGE, "surface.kind"),
+        ('surface.kind="sphere"', ErrorKind.CONFLICT, "surface.kind"),
+        ("surface.axis=[0, 1]", ErrorKind.CONFLICT, "surface.axis"),
+        ("surface.point=[0, 0, 0]", ErrorKind.CONFLICT, "surface.point"),
+        ("surface.radius=0", ErrorKind.RANGE, "surface.radius"),
+        ("surface.inside=1", ErrorKind.TYPE, "surface.inside"),
+        ('surface.spin="fast"', ErrorKind.TYPE, "surface.spin"),
+        ("surface.waves=[[2, 1e-4]]", ErrorKind.TYPE, "surface.waves[0]"),
+        ("surface.waves=[[1.5, 1e-4, 0]]", ErrorKind.RANGE, "surface.waves[0]"),
+        ("approach=1e-3", ErrorKind.TYPE, "approach"),
+        ("approach=[[0, 0, 0]]", ErrorKind.TYPE, "approach[0]"),
+        ("approach=[[0, 0], [0, 1e-3]]", ErrorKind.RANGE, "approach"),
     ],
 )
-def test_mistake_about_surface_names_kind_and_key(
-    text: str, override: str, kind: ErrorKind, key: str
-) -> None:
-    assert refused(text, override) == (kind, key)
+def test_mistake_about_surface_names_kind_and_key(override: str, kind: ErrorKind, key: str) -> None:
+    assert refused(CASING, f"contacts.0.{override}") == (kind, f"contacts[0].{key}")
+
+
+def test_mistake_about_place_of_contact_or_masters_names_kind_and_key() -> None:
+    contact = "group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1"
+    surface = "surface={kind='cylinder', point=[0, 0], radius=1.0}, gap=1e-3"
+    point = contact.replace("group='tip'", "node=[1, 0], at='nodes', normal=[1, 0]")
+    masters = "basis={masters='normal', derivatives=['1V2S']}"
+    for text, override, kind, key in (
+        (RUBBING, f"contacts.0={{{contact}}}", ErrorKind.MISSING, "contacts[0].normal"),
+        (CASING, f"contacts.0={{{surface}, {contact}}}", ErrorKind.CONFLICT, "contacts[0].gap"),
+        (RUBBING, f"contacts.0={{{point}}}", ErrorKind.CONFLICT, "contacts[0].at"),
+        (RUBBING, 'loads.0.at="nodes"', ErrorKind.CONFLICT, "loads[0].at"),
+        (RUBBING, 'probe={group="tip", at="nodes"}', ErrorKind.CONFLICT, "probe.at"),
+        (RUBBING, 'basis.masters="tangents"', ErrorKind.RANGE, "basis.masters"),
+        (RUBBING, masters, ErrorKind.CONFLICT, "basis.derivatives[0]"),
+        (DECAY, "basis.masters=3", ErrorKind.CONFLICT, "basis.masters"),
+    ):
+        assert refused(text, override) == (kind, key)
 
 
 @pytest.mark.parametrize(
@@ -674,7 +449,6 @@ def test_mistake_about_surface_names_kind_and_key(
     [
         (1, "waves=[[2, 1e-5, 0]]", None),
         (2, "waves=[[2, 1e-5, 0]]", None),
-        (2, "waves=[[4, 1e-5, 0], [6, 1e-5, 0]]", None),
         (2, "waves=[[4, 1e-5, 0], [3, 0, 0]]", None),
         (3, "waves=[[2, 1e-5, 0]]", "contacts[0].surface.waves"),
         (2, "waves=[[4, 1e-5, 0], [3, 1e-5, 0]]", "contacts[0].surface.waves"),
@@ -753,18 +527,8 @@ def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
         assert (caught.value.kind, caught.value.key) == (kind, f"contacts[0].surface.{name}")
 
 
-REQUIRED = [
-    *(
-        "geometry",
-        "geometry.mesh",
-        "geometry.dimension",
-        "geometry.thickness",
-        "material",
-        "supports",
-    ),
-    *("material.young", "supports.0.group", "loads.0.group", "loads.0.direction", "loads.0.force"),
-    *("contacts.0.normal_stiffness", "contacts.0.tangential_stiffness", "contacts.0.friction"),
-]
+REQUIRED = ["geometry", "geometry.dimension", "geometry.thickness", "material.young", "supports"]
+REQUIRED += ["supports.0.group", "loads.0.direction", "loads.0.force", "contacts.0.friction"]
 
 
 @pytest.mark.parametrize("key", REQUIRED)
@@ -857,13 +621,16 @@ def test_scene_made_in_python_equals_scene_from_file() -> None:
 
 
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
-def test_demo_is_valid_under_the_json_schema(path: Path) -> None:
+def test_demo_is_valid_under_the_json_schema_and_survives_json_and_toml(path: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(json_schema())
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     validator.validate(table)
     table["material"]["yung"] = 1.0
     assert not validator.is_valid(table)
+    scene = read_scene(path)
+    assert parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, HERE) == scene
+    assert parse_scene(tomllib.loads(toml_text(scene_table(scene))), scene.source, None) == scene
 
 
 def test_json_schema_describes_every_key() -> None:
@@ -895,12 +662,6 @@ def test_reference_pages_are_current_and_show_each_table_once() -> None:
     assert "`density`: as in `[material]`." in reference.reference(["material", "materials"])
 
 
-@pytest.mark.parametrize("marker", ["", "<!-- scene keys: begin tiem -->\n"])
-def test_reference_without_a_known_table_is_refused(marker: str) -> None:
-    with pytest.raises(ValueError, match="reference output"):
-        reference.replaced(f"{marker}<!-- scene keys: end -->", {})
-
-
 # Whatever comes in, a scene or one sentence comes out
 
 
@@ -926,43 +687,11 @@ NUMBERS = (
 # all that UTF-8 can write; st.text() alone would first encode every character there is
 CHARACTERS = st.characters(exclude_categories=["Cs"])
 WORDS = st.text(CHARACTERS, max_size=8) | st.sampled_from(
-    [
-        "root",
-        "mean",
-        "centre",
-        "all",
-        "1V1V",
-        "1V2S",
-        "9S9S",
-        "simplex",
-        "strain",
-        "a.geo",
-        "generalised-alpha",
-        "\0\n",
-    ]
+    "root mean centre all 1V1V 1V2S 9S9S simplex strain a.geo generalised-alpha \0\n".split(" ")
 )
 KEYS = st.text(CHARACTERS, max_size=6) | st.sampled_from(
-    [
-        "group",
-        "node",
-        "at",
-        "frequency",
-        "phase",
-        "tolerance",
-        "duration",
-        "periods",
-        "probe",
-        "beam",
-        "cells",
-        "plane",
-        "traction",
-        "pressure",
-        "acceleration",
-        "harmonics",
-        "sweep",
-        "pulse",
-        "table",
-    ]
+    "group node at frequency phase tolerance duration periods probe beam cells plane traction "
+    "pressure acceleration harmonics sweep pulse table".split()
 )
 VALUES = st.recursive(
     NUMBERS | WORDS | st.booleans() | st.none() | st.dates(),
@@ -1033,12 +762,6 @@ def test_mutated_table_gives_scene_or_error(table: Any) -> None:
 
 
 @examples(100)
-@given(VALUES)
-def test_any_data_give_scene_or_error(table: Any) -> None:
-    scene_or_error(table)
-
-
-@examples(200)
 @given(st.data())
 def test_any_text_gives_scene_or_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
@@ -1057,7 +780,7 @@ def test_any_text_gives_scene_or_error(
         assert str(error).startswith(f"{path}: ") and str(error).isprintable()
 
 
-@examples(200)
+@examples(60)
 @given(
     st.text(CHARACTERS, max_size=20)
     | st.builds(
@@ -1089,30 +812,6 @@ def test_directions_have_unit_length_and_survive_the_round_trip(vector: list[flo
     )
 
 
-@pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
-def test_demo_survives_round_trip(path: Path) -> None:
-    scene = read_scene(path)
-    assert parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, HERE) == scene
-
-
-def test_scene_is_immutable() -> None:
-    scene = parse(RUBBING)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        scene.material.young = 1.0  # type: ignore[misc]
-
-
-def test_single_override_may_be_a_text() -> None:
-    table = tomllib.loads(RUBBING)
-    same = override_table(table, ["loads.0.force=3.0"], "test")
-    assert override_table(table, "loads.0.force=3.0", "test") == same != table
-
-
-def test_key_of_wrong_override_is_dotted_key() -> None:
-    with pytest.raises(SceneError) as caught:
-        override_table(tomllib.loads(RUBBING), ["material.young.x = 3"], "test")
-    assert caught.value.key == "material.young.x"
-
-
 def test_numbers_and_arrays_of_numpy_are_accepted() -> None:
     table = tomllib.loads(RUBBING)
     plain = make_scene(**table)
@@ -1125,12 +824,6 @@ def test_numbers_and_arrays_of_numpy_are_accepted() -> None:
     assert found.material.young == float(np.float32(207e9))
     keys = {"group": "load", "force": np.int64(100), "frequency": np.float64(3.2)}
     assert Load.of(**keys, direction=np.array([0, 2])) == plain.loads[0]
-
-
-def test_number_in_quotes_is_told_to_lose_them() -> None:
-    for override in ('loads.0.force="3"', 'basis.modes="3"'):
-        with pytest.raises(SceneError, match="without quotes"):
-            parse(RUBBING, override)
 
 
 def with_value(path: tuple[str | int, ...], value: Any) -> dict[str, Any]:
@@ -1171,16 +864,8 @@ FIRST_LOAD = ("loads", 0)
             ],
             True,
         ),
-        (
-            FIRST_LOAD,
-            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": 0},
-            True,
-        ),
-        (
-            FIRST_LOAD,
-            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": False},
-            False,
-        ),
+        (FIRST_LOAD, {"group": "load", "direction": [0, 1], "force": 1.0, "phase": 0}, True),
+        (FIRST_LOAD, {"group": "load", "direction": [0, 1], "force": 1.0, "phase": False}, False),
     ],
 )
 def test_schema_and_reader_agree(path: tuple[str | int, ...], value: Any, accepted: bool) -> None:
@@ -1225,13 +910,7 @@ def test_default_steady_tolerance_is_at_least_the_tolerance_of_the_step() -> Non
 
 @pytest.mark.parametrize(
     ("name", "allowed"),
-    [
-        ("frequency", False),
-        ("loads.0.force", False),
-        ("contacts.0.normal_stiffness", False),
-        ("contacts.0.friction", True),
-        ("material.mass_damping", True),
-    ],
+    [("frequency", False), ("contacts.0.normal_stiffness", False), ("contacts.0.friction", True)],
 )
 def test_curve_starts_at_zero_only_where_zero_is_allowed(name: str, allowed: bool) -> None:
     override = f"response={{parameter='{name}', first=0.0, last=2.0}}"
@@ -1239,11 +918,6 @@ def test_curve_starts_at_zero_only_where_zero_is_allowed(name: str, allowed: boo
         assert parse(RUBBING, override).response is not None
     else:
         assert refused(RUBBING, override) == (ErrorKind.RANGE, "response.first")
-
-
-def test_campbell_speeds_are_equally_spaced() -> None:
-    override = "campbell.speeds_rpm={first=100.0, last=400.0, number=4}"
-    assert parse(RUBBING, override).campbell.speeds_rpm == pytest.approx((100, 200, 300, 400))
 
 
 def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
@@ -1258,13 +932,6 @@ def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
         with pytest.raises(SceneError) as caught:
             parse_scene(table, "test", None)
         assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "loads[1].frequency")
-
-
-@pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
-def test_scene_as_text_is_read_as_the_same_scene(path: Path) -> None:
-    scene = read_scene(path)
-    text = toml_text(scene_table(scene))
-    assert parse_scene(tomllib.loads(text), scene.source, None) == scene
 
 
 def test_toml_text_holds_every_kind_of_value() -> None:
@@ -1284,27 +951,17 @@ def test_toml_text_holds_every_kind_of_value() -> None:
 def test_heading_follows_overrides() -> None:
     path = next(path for path in DEMOS if path.stem == "slip_liftoff_2d")
     assert scene_heading(read_scene(path)) == "slip and lift-off, 40 N, 3.2 Hz"
-    silent = ["output.motion=true", "reference.full=false"]
-    changed = read_scene(path, ["loads[0].frequency=3.1", "basis.modes=2", *silent])
+    changed = read_scene(path, ["loads[0].frequency=3.1", "basis.modes=2"])
     assert scene_heading(changed) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 2"
     table = override_table(scene_table(changed), "basis.modes=1", "s")
     again = parse_scene(titled(table, "basis.modes=1", "s"), "s", None)
     assert scene_heading(again) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 1"
-    assert scene_heading(changed, ["loads[0].frequency"]).startswith("slip and lift-off, 40 N, b")
     own = read_scene(path, ["title='{not.a.key} {x}'"])
     assert scene_heading(own) == "{not.a.key} {x}"
-    open_end = read_scene(path, ["contacts=[]", "probe.group='tip'", "probe.at='centre'"])
-    assert scene_heading(open_end).startswith("slip and lift-off, 3.2 Hz, contacts = []")
-    gone = override_table(
-        scene_table(read_scene(path, "time.tolerance=1e-3")), "time.step=1.0", "s"
-    )
-    del gone["time"]["step"]
-    assert scene_heading(parse_scene(gone, "s", None)) == "slip and lift-off, 40 N, 3.2 Hz"
 
 
 @pytest.mark.parametrize(
-    "override",
-    ["loads.0.pulse={duration=0.05}", "loads.0.table=[[0, 0], [1, 1]]"],
+    "override", ["loads.0.pulse={duration=0.05}", "loads.0.table=[[0, 0], [1, 1]]"]
 )
 def test_override_of_history_removes_the_one_before(override: str) -> None:
     """As the scene of a stored model, which names every default."""

@@ -163,10 +163,7 @@ def test_stored_scene_is_not_converted_again(tmp_path: Path) -> None:
     ("override", "path", "value"),
     [
         ("contacts.1.gap=0.2", "contacts.1.gap", 2e-4),
-        ("contacts.0.preload=4.0", "contacts.0.preload", 4e6),
-        ("loads.1.pressure=0.3", "loads.1.pressure", 3e5),
         ("response.last=0.3", "response.last", 3e-4),
-        ("response.full=3", "response.full", 3),
         ("loads.0.pulse={duration=2.0, start=1.0}", "loads.0.pulse.start", 1.0),
         ("contacts.1.surface.waves=[[3, 0.04, 0.2]]", "contacts.1.surface.waves", [[3, 4e-5, 0.2]]),
     ],
