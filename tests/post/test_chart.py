@@ -17,9 +17,8 @@ pytest.importorskip("bokeh")
 
 from fenicsrom.notes import verdict_of
 from fenicsrom.post.base.chart import _place, chart, noted
-from fenicsrom.post.base.origin import is_result
 from fenicsrom.post.base.page import Folded, html_report
-from fenicsrom.post.base.picture import CAPTIONS, Picture, caption, draw_pictures, numbers_of
+from fenicsrom.post.base.picture import Picture, caption, draw_pictures
 from fenicsrom.post.base.style import new_figure, new_panels, styled
 from fenicsrom.post.run.figures import plot_points
 
@@ -111,13 +110,6 @@ def test_values_that_differ_by_rounding_have_no_offset() -> None:
     assert high - low > 0.01 and axis.yaxis.get_offset_text().get_text() == ""
 
 
-def test_figure_with_an_image_has_no_chart() -> None:
-    figure = new_figure(3.0, 3.0)
-    figure.subplots().imshow(np.zeros((2, 2)))
-    figure.draw_without_rendering()
-    assert chart(figure) is None
-
-
 def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path: Path) -> None:
     (tmp_path / "history.npz").write_bytes(b"")
     notes: list[str] = []
@@ -136,10 +128,3 @@ def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path
     (packed,) = re.findall(r'atob\("([^"]+)"\)', page)
     assert b"embed_item" in gzip.decompress(base64.b64decode(packed))
     assert page.count('id="chart-motion.png"') == 1 and 'src="motion.png"' in page
-
-
-def test_captions_are_those_of_results() -> None:
-    names = [name if "." in name else f"{name}.png" for name in CAPTIONS]
-    assert all(map(is_result, names))
-    assert caption("contact_3.png") == CAPTIONS["contact"]
-    assert numbers_of("contact_3.png") == "history.npz" and numbers_of("modes.png") is None

@@ -15,8 +15,7 @@ from mpi4py import MPI
 
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
-from fenicsrom.post.base.style import new_figure
-from fenicsrom.post.run.figures import ContactAxis, contact_axis, plot_points
+from fenicsrom.post.run.figures import contact_axis, plot_points
 from fenicsrom.post.run.motion_figures import plot_rub_map
 from fenicsrom.scene import read_scene
 
@@ -62,16 +61,3 @@ def test_points_on_a_face_have_numbers_and_force_per_area() -> None:
     np.testing.assert_array_equal(face.share, solid.points.tributary_area)
     bare = contact_axis(None, 4)
     assert bare.unit == "N" and np.all(bare.share == 1.0)
-
-
-def test_power_of_ten_of_an_axis_does_not_cover_the_first_number() -> None:
-    at = np.linspace(0.0, 150.0, 17)
-    figure = new_figure(3.6, 3.6)
-    axes = figure.subplots()
-    axes.plot(at, 1e7 * at)
-    ContactAxis(at, "position, mm", np.ones(17), "N/m").write_numbers(axes)
-    figure.draw_without_rendering()
-    power = axes.yaxis.get_offset_text()
-    assert power.get_text()
-    box = power.get_window_extent()
-    assert not any(box.overlaps(text.get_window_extent()) for text in axes.texts)

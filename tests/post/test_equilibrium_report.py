@@ -15,7 +15,7 @@ from test_figures import illegible
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.cli import main
 from fenicsrom.online.stress.stress import Deformation
-from fenicsrom.post.curves.equilibrium_report import figure, report, sentences, summary
+from fenicsrom.post.curves.equilibrium_report import figure, report, summary
 
 DEMO = Path(__file__).parents[2] / "demos" / "arch_snap.toml"
 COARSE = ("--set", "geometry.parameters.elements_along=16")
@@ -56,15 +56,6 @@ def test_figure_is_dashed_where_the_path_is_unstable(
     np.testing.assert_allclose(unstable.get_xdata(), [-2.0, -3.0, -4.0, -5.0])
     np.testing.assert_allclose(limit.get_xydata(), [(-2.0, 1.0)])
     np.testing.assert_allclose(crossed.get_xydata(), [(-4.0, 0.7)])
-
-
-def test_sentences_name_the_first_instability(found: EquilibriumPath) -> None:
-    said = " ".join(sentences(found))
-    assert "1 limit point, 1 bifurcation" in said and "snaps through at the load factor 1." in said
-    found.points = [point for point in found.points if point.kind != "limit point"]
-    assert "buckles at the load factor 0.7." in " ".join(sentences(found))
-    found.points = found.points[:2]
-    assert "no limit point" in " ".join(sentences(found)) and not report(found).sections[0].filled
 
 
 def test_summary_has_the_largest_load_factor_before_an_instability(found: EquilibriumPath) -> None:

@@ -8,7 +8,7 @@ import pytest
 from motions import jenkins, side_by_side
 
 from fenicsrom.online.motion import measures
-from fenicsrom.post.base.style import STATES, line_styles
+from fenicsrom.post.base.style import STATES
 from fenicsrom.post.run import figures
 
 
@@ -87,20 +87,6 @@ def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
     drawn(solid, tmp_path)
 
 
-def test_motion_figure_names_its_point_and_leaves_out_rounding(tmp_path):
-    quiet = jenkins(normal=1e-17)
-    figure = figures.plot_motion({"reduced": side_by_side(quiet, jenkins())})
-    normal, tangential = figure.axes
-    assert normal.get_title(loc="left") == "contact point 1 of 2"
-    assert not normal.lines and "below" in normal.texts[0].get_text() and tangential.lines
-    drawn(figure, tmp_path)
-    one = figures.plot_motion({"reduced": jenkins(normal=1e-10)})
-    assert one.axes[0].get_title(loc="left") == "contact point" and one.axes[0].lines
-    assert len(one.legends) == len(figure.legends) == 1
-    free = replace(quiet, force=quiet.force[:, :0], state=quiet.state[:, :0])
-    assert figures.plot_motion({"reduced": free}).axes[0].get_title(loc="left") == "probe"
-
-
 def test_contact_figure_shows_states_and_loops(tmp_path):
     cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
     figure = figures.plot_contact(cases)
@@ -129,17 +115,8 @@ def test_contact_figure_shows_states_and_loops(tmp_path):
     drawn(figure, tmp_path)
 
 
-def test_contact_figure_in_3d_has_loop_per_direction_and_orbit(tmp_path):
-    figure = figures.plot_contact({"full": jenkins(3, phase=1.0), "beam": jenkins(2)})
-    assert len(figure.axes) == 5
-    orbit = figure.axes[-1]
-    assert orbit.get_title(loc="left") == "orbit" and len(orbit.lines) == 1
-    assert np.ptp(orbit.lines[0].get_ydata()) == pytest.approx(8.0, rel=1e-3)
-    drawn(figure, tmp_path)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [3])
 def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
     cases = [jenkins(dimension, normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
     motions = {
@@ -168,47 +145,6 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
     drawn(figure, tmp_path)
 
 
-@pytest.mark.slow
-def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
-    x = np.linspace(0, 2.54, 61)
-    s = x / x[-1]
-    labels = ["1V", "2V", "1S", "1V1V", "1V1S", "2V1S"]
-    shapes = np.array([[k * s**2, -3 * (1 + k) * s**k] for k in range(len(labels))]).transpose(
-        0, 2, 1
-    )
-    figure = figures.plot_modes(labels, x, shapes, ["axial x", "transverse y"])
-    axial, transverse = np.array(figure.axes).reshape(3, 2).T
-    names = [[t.get_text() for t in axis.get_legend().get_texts()] for axis in transverse]
-    assert names == [labels[:2], labels[2:3], labels[3:]]
-    assert [axis.get_ylabel().split("\n")[0] for axis in axial] == [
-        "normal modes",
-        "static modes",
-        "derivatives",
-    ]
-    for axis in transverse:
-        for line in axis.lines:
-            assert np.abs(line.get_ydata()).max() == pytest.approx(1)
-    assert axial[2].lines[0].get_ydata()[-1] == pytest.approx(3 / 12)
-    drawn(figure, tmp_path)
-    solid = figures.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]]), list("xyz"))
-    assert len(solid.axes) == 9
-    drawn(solid, tmp_path)
-
-
-@pytest.mark.slow
-def test_modes_figure_leaves_out_flat_lines_that_would_hide_each_other(tmp_path):
-    x = np.linspace(0, 1, 5)
-    shapes = np.zeros((3, 5, 2))
-    shapes[0, :, 1], shapes[1, :, 1], shapes[1, :, 0] = x, x**2, 0.02 * x
-    figure = figures.plot_modes(["1V", "2V", "3V"], x, shapes, list("xy"))
-    axial, transverse = figure.axes
-    assert (len(axial.lines), len(transverse.lines)) == (1, 2)
-    assert len(transverse.get_legend().get_texts()) == 3
-    flat = figures.plot_modes(["1V"], x, 0.0 * shapes[:1], list("xy"))
-    assert ["below" in axis.texts[0].get_text() for axis in flat.axes] == [True, True]
-    drawn(figure, tmp_path)
-
-
 def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     figure = figures.plot_energy(jenkins())
     above, below = figure.axes
@@ -223,11 +159,3 @@ def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     free = figures.plot_energy(replace(touching, **none))
     labels = [text.get_text() for text in free.legends[0].get_texts()]
     assert len(labels) == 3 and not any("friction" in name or "contact" in name for name in labels)
-
-
-def test_line_styles_are_distinct_and_fixed_for_models():
-    styles = line_styles(["full", "reduced", "beam", *(f"{i}V" for i in range(16))])
-    assert (
-        len({(style["color"], str(style.get("linestyle", "-"))) for style in styles.values()}) == 19
-    )
-    assert styles["reduced"] == line_styles(["reduced"])["reduced"]

@@ -1,21 +1,17 @@
 """Pictures of transients, sections, maps, energies and coordinates of motions in closed form."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from motions import PERIOD, jenkins, motion, side_by_side
+from motions import jenkins, motion, side_by_side
 from support import beam_scene, contact_points
 from test_figures import drawn, texts
 
 from fenicsrom.post.run import motion_figures
 from fenicsrom.post.run.motion_figures import open_sentence, touching_points
-from fenicsrom.post.run.pictures import motion_pictures, working
-from fenicsrom.scene import read_scene
-
-DEMOS = Path(__file__).parents[2] / "demos"
+from fenicsrom.post.run.pictures import motion_pictures
 
 
 def decay():
@@ -40,14 +36,6 @@ def test_transient_shows_envelope_spectrum_and_natural_frequencies(tmp_path):
     drawn(figure, tmp_path)
 
 
-def test_section_has_panel_per_direction(tmp_path):
-    case = jenkins(periods=30, steps=60)
-    figure = motion_figures.plot_section(case)
-    assert len(figure.axes) == 3
-    assert figure.axes[0].collections[0].get_offsets().shape == (16, 2)
-    drawn(figure, tmp_path)
-
-
 def test_rub_map_shows_force_and_state_of_each_point(tmp_path):
     cases = [jenkins(normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
     case = side_by_side(*cases)
@@ -59,43 +47,6 @@ def test_rub_map_shows_force_and_state_of_each_point(tmp_path):
     assert set(np.unique(state[2])) == {-1, 0, 1} and -1 not in state[0]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["open", "slip", "stick"]
     drawn(figure, tmp_path)
-
-
-def test_energy_per_period_names_what_dissipates(tmp_path):
-    figure = motion_figures.plot_energy_per_period(jenkins(periods=6))
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert [name.split(" (")[0] for name in names] == [
-        "damping",
-        "friction",
-        "work of the loads",
-    ]
-    parts = [float(name.split(": ")[1].split()[0]) for name in names[:2]]
-    assert sum(parts) == pytest.approx(100.0, abs=0.5)
-    assert figure.axes[0].get_xlim() == (0.5, 6.5)
-    for name, words in (("blade_rub", "moving surfaces"), ("slip_liftoff_3d", "loads")):
-        assert working(read_scene(DEMOS / f"{name}.toml")).endswith(words)
-    drawn(figure, tmp_path)
-
-
-@pytest.mark.slow
-def test_modal_coordinates_have_panel_each(tmp_path):
-    case = jenkins()
-    late = case.last_period()
-    time = case.time[late]
-    modal = (
-        1e-3 * np.sin(np.outer(2 * np.pi * time / PERIOD, np.arange(1, 9))) / np.arange(8, 0, -1)
-    )
-    case = replace(case, coordinates=modal, coordinate_time=time)
-    labels = [f"{k + 1}V" for k in range(8)]
-    figure = motion_figures.plot_coordinates(case, labels, modal)
-    assert [axis.get_ylabel().split("\n")[0] for axis in figure.axes] == labels[2:]
-    assert np.abs(figure.axes[-1].lines[0].get_ydata()).max() == pytest.approx(1.0, rel=1e-3)
-    drawn(figure, tmp_path)
-    modal[:, 2] *= 1e-10
-    flat = motion_figures.plot_coordinates(case, labels[:3], modal[:, :3]).axes
-    assert [len(axis.lines) for axis in flat] == [1, 1, 0] and "below" in flat[2].texts[
-        0
-    ].get_text()
 
 
 def test_each_picture_is_drawn_only_where_it_answers_a_question():

@@ -17,16 +17,11 @@ from fenicsrom import study  # noqa: E402
 from fenicsrom.online.motion.motion import read_history  # noqa: E402
 from fenicsrom.online.store.archive import load_model  # noqa: E402
 from fenicsrom.online.stress.stress import von_mises  # noqa: E402
-from fenicsrom.post.base import style  # noqa: E402
 from fenicsrom.post.paraview.paraview import (  # noqa: E402
     frame_rows,
-    write_index,
 )
 
-KINDS = {
-    "2D": (2, ()),
-    "3D": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'")),
-}
+KINDS = {"2D": (2, ()), "3D": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'"))}
 SMALL = (
     *STOCKY,
     "basis.modes=2",
@@ -82,14 +77,6 @@ def test_one_file_opens_every_block_of_the_run(run: Any) -> None:
     assert all(block.n_cells > 0 for block in blocks)
     listed = {Path(path) for path in found.files}
     assert {folder / "results.pvd", folder / "look.py", folder / "groups.vtu"} <= listed
-
-
-def test_script_for_paraview_knows_its_folder_and_the_scale_of_the_pictures(tmp_path: Path) -> None:
-    (tmp_path / "groups.vtu").touch()
-    write_index(tmp_path, [tmp_path / "groups.vtu"])
-    lines = (tmp_path / "look.py").read_text().splitlines()
-    assert f"FOLDER = {str(tmp_path)!r}  # of the run" in lines
-    assert any(line.startswith(f"TRUE_SCALE = {style.TRUE_SCALE} ") for line in lines)
 
 
 def test_names_of_arrays_give_units_and_frequencies(run: Any) -> None:
@@ -190,11 +177,6 @@ def test_model_without_stresses_warns_when_they_are_asked_for(tmp_path: Path) ->
     found = study.rerun(wanted, tmp_path)
     assert found.stresses is None
     assert any("output.stresses" in warning for warning in found.warnings)
-
-
-def test_index_of_a_run_without_files_is_not_written(tmp_path: Path) -> None:
-    assert write_index(tmp_path, [tmp_path / "summary.json"]) == []
-    assert not list(tmp_path.iterdir())
 
 
 def test_files_of_moving_supports_hold_relative_and_absolute_motion(tmp_path: Path) -> None:

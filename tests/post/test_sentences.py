@@ -8,58 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motions import jenkins, side_by_side
-from support import beam_scene, contact_points
+from motions import jenkins
+from support import beam_scene
 
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.notes import DISSIPATION, PEAK_FORCE, PROBE
 from fenicsrom.online.motion.measures import has_contact
-from fenicsrom.post.run.motion_figures import (
-    PERIODS_NOTE,
-    points_note,
-    response_note,
-    response_rows,
-)
-from fenicsrom.post.run.report import (
-    basis_sentences,
-    estimate_rows,
-    motion_warnings,
-    report,
-    speed_sentence,
-    step_sentence,
-)
-from fenicsrom.records import Rerun, Study
-from fenicsrom.reduction.derivatives import Selection
-
-
-def test_vectors_that_the_basis_leaves_out_are_named() -> None:
-    modes: Any = SimpleNamespace(labels=("1V", "2V", "3V", "1S"), flexibility_condition=1.0)
-    basis: Any = SimpleNamespace(
-        method="rubin", size=2, labels=("1S", "1V"), condition=1.0, dropped={"1V1V": 1e-9}
-    )
-    chosen = Selection(("1V", "1S"), (), {}, {})
-    study = Study(beam_scene(2), modes=modes, basis=basis, selection=chosen)
-    _, modes_left, vectors_left, _ = basis_sentences(study)
-    assert modes_left.endswith(": 2V 3V.") and vectors_left.endswith(": 1V1V.")
-    assert "0.0001" in modes_left  # basis.threshold
-    whole = Study(
-        beam_scene(2), modes=modes, basis=basis, selection=Selection(modes.labels, (), {}, {})
-    )
-    basis.dropped = {}
-    assert len(basis_sentences(whole)) == 2
-
-
-def test_notes_of_the_table_say_what_its_periods_are() -> None:
-    motion, points = jenkins(), contact_points([1.0, 0.0])
-    stored: Any = SimpleNamespace(
-        size=4,
-        scene=beam_scene(2),
-        whole=None,
-        model=SimpleNamespace(points=points),
-        frequencies_hz=np.zeros(0),
-    )
-    assert PERIODS_NOTE in report(Rerun(stored, motion, {}, None, [])).text()
-    assert response_rows({}, {}, ["x", "y"], {}) == []
+from fenicsrom.post.run.motion_figures import response_note, response_rows
+from fenicsrom.post.run.report import estimate_rows, motion_warnings, step_sentence
 
 
 def test_motion_without_a_period_counts_nothing_in_periods() -> None:
@@ -69,22 +25,6 @@ def test_motion_without_a_period_counts_nothing_in_periods() -> None:
     shown = " ".join(head) + response_note(motions)
     assert "period" not in shown.lower() and "steady" not in shown
     assert row[head.index("J")] == f"{motions['reduced'].friction_dissipation[-1]:.5g}"
-
-
-def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
-    one, probe = jenkins(normal=1e-3), beam_scene(2, probe={"group": "tip", "at": "centre"})
-    scene, pushed = beam_scene(2), jenkins(normal=5e-3)
-    assert points_note({"reduced": one, "full": one}, scene) is None
-    alone = points_note({"reduced": one}, probe)
-    assert alone is not None and alone.endswith("the contact point and of the probe.")
-    several = {"reduced": side_by_side(one, pushed, one), "beam": one}
-    note = points_note(several, scene)
-    assert note is not None
-    assert "contact point 1;" in note and "3 points" in note and note.endswith("of point 2.")
-    note = points_note(several | {"full": side_by_side(one, one, pushed)}, probe)
-    assert (
-        note is not None and "2 (reduced), 3 (full)" in note and "point 1 and of the probe;" in note
-    )
 
 
 def test_table_of_estimates_has_a_row_for_each_direction_and_the_force() -> None:
@@ -121,12 +61,6 @@ def test_probe_beside_contact_points_has_columns_of_its_own() -> None:
     assert touching.at_probe() is None
 
 
-def test_row_of_responses_has_the_order_of_the_directions() -> None:
-    head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"], {})
-    assert head[2:4] == ["normal x mm", "tangential y mm"]
-    assert float(row[3]) == pytest.approx(8.0, rel=1e-3) and float(row[2]) < 2.0
-
-
 def test_warning_of_an_unsteady_motion_names_shorter_steps() -> None:
     """With the key of the scene, and with the other scheme only where it helps."""
     unsteady = {"steady": False, "buckled": 0, "search": None, "periods": 100}
@@ -146,14 +80,6 @@ def test_motion_that_ends_before_its_surface_has_arrived_is_warned_of(
     scene = beam_scene(2, ("contacts.0.approach=[[0.0, 0.0], [2.0, 1e-3]]",))
     found = motion_warnings("reduced", motion, scene)
     assert [line.startswith("contacts.0.approach: ") for line in found] == [True] * told
-
-
-def test_run_times_are_written_without_powers_of_ten() -> None:
-    motions: Any = {"reduced": SimpleNamespace(seconds=1.5), "full": SimpleNamespace(seconds=156.0)}
-    said = speed_sentence(motions)
-    assert said is not None and said.endswith(
-        "1.5 s, that of the full model 156 s: 104 times as long."
-    )
 
 
 def test_reduced_model_that_is_slower_than_the_solid_is_named() -> None:

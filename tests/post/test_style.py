@@ -7,17 +7,7 @@ from fenicsrom.post.base import style
 
 @pytest.mark.parametrize(
     ("largest", "factor"),
-    [
-        (0.0, 1),
-        (0.5, 1),
-        (0.06, 1),
-        (0.05, 2),
-        (0.04, 5),
-        (0.02, 10),
-        (1.01e-3, 100),
-        (4e-5, 5000),
-        (2e-8, 1e7),
-    ],
+    [(0.0, 1), (0.06, 1), (0.05, 2), (1.01e-3, 100), (4e-5, 5000), (2e-8, 1e7)],
 )
 def test_magnification_is_round_number(largest, factor):
     """A body of 2 m: displacements from 0.06 m on are drawn to scale, smaller ones with at most 0.2
@@ -26,7 +16,7 @@ def test_magnification_is_round_number(largest, factor):
     assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("largest", [2e-4, 8e-4, 1.0, 2e4, 9e5])
+@pytest.mark.parametrize("largest", [2e-4, 9e5])
 def test_axis_with_usual_values_has_no_multiplier(largest):
     @style.styled
     def draw():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from support import contact_points
 
 from fenicsrom.online.contact.points import no_points
-from fenicsrom.post.base.page import html_report
 from fenicsrom.post.base.tables import (
     TERMINAL_WIDTH,
     Quantity,
@@ -50,16 +48,6 @@ def test_files_have_si_units_and_tables_and_axes_those_of_the_head() -> None:
     assert table_of([], shown) == []
 
 
-def test_narrow_table_stays_on_one_line() -> None:
-    rows = [["name", "long head"], ["a", 1.5], ["bc", 22.25]]
-    assert text_table(rows).splitlines() == [
-        "name  long head",
-        "────  ─────────",
-        "a           1.5",
-        "bc        22.25",
-    ]
-
-
 def test_columns_without_content_are_left_out() -> None:
     rows = [["name", "none", "empty", "zero"], [None, None, "", 0], [None, None, "", 0]]
     assert filled_columns(rows) == [["name", "zero"], [None, 0], [None, 0]]
@@ -88,39 +76,6 @@ def test_too_many_columns_are_distributed_over_tables_with_the_same_keys(keys: i
         found += lines[2].split()[keys:]
     assert len(blocks) > 1
     assert found == (["k"] * (keys == 1)) + [str(value) for value in range(1000, 1030)]
-
-
-@pytest.mark.parametrize("columns", [12, 13, 14, 30])
-def test_tables_that_share_the_columns_have_about_the_same_width(columns: int) -> None:
-    """No table has one column more than another: all columns are equally wide."""
-    heads = ["name", *(f"column{k:02d}" for k in range(columns))]
-    blocks = text_table([heads, ["first", *range(columns)]]).split("\n\n")
-    counts = [len(block.splitlines()[-1].split()) - 1 for block in blocks]
-    assert sum(counts) == columns and len(counts) > 1
-    assert max(counts) == -(-columns // len(counts))
-
-
-def test_wide_table_of_few_rows_is_turned_on_a_page() -> None:
-    heads = ["model", *(f"column {k}" for k in range(9))]
-    page = html_report("title", [("heading", [[heads, ["full", *range(9)], ["beam", *range(9)]]])])
-    (head,) = re.findall("<thead>(.*?)</thead>", page)
-    assert re.findall(">([^<]+)</th>", head) == ["model", "full", "beam"]
-    assert page.count("<tr>") == 10
-
-
-def test_table_of_a_report_breaks_heads_and_not_numbers() -> None:
-    rows = [["a head", "empty", "words"], [1.25, None, "long " * 20]]
-    page = html_report("title", [("heading", [rows])])
-    assert "empty" not in page
-    assert '<th class="n">a head</th>' in page and '<td class="n s">1.25</td>' in page
-    assert f"<td>{'long ' * 20}</td>" in page
-
-
-def test_numbers_of_a_report_are_right_aligned_as_texts_too() -> None:
-    rows = [["model", "mm", "note"], ["full", "-157.59", "1.5"], ["beam", None, "a text"]]
-    page = html_report("title", [("heading", [rows])])
-    assert '<th class="n">mm</th>' in page and '<td class="n s">-157.59</td>' in page
-    assert '<td class="s">full</td>' in page and '<td class="s">1.5</td>' in page
 
 
 @pytest.mark.parametrize(

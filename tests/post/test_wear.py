@@ -14,13 +14,7 @@ from support import beam_scene
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.online.motion.measures import wear_of
-from fenicsrom.post.run.figures import (
-    plot_wear,
-    plot_wear_over_time,
-    wear_sentence,
-    wear_summary,
-    write_wear,
-)
+from fenicsrom.post.run.figures import wear_sentence, wear_summary, write_wear
 
 RADIUS, CELLS = 0.5, 8
 SCENE = beam_scene(
@@ -93,28 +87,6 @@ def test_table_of_wear_has_a_row_for_each_angle(tmp_path: Path) -> None:
     assert [float(row["angle_deg"]) for row in rows[:CELLS]] == pytest.approx(45.0 * np.arange(8))
     assert float(rows[-1]["position_m"]) == pytest.approx(0.01)
     assert write_wear(tmp_path, {}, SCENE, points(2)) == []
-
-
-@pytest.mark.parametrize(("count", "lines"), [(1, 1), (3, 2), (6, 0)])
-def test_picture_of_wear_has_a_line_for_each_of_a_few_worn_rings(count: int, lines: int) -> None:
-    """More worn rings are a map."""
-    depth = np.tile(1e-5 * np.arange(CELLS), (count, 1))
-    if count == 3:
-        depth[1] = 0.0
-    figure = plot_wear(wear_of(motion(depth), SCENE, points(count)))
-    drawn = figure.axes[0].lines
-    assert len(drawn) == lines
-    assert len(figure.axes) == (2 if lines == 0 else 1)
-    for line in drawn:
-        np.testing.assert_allclose(line.get_ydata()[:-1], 1e6 * depth[0])
-
-
-def test_picture_of_wear_over_time_has_a_line_for_each_point() -> None:
-    time, worn = np.linspace(0.0, 1.0, 5), 1e-6 * np.arange(15.0).reshape(5, 3)
-    axis = plot_wear_over_time(time, worn, [0, 2]).axes[0]
-    for line, p in zip(axis.lines, (0, 2), strict=True):
-        np.testing.assert_allclose(line.get_ydata(), 1e6 * worn[:, p])
-    assert [text.get_text() for text in axis.texts] == ["1", "3"]
 
 
 def test_no_more_is_worn_than_the_layer() -> None:

@@ -2,8 +2,6 @@
 
 import json
 import re
-import resource
-import signal
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -13,25 +11,8 @@ from motions import jenkins
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.post.base.page import html_report
 from fenicsrom.post.base.picture import Drawn
-from fenicsrom.post.base.tables import text_table, write_rows, write_summary
+from fenicsrom.post.base.tables import write_summary
 from fenicsrom.post.run.figures import plot_motion
-
-
-def test_text_table_aligns_columns():
-    rows = [
-        ["model", "amplitude, mm", "steady"],
-        ["full", 157.60321, True],
-        ["reduced", 9, False],
-        ["beam", None, True],
-    ]
-    lines = text_table(rows).split("\n")
-    assert lines == [
-        "model    amplitude mm  steady",
-        "───────  ────────────  ──────",
-        "full            157.6  yes",
-        "reduced             9  no",
-        "beam                –  yes",
-    ]
 
 
 def test_html_report_is_one_well_formed_page(tmp_path):
@@ -79,23 +60,3 @@ def test_summary_keeps_order_and_refuses_nan(tmp_path):
             write_summary(path, bad)
         assert (caught.value.kind, caught.value.key) == (ErrorKind.NOT_FINITE, key)
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["summary.json"]
-
-
-def test_csv_of_different_rows_has_all_columns(tmp_path):
-    path = write_rows(tmp_path / "rows.csv", [{"a": 1, "b": "x, y"}, {"a": None, "c": 2.5}])
-    assert path.read_bytes() == b'a,b,c\n1,"x, y",\n,,2.5\n'
-
-
-def test_summary_on_full_disk_leaves_no_file_and_names_it(tmp_path):
-    """A limit on the size of files stands for the full disk."""
-    path = tmp_path / "summary.json"
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
-        with pytest.raises(OSError, match=r"summary\.json"):
-            write_summary(path, {"x": list(range(100_000))})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, handler)
-    assert list(tmp_path.iterdir()) == []
