@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 from support import one_contact
 
 from fenicsrom.online.contact.coating import Ring, coated
-from fenicsrom.online.contact.law import (
-    at_rest,
-    commit_contact_state,
-    contact_force,
-)
+from fenicsrom.online.contact.law import at_rest, commit_contact_state, contact_force
 from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,
@@ -23,12 +19,7 @@ from fenicsrom.online.contact.state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact.surfaces import (
-    CYLINDER,
-    SPHERE,
-    Contacts,
-    frame,
-)
+from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, frame
 from fenicsrom.scene import Abradable
 
 Array = NDArray[np.float64]

@@ -95,11 +95,7 @@ def doubled() -> tuple[Family, CurvePoint, Curve]:
     problem = family(point.parameter)
     found = branch(path, point, shooting(problem.model, problem.period, 2))
     assert found is not None
-    return (
-        family,
-        point,
-        found[0].run(found[1], None, points=60, largest_step=0.03),
-    )
+    return (family, point, found[0].run(found[1], None, points=60, largest_step=0.03))
 
 
 def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any) -> None:

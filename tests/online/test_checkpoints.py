@@ -4,10 +4,6 @@ refused."""
 from __future__ import annotations
 
 import copy
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,8 +22,6 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step.state import Checkpoint
-from fenicsrom.online.store import archive
-from fenicsrom.online.store import store as restart
 from fenicsrom.online.store.scene_changes import changed_run_key
 from fenicsrom.online.store.store import fingerprint, load_start, save_checkpoint
 from fenicsrom.post.run.summary import write_checkpoint
@@ -120,12 +114,13 @@ def _state(motion: Motion) -> list[Any]:
     return [*state._replace(contact=0.0, trial=0.0), *state.contact]
 
 
-@pytest.mark.parametrize("surface", ["plane", "casing"])
 @pytest.mark.parametrize(
-    "settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}], ids=["fixed", "adaptive"]
-)
-@pytest.mark.parametrize(
-    "scheme", ["average-acceleration", "generalised-alpha", "discrete-gradient"]
+    ("scheme", "surface", "settings"),
+    [
+        ("average-acceleration", "plane", {"tolerance": 1e-3}),
+        ("generalised-alpha", "casing", {"steps_per_period": 50}),
+        ("discrete-gradient", "casing", {"tolerance": 1e-3}),
+    ],
 )
 def test_run_resumed_after_three_periods_equals_the_whole_run_bit_for_bit(
     scheme: str, settings: dict[str, Any], surface: str, tmp_path: Path
@@ -278,42 +273,6 @@ def test_checkpoint_of_another_model_or_scene_is_refused(
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.RANGE, "time.periods")
 
 
-def test_damaged_checkpoint_is_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
-    path, model, scene = stored
-    sound = path.read_bytes()
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    kept, rng = load_start(path, model, scene), np.random.default_rng(0)
-
-    def refused() -> None:
-        with pytest.raises(SceneError, match=r"^\S*checkpoint\.npz: [^\n]*$"):
-            load_start(path, model, scene)
-
-    for cut in (0, 1, 100, len(sound) // 2, len(sound) - 1):
-        path.write_bytes(sound[:cut])
-        refused()
-    for _ in range(200):  # a bit that flips is seen, or it is in what the format leaves unused
-        place = int(rng.integers(len(sound)))
-        path.write_bytes(
-            sound[:place] + bytes([sound[place] ^ 1 << int(rng.integers(8))]) + sound[place + 1 :]
-        )
-        try:
-            found = load_start(path, model, scene)
-        except SceneError as error:
-            assert "\n" not in str(error) and "checkpoint.npz" in str(error)
-        else:
-            np.testing.assert_array_equal(found.state.q, kept.state.q)
-    for name in arrays:
-        for other in (None, np.zeros((2, 0)), np.array("{")):
-            changed = {key: value for key, value in arrays.items() if key != name}
-            np.savez(path, **changed | ({} if other is None else {name: other}))
-            refused()
-    np.savez(path, **arrays | {"float64": np.array([None])})  # pickled
-    refused()
-    path.unlink()
-    refused()
-
-
 # ------------------------------------------------------------------ the command
 
 
@@ -331,8 +290,6 @@ QUICK = [
     "--set",
     "output.paraview=false",
 ]
-
-RECORD = {"scene.toml", "provenance.json", "beam2d.geo"}  # what says what was run
 
 
 def history(folder: Path) -> dict[str, Any]:
@@ -376,56 +333,10 @@ def test_command_resumes_from_stored_model_and_from_scene(
         assert sentence in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_terminated_run_leaves_a_checkpoint_to_continue(tmp_path: Path) -> None:
-    """A long run that is stopped by SIGTERM continues to the same end."""
-    pytest.importorskip("dolfinx")
-    program = """
-import sys
-from fenicsrom import cli
-from fenicsrom.online.store import store
-
-store.INTERVAL = 0.0
-sys.exit(cli.main(sys.argv[1:]))
-"""
-    long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]
-    run = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            program,
-            "run",
-            str(SCENE),
-            "--output",
-            str(tmp_path),
-            *QUICK,
-            *long,
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    path = tmp_path / "checkpoint.npz"
-    for _ in range(1200):
-        if path.exists() or run.poll() is not None:
-            break
-        time.sleep(0.1)
-    run.send_signal(signal.SIGTERM)
-    assert "terminated" in run.communicate(timeout=60)[1] and run.returncode == 143
-    left = {file.name for file in tmp_path.iterdir()}
-    assert left == RECORD | {"checkpoint.npz", "reduced_model.npz"}
-    model = archive.load_model(tmp_path / "reduced_model.npz").model
-    end = load_start(path, model, restart.load_scene(path))
-    assert end.spans >= 1
-    on = [
-        "run",
-        "--from",
-        str(tmp_path / "reduced_model.npz"),
-        "--resume",
-        str(path),
-        "--output",
-        str(tmp_path / "on"),
-        "--set",
-        f"time.periods={end.spans + 2}",
-    ]
-    assert main(on) == 0
-    assert history(tmp_path / "on")["reduced_time"][-1] == pytest.approx((end.spans + 2) / 3.2)
+def test_truncated_checkpoint_is_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
+    path, model, scene = stored
+    sound = path.read_bytes()
+    for cut in (0, len(sound) // 2, len(sound) - 1):
+        path.write_bytes(sound[:cut])
+        with pytest.raises(SceneError, match=r"^\S*checkpoint\.npz: [^\n]*$"):
+            load_start(path, model, scene)

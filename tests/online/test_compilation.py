@@ -8,15 +8,8 @@ from typing import Any
 import numba
 import pytest
 
-from fenicsrom import progress
 from fenicsrom.online.kernels import compilation
-from fenicsrom.online.kernels.compilation import (
-    COMPILATIONS,
-    KERNELS,
-    Compilations,
-    Compiled,
-    announced,
-)
+from fenicsrom.online.kernels.compilation import COMPILATIONS, KERNELS, Compilations, announced
 
 
 def event(kernel: str) -> Any:
@@ -48,31 +41,6 @@ def test_each_kernel_is_announced_with_its_number_and_the_time_so_far(now: list[
     assert "so far" not in one
     assert f"2 of at most {len(KERNELS)}" in two and KERNELS[second] in two
     assert "5 s so far" in two
-
-
-def test_kernel_inside_another_one_is_not_announced_and_its_time_counts_once(
-    now: list[float],
-) -> None:
-    said: list[str] = []
-    listener = Compilations()
-    listener.say = said.append
-    outer, inner, *_ = KERNELS
-    before = progress.working_time()
-    for kernel in (outer, inner):
-        listener.on_start(event(kernel))
-        now[0] += 3.0
-    for kernel in (inner, outer):
-        listener.on_end(event(kernel))
-    assert len(said) == 1 and KERNELS[outer] in said[0]
-    assert progress.working_time() == before
-
-
-def test_announced_kernels_are_compiled_functions() -> None:
-    for kernel in KERNELS:
-        module, _, name = f"fenicsrom.online.{kernel}".rpartition(".")
-        place = __import__(module, fromlist=["_"])
-        found = [v for v in vars(place).values() if isinstance(v, Compiled)]
-        assert name in [v.py_func.__qualname__ for v in found]
 
 
 def test_time_of_a_compilation_is_no_working_time_and_short_ones_are_silent(

@@ -14,7 +14,6 @@ from support import fixed_steps, one_contact, random_model
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels import compilation as compiled
 from fenicsrom.online.kernels import compilation as emission
-from fenicsrom.online.kernels import dense
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
@@ -72,11 +71,6 @@ def test_stored_code_is_stale_where_a_module_it_calls_has_changed(
     sources = compiled.read_sources()
     found = stale_modules(f"{compiled.PACKAGE}.{changed}", sources)
     assert {LOOP, DERIVATIVES} & found == stale
-
-
-def test_types_of_kernels_are_modules_with_named_tuples() -> None:
-    sources = compiled.read_sources()
-    assert all("(NamedTuple)" in sources[name] for name in compiled.TYPES)
 
 
 IMPORTS = {
@@ -169,24 +163,6 @@ def test_machine_code_is_made_once_for_the_contact_law_and_all_that_it_calls(
         check=True,
     )
     assert done.stdout.split() == ["3", "nrt", "int_power", "at_rest"]  # two are numba's own
-
-
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("fraction", [0.0, 0.5])
-def test_damaged_stored_code_is_compiled_again_and_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, fraction: float
-) -> None:
-    monkeypatch.setattr(compiled.numba.config, "CACHE_DIR", str(tmp_path))
-
-    def value_and_hits() -> tuple[float, int]:
-        """Of a function that is compiled or loaded anew."""
-        inner = compiled.part(dense.inner.py_func)
-        return inner(np.arange(3.0), np.ones(3)), sum(inner.entry.stats.cache_hits.values())
-
-    assert [value_and_hits(), value_and_hits()] == [(3.0, 0), (3.0, 1)]
-    (stored,) = tmp_path.rglob(f"*.{kind}")
-    os.truncate(stored, int(fraction * stored.stat().st_size))
-    assert [value_and_hits(), value_and_hits()] == [(3.0, 0), (3.0, 1)]
 
 
 def test_error_of_a_compiled_function_is_raised_without_another_compilation(

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support import one_contact, period_steps, random_model
 
 from fenicsrom.online.contact.points import ContactPoints
@@ -35,8 +34,6 @@ from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step import step
 from fenicsrom.online.step.state import scheme
 from fenicsrom.online.step.statics import equilibrium
-
-Array = NDArray[np.float64]
 
 POINTS, SIZE = 7, 6  # 14 contact directions: more than coordinates where four points touch
 PERIOD = 2.0 * np.pi / 1.3

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
 from fenicsrom.online.contact.friction import blended_normal_force, mean_normal_force
-from fenicsrom.online.contact.law import (
-    at_rest,
-    contact_energy,
-)
+from fenicsrom.online.contact.law import at_rest, contact_energy
 from fenicsrom.online.contact.problem import given_compliance, solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,
@@ -26,11 +23,7 @@ from fenicsrom.online.contact.state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact.surfaces import (
-    PLANE,
-    Contacts,
-    planes,
-)
+from fenicsrom.online.contact.surfaces import PLANE, Contacts, planes
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,7 @@ from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
 from support import fixed_steps, linear_model, one_contact, slope
 
-from fenicsrom.online.contact.law import (
-    at_rest,
-    implicit_blending,
-)
+from fenicsrom.online.contact.law import at_rest, implicit_blending
 from fenicsrom.online.contact.problem import given_compliance, solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,

@@ -138,14 +138,3 @@ def test_packed_records_are_the_same_bit_for_bit() -> None:
     ):
         assert one.dtype == other.dtype and one.shape == other.shape
         assert one.tobytes() == other.tobytes()
-
-
-def test_unknown_class_is_not_unpacked() -> None:
-    tree, arrays = pack(Thing("a", None))
-    with pytest.raises(KeyError):
-        unpack(tree, arrays, {})
-
-
-def test_object_of_another_type_is_not_packed() -> None:
-    with pytest.raises(TypeError):
-        pack([object()])

@@ -67,7 +67,7 @@ def elastica(preload: float) -> tuple[float, Array]:
     return at(brentq(lambda slope: preload + CONTACT * at(slope)[1][0] - at(slope)[0], 1e-6, 3.0))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_unstable_directions_are_those_of_the_stiffness_with_the_springs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((6, 6))
@@ -124,7 +124,7 @@ def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize("ratio", [0.99])
 def test_beam_below_buckling_load_stays_straight(
     models: dict[str, Any], name: str, ratio: float
 ) -> None:

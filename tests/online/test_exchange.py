@@ -116,8 +116,7 @@ def test_exported_and_imported_model_gives_the_same_motion(
     np.testing.assert_allclose(ours.force, theirs.force, rtol=0, atol=tolerance * largest)
 
 
-@pytest.mark.parametrize("form", ["dmig", "op4", "mat"])
-def test_contact_at_nodes_keeps_its_areas_and_rows(form: str, tmp_path: Path) -> None:
+def test_contact_at_nodes_keeps_its_areas_and_rows(tmp_path: Path) -> None:
     scene = rubbing_scene()
     table = interface_table(scene)
     table["nodes"] += [
@@ -126,7 +125,7 @@ def test_contact_at_nodes_keeps_its_areas_and_rows(form: str, tmp_path: Path) ->
     ]
     table["contacts"][0] |= {"group": "pad", "at": "nodes"}
     pad = imported(beam_matrices(scene), table)
-    matrices, beside = export(pad, tmp_path / f"pad{SUFFIXES[form]}", form).files
+    matrices, beside = export(pad, tmp_path / "pad.op4", "op4").files
     again = superelement_model(read_matrices(matrices), read_superelement_scene(beside, matrices))
     np.testing.assert_array_equal(again.model.points.tributary_area, [0.25, 0.5])
     for name in ("position", "frame"):
@@ -235,7 +234,7 @@ def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
     assert stored.model.damping == stored.scene.material.mass_damping
 
 
-@pytest.mark.parametrize("where", ["file", "scene", "exported"])
+@pytest.mark.parametrize("where", ["file", "exported"])
 def test_damping_that_is_not_proportional_rubs_as_in_the_beam(where: str, tmp_path: Path) -> None:
     from fenicsrom.reduction.beam import beam_model
 
@@ -307,24 +306,7 @@ def test_damping_that_cannot_be_is_refused() -> None:
     ("change", "kind", "key"),
     [
         ({"geometry": {"dimension": 2}}, ErrorKind.CONFLICT, "geometry"),
-        ({"nodes": []}, ErrorKind.TYPE, "nodes"),
         ({"superelement": {}}, ErrorKind.MISSING, "superelement.dimension"),
-        ({"superelement": {"dimension": 3}}, ErrorKind.CONFLICT, "nodes[0].position"),
-        (
-            {"supports": [{"group": "tip", "normal": [0.0, 1.0]}]},
-            ErrorKind.CONFLICT,
-            "supports[0].normal",
-        ),
-        (
-            {"supports": [{"group": "tip", "components": ["y"]}]},
-            ErrorKind.CONFLICT,
-            "supports[0].components",
-        ),
-        (
-            {"nodes": [{"name": "tip", "position": [0.0, 0.0]}]},
-            ErrorKind.CONFLICT,
-            "nodes[0].coordinates",
-        ),
         (
             {"nodes": [{"name": "tip", "position": [0.0, 0.0], "coordinates": [1, 19]}]},
             ErrorKind.PLACE,
@@ -334,25 +316,6 @@ def test_damping_that_cannot_be_is_refused() -> None:
             {"nodes": [{"name": "tip", "position": [0.0, 0.0], "coordinates": [16, 17]}]},
             ErrorKind.PLACE,
             "loads[0].group",
-        ),
-        (
-            {"nodes": [{"name": "tip", "position": [0.0, 0.0], "grid": 4}]},
-            ErrorKind.PLACE,
-            "nodes[0].grid",
-        ),
-        ({"attachments": [{"group": "tip", "mass": 1.0}]}, ErrorKind.CONFLICT, "attachments"),
-        ({"statics": {}}, ErrorKind.CONFLICT, "statics"),
-        (
-            {
-                "contacts": [
-                    {
-                        **{"group": "tip", "against": "other", "friction": 0.1},
-                        **{"normal_stiffness": 1e4, "tangential_stiffness": 1e4},
-                    }
-                ]
-            },
-            ErrorKind.CONFLICT,
-            "contacts[0].against",
         ),
     ],
 )
@@ -502,17 +465,9 @@ def test_matrices_of_abaqus_name_nodes_and_leave_out_clamped_unknowns(tmp_path: 
     ("name", "content", "kind"),
     [
         ("a.txt", "", ErrorKind.FORMAT),
-        ("a.op4", "", ErrorKind.MISSING),
-        ("a.op4", "nothing\n", ErrorKind.FORMAT),
-        ("a.op4", f"{3:8d}{3:8d}{6:8d}{4:8d}KAAX    1P,3E23.16\n", ErrorKind.FORMAT),
         ("a.op4", f"{3:8d}{3:8d}{6:8d}{2:8d}KAAX    1P,3E23.16\n", ErrorKind.FORMAT),
-        ("a.op4", f"{3:8d}{99999:8d}{6:8d}{2:8d}KAAX    1P,3E23.16\n", ErrorKind.FORMAT),
-        ("a.bdf", "GRID,1\n", ErrorKind.MISSING),
-        ("a.bdf", "DMIG,KAAX,0,6,3,0\n", ErrorKind.FORMAT),
-        ("a.bdf", "DMIG,KAAX,1,1,,1,1,2.0\n", ErrorKind.FORMAT),
         ("a.bdf", "DMIG,KAAX,0,6,2,0\nDMIG,KAAX,x,1,,1,1,2.0\n", ErrorKind.FORMAT),
         ("a_STIF1.mtx", "*MATRIX, TYPE=STIFFNESS\n1.0\n", ErrorKind.FORMAT),
-        ("a.mtx", "1,1,1,1,1.0\n", ErrorKind.FORMAT),
         ("a.mat", "no MATLAB file, but long enough to have a header " * 4, ErrorKind.FORMAT),
         ("a.npz", "no archive", ErrorKind.FORMAT),
     ],
@@ -525,8 +480,7 @@ def test_damaged_file_of_matrices_is_refused(
         read_matrices(tmp_path / name)
 
 
-@pytest.mark.parametrize("compressed", [False, True])
-def test_dense_and_sparse_matrices_of_matlab_are_read(compressed: bool, tmp_path: Path) -> None:
+def test_dense_and_sparse_matrices_of_matlab_are_read(tmp_path: Path) -> None:
     from scipy.io import savemat
     from scipy.sparse import csc_matrix
 
@@ -538,19 +492,17 @@ def test_dense_and_sparse_matrices_of_matlab_are_read(compressed: bool, tmp_path
         "interface": MATRICES["INTERF"],
         "names": np.array(["a", "bc"], dtype=object),
     }
-    savemat(tmp_path / "a.mat", content, do_compression=compressed)
+    savemat(tmp_path / "a.mat", content, do_compression=True)
     assert_matrices(read_matrices(tmp_path / "a.mat"), 0.0)
 
 
-@pytest.mark.parametrize("name", ["a.op4", "a.bdf", "a_STIF1.mtx", "a.npz"])
+@pytest.mark.parametrize("name", ["a.op4", "a.bdf", "a_STIF1.mtx"])
 def test_mutated_file_of_matrices_is_read_or_refused(name: str, tmp_path: Path) -> None:
     path, rng = tmp_path / name, np.random.default_rng(2)
     if name == "a.op4":
         write_op4(path, MATRICES)
     elif name == "a.bdf":
         write_dmig(path, MATRICES, 3)
-    elif name == "a.npz":
-        np.savez(path, K=np.eye(3), M=np.eye(3))
     else:
         path.write_text("1,1, 1,1, 2.0\n1,2, 1,2, 3.0\n")
         (tmp_path / "a_MASS1.mtx").write_text(path.read_text())
@@ -569,12 +521,6 @@ def test_mutated_file_of_matrices_is_read_or_refused(name: str, tmp_path: Path) 
         path.write_bytes(bytes(data))
         with contextlib.suppress(SceneError):
             read_matrices(path)
-
-
-@pytest.mark.parametrize("suffix", [".op4", ".bdf", "_STIF1.mtx", ".mat", ".npz"])
-def test_missing_file_of_matrices_is_refused(suffix: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="cannot be read"):
-        read_matrices(tmp_path / f"none{suffix}")
 
 
 # ------------------------------------------------------------------ MATLAB

@@ -115,9 +115,7 @@ def test_derivatives_and_outputs_of_unit_are_those_of_the_model(
         slopes = [f"der({name}[{k + 1}])" for name in "qv" for k in range(N)]
         np.testing.assert_allclose(beam.get(slopes), wanted, **EXACT)
         np.testing.assert_allclose(
-            beam.get(beam.names("contact_displacement", M)),
-            arrays.contact_displacement(q),
-            **EXACT,
+            beam.get(beam.names("contact_displacement", M)), arrays.contact_displacement(q), **EXACT
         )
         np.testing.assert_allclose(
             beam.get(beam.names("contact_velocity", M)), arrays.contact_rows @ v, **EXACT
@@ -145,22 +143,7 @@ def test_variables_of_unit_say_what_they_are(unit: tuple[Unit, ModelArrays]) -> 
     assert listed["InitialUnknowns"] == sorted(outputs + listed["Derivatives"])
 
 
-def test_unit_refuses_another_description_and_results_as_inputs(
-    unit: tuple[Unit, ModelArrays],
-) -> None:
-    beam, _ = unit
-    assert beam.start(b"another") is None
-    for name in ("der(q[1])", "der(v[3])", "contact_displacement[1]", "probe[2]"):
-        assert beam.set([name], [1.0]) == 3
-    for name in ("q[3]", "v[1]", "load[1]", "contact_force[2]"):
-        assert beam.set([name], [1.5]) == 0 and beam.get([name]) == 1.5
-    assert beam.library.fmi2Reset(beam.instance) == 0
-    assert not np.any(beam.get(["q[3]", "v[1]", "load[1]", "contact_force[2]"]))
-
-
-def test_unit_of_a_linear_model_without_contact_starts_with_its_static_load(
-    tmp_path: Path,
-) -> None:
+def test_unit_of_a_linear_model_without_contact_starts_with_its_static_load(tmp_path: Path) -> None:
     loads = [
         {"group": "load", "direction": [0.0, 1.0], "force": 5.0, "frequency": 2.0},
         {"group": "tip", "direction": [0.0, 1.0], "force": -3.0},

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from fenicsrom.online.step.statics import newton
@@ -42,16 +40,3 @@ def test_decrements_are_those_of_the_last_attempt() -> None:
     found = newton(np.array([1.0]), correct, small, 10, 1e3, decrements=noted)
     assert found is not None and abs(found[0]) < 1e-10
     np.testing.assert_allclose(noted[:4], iterates(1.0, 4), rtol=1e-12)
-
-
-def test_each_iteration_is_logged_for_debugging_only(caplog: pytest.LogCaptureFixture) -> None:
-    noted: list[float] = []
-    with caplog.at_level(logging.INFO, "fenicsrom"):
-        newton(np.array([1.0]), correct, small, 10, decrements=noted)
-    assert not caplog.records
-    with caplog.at_level(logging.DEBUG, "fenicsrom"):
-        newton(np.array([1.0]), correct, small, 10, decrements=noted)
-    assert [record.args for record in caplog.records] == [
-        (k, decrement) for k, decrement in enumerate(noted, 1)
-    ]
-    assert {record.levelno for record in caplog.records} == {logging.DEBUG}

@@ -79,8 +79,7 @@ def backbone(steps: int, scheme: str, damping: float) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize(
-    "scheme",
-    ["discrete-gradient", pytest.param("average-acceleration", marks=pytest.mark.slow)],
+    "scheme", ["discrete-gradient", pytest.param("average-acceleration", marks=pytest.mark.slow)]
 )
 def test_duffing_backbone_converges_with_second_order(scheme: str) -> None:
     """Reference: backbone of a Duffing oscillator, γa² up to 10 | elliptic integral | 1.03672 to
@@ -272,13 +271,7 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
         return float(point.amplitude.max())
 
     found = list(
-        forced_peaks(
-            problem,
-            (np.zeros(1), np.zeros((0, 2))),
-            0.5 / np.pi,
-            factors,
-            amplitude,
-        )
+        forced_peaks(problem, (np.zeros(1), np.zeros((0, 2))), 0.5 / np.pi, factors, amplitude)
     )
     assert [peak.value for peak in found] == factors
     for peak in found:

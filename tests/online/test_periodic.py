@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support import duffing, linear_model, one_contact, period_steps
 
 from fenicsrom.errors import ConvergenceError
@@ -25,8 +24,6 @@ from fenicsrom.online.periodic.shooting import (
 )
 from fenicsrom.online.run.march import integrate
 from fenicsrom.scene import Time
-
-Array = NDArray[np.float64]
 
 
 def curve(**options: Any) -> Curve:

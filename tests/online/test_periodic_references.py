@@ -317,9 +317,9 @@ def test_circular_orbit_has_friction_and_loss_of_the_periodic_slider(ratio: floa
 # ratio of frequencies, friction by load, amplitude by static deflection
 WITHOUT_STOPS = [
     (1.5, 0.3, 0.72111026),
-    (1.25, 0.5, 1.28255685),
-    (0.8, 0.3, 2.62610488),
-    (0.7, 0.5, 1.74425394),
+    pytest.param(1.25, 0.5, 1.28255685, marks=pytest.mark.slow),
+    pytest.param(0.8, 0.3, 2.62610488, marks=pytest.mark.slow),
+    pytest.param(0.7, 0.5, 1.74425394, marks=pytest.mark.slow),
     (2.0, 0.2, 0.31797973),
 ]
 # .., part of the period at rest

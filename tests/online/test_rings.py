@@ -109,14 +109,8 @@ def test_trace_of_one_point_needs_a_width() -> None:
     [
         ({"contacts.0.preload": 1.0}, ErrorKind.CONFLICT, "contacts[0].preload"),
         ({"time.scheme": "generalised-alpha"}, ErrorKind.CONFLICT, "time.scheme"),
-        ({"contacts.0.abradable.area": 0.0}, ErrorKind.RANGE, "contacts[0].abradable.area"),
-        ({"contacts.0.abradable.cells": 2}, ErrorKind.RANGE, "contacts[0].abradable.cells"),
         ({"contacts.0.surface.spin": 7.0}, ErrorKind.RANGE, "contacts[0].abradable"),
-        (
-            {"response.first": 3.0, "response.last": 4.0},
-            ErrorKind.CONFLICT,
-            "response",
-        ),
+        ({"response.first": 3.0, "response.last": 4.0}, ErrorKind.CONFLICT, "response"),
     ],
 )
 def test_mistake_about_a_layer_names_kind_and_key(

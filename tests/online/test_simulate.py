@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from support import beam_scene, linear_model, refusal
+from support import beam_scene, linear_model, refusal, touching
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints
@@ -16,14 +16,7 @@ from fenicsrom.scene import Scene
 def round_wall(radius: float, preload: float, *overrides: str, **more: Any) -> Scene:
     """The tip of a beam of 2.54 m in a casing about the origin; the steps end at once."""
     surface = {"kind": "cylinder", "point": [0.0, 0.0], "radius": radius, **more}
-    contact = {
-        "group": "tip",
-        "surface": surface,
-        "preload": preload,
-        "normal_stiffness": 1e4,
-        "tangential_stiffness": 1e4,
-        "friction": 0.5,
-    }
+    contact = touching(surface=surface, preload=preload)
     short = ("time.periods=1", "geometrically_nonlinear=false", *overrides)
     return beam_scene(2, short, contacts=[contact], probe=None)
 

@@ -52,10 +52,7 @@ def test_shifted_and_projected_polynomials_are_exact() -> None:
     elastic, q0, z = random_polynomial(N), rng.standard_normal(N), rng.standard_normal((N, 4))
     part = projected(shifted(elastic, q0), z)
     for y in rng.standard_normal((3, 4)):
-        (force, tangent), (wanted, all_of_it) = (
-            force_of(part, y),
-            force_of(elastic, q0 + z @ y),
-        )
+        (force, tangent), (wanted, all_of_it) = (force_of(part, y), force_of(elastic, q0 + z @ y))
         np.testing.assert_allclose(force, z.T @ wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
         inner = z.T @ all_of_it @ z
         np.testing.assert_allclose(tangent, inner, rtol=0, atol=1e-12 * np.abs(inner).max())

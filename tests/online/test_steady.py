@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import html
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,16 +25,13 @@ from fenicsrom.online.motion.measures import (
     friction_dissipation_per_period,
     response_summary,
 )
-from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy, read_history
+from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy
 from fenicsrom.online.periodic import steady
 from fenicsrom.online.periodic.steady import _Search, fractions_of, horizon_by_distance
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.store import load_start, save_checkpoint
-from fenicsrom.post.run.figures import plot_energy
-from fenicsrom.post.run.report import periodic_sentence, write_run_report
-from fenicsrom.post.run.summary import write_history
-from fenicsrom.records import Rerun
+from fenicsrom.post.run.report import periodic_sentence
 from fenicsrom.scene import Time
 from fenicsrom.scene.reading.reading import coarser, with_time
 
@@ -139,9 +135,7 @@ def test_march_is_kept_where_it_is_asked_for() -> None:
     np.testing.assert_array_equal(marched.imbalance, all_periods.imbalance)
 
 
-@pytest.mark.parametrize(
-    "start", [(0.0, 0.0), (1.3, 0.9), (-0.3, 0.1), (2.0, -1.0), (-1.0, 1.5), (0.5, -2.0)]
-)
+@pytest.mark.parametrize("start", [(0.0, 0.0), (2.0, -1.0), (-1.0, 1.5)])
 def test_branch_is_that_of_the_march(start: tuple[float, float]) -> None:
     """A Duffing oscillator with two stable orbits, of amplitudes 1.41 and 0.249."""
     model, period = duffing(0.05, 1.0, 1.0, 0.3, 1.5)
@@ -150,13 +144,6 @@ def test_branch_is_that_of_the_march(start: tuple[float, float]) -> None:
     motion = run(model, period, **options)
     assert marched.steady and motion.steady and motion.periods < marched.periods
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
-
-
-def test_two_branches_are_reached_from_different_starts() -> None:
-    model, period = duffing(0.05, 1.0, 1.0, 0.3, 1.5)
-    high, low = (run(model, period, start=at(*x)) for x in ((1.3, 0.9), (-0.25, 0.02)))
-    assert high.steady and low.steady
-    assert amplitude(high)[0] > 5.0 * amplitude(low)[0]
 
 
 @pytest.mark.slow
@@ -257,15 +244,6 @@ def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-4)
 
 
-@pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
-def test_state_of_subharmonic_motion_repeats_after_its_periods(force: float, multiple: int) -> None:
-    model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
-    marched = run(model, period, start=at(1.0, 0.0), steady="march", periods=300)
-    settings = Time.of(periods=301, steps_per_period=100)
-    problem = _Search(Problem(model, no_contacts(), settings, period), marched.end, None)
-    assert problem.recurrences() == [multiple]
-
-
 def test_horizon_is_that_of_two_turns_or_of_the_decay_to_a_tenth() -> None:
     def horizon(size: float, angle: float) -> int:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -362,11 +340,7 @@ def test_adaptive_steps_end_in_the_motion_of_a_long_march(tolerance: float) -> N
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=3.0 * tolerance)
 
 
-class Stop(Exception):
-    """The run is stopped."""
-
-
-@pytest.mark.parametrize("after", [3, 5, 6])
+@pytest.mark.parametrize("after", [3, 6])
 @pytest.mark.parametrize("case", ["rubbing", "subharmonic"])
 def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path) -> None:
     if case == "rubbing":
@@ -389,14 +363,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
             save_checkpoint(path, model, scene, here)
 
     with pytest.raises(Interrupted):
-        run(
-            model,
-            period,
-            contacts,
-            checkpoint=keep,
-            stop=lambda: len(kept) == after,
-            **options,
-        )
+        run(model, period, contacts, checkpoint=keep, stop=lambda: len(kept) == after, **options)
     options.pop("start", None)
     motion = run(model, period, contacts, resume=load_start(path, model, scene), **options)
     assert motion.steady and motion.periods == whole.periods and motion.period == whole.period
@@ -432,12 +399,6 @@ def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
     np.testing.assert_array_equal(last(resumed), last(whole))
 
 
-def test_run_without_room_for_an_attempt_is_marched() -> None:
-    model, contacts, period = rubbing()
-    motion = run(model, period, contacts, periods=5, steady_tolerance=1e-9)
-    assert motion.search is None and not motion.steady and motion.periods == 5
-
-
 def test_summary_gives_residual_multipliers_and_verdict() -> None:
     model, contacts, period = rubbing()
     told = response_summary(run(model, period, contacts))["periodic_motion"]
@@ -446,25 +407,6 @@ def test_summary_gives_residual_multipliers_and_verdict() -> None:
     assert told["from_s"] == pytest.approx(5 * period) and told["free_sliders"] == 0
     largest = max(np.hypot(*pair) for pair in told["floquet_multipliers"])
     assert told["largest_multiplier"] == pytest.approx(largest) and largest < 1.0
-
-
-def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
-    model, contacts, period = rubbing()
-    motion = run(model, period, contacts)
-    path = write_history(tmp_path / "history.npz", {"reduced": motion})
-    found = read_history(path, period)["reduced"]
-    assert found.newton_from == motion.newton_from
-    marched = run(model, period, contacts, steady="march")
-    path = write_history(tmp_path / "history.npz", {"reduced": marched})
-    assert read_history(path)["reduced"].newton_from is None
-    stored: Any = SimpleNamespace(
-        size=4, scene=beam_scene(2), model=model, whole=None, frequencies_hz=np.zeros(0)
-    )
-    page = write_run_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
-    assert str(periodic_sentence(motion)) in html.unescape(page)
-    drawn = plot_energy(motion).axes[0]
-    stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
-    assert [line.get_xdata().size for line in stored_energy] == [500, motion.time.size - 500]
 
 
 def test_check_starts_from_the_periodic_motion() -> None:
@@ -485,9 +427,7 @@ def test_check_starts_from_the_periodic_motion() -> None:
     assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("damping", "cubic", "omega"), [(0.02, 0.01, 1.05), (0.02, 0.1, 1.05), (0.005, 0.1, 1.0125)]
-)
+@pytest.mark.parametrize(("damping", "cubic", "omega"), [(0.02, 0.01, 1.05), (0.02, 0.1, 1.05)])
 def test_lightly_damped_march_ends_in_its_own_one_of_two_motions(
     damping: float, cubic: float, omega: float
 ) -> None:

@@ -136,11 +136,7 @@ def test_largest_stress_of_motion_is_that_of_every_instant(stored: StoredModel) 
         table.vertex_position[vertex]
     )
     assert found.largest is largest
-    assert set(peaks) == {
-        "equilibrium",
-        "largest of the last period",
-        "largest displacement",
-    }
+    assert set(peaks) == {"equilibrium", "largest of the last period", "largest displacement"}
     farthest = peaks["largest displacement"]
     assert farthest.point_von_mises == pytest.approx(
         von_mises(table.stress(farthest.coordinates)).max()

@@ -197,31 +197,13 @@ def test_response_over_the_frequency_keeps_what_is_given(key: str) -> None:
         ({"support_acceleration": 1.0}, {}, ErrorKind.CONFLICT, "support_acceleration"),
         ({"support_displacement": 1.0}, {}, ErrorKind.CONFLICT, "support_displacement"),
         (
-            {"support_displacement": 1.0, "pulse": {"duration": 0.1}},
-            {},
-            ErrorKind.CONFLICT,
-            "support_displacement",
-        ),
-        (
-            {"support_displacement": 1.0, "frequency": 3.2, "group": "tip"},
-            {},
-            ErrorKind.CONFLICT,
-            "group",
-        ),
-        (
             {"support_displacement": 1.0, "frequency": 3.2},
             {"rotation": {"speed_rpm": 60.0}},
             ErrorKind.CONFLICT,
             "support_displacement",
         ),
-        (
-            {"support_displacement": 1.0, "force": 1.0, "frequency": 3.2},
-            {},
-            ErrorKind.CONFLICT,
-            "support_displacement",
-        ),
     ],
-    ids=["static", "static displacement", "pulse", "place", "rotation", "force too"],
+    ids=["static", "static displacement", "rotation"],
 )
 def test_support_motion_that_is_not_possible_is_refused(
     load: dict[str, Any], tables: dict[str, Any], kind: ErrorKind, key: str

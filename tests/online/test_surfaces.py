@@ -10,19 +10,12 @@ from contact_cases import SURFACES, casing
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
-from fenicsrom.online.contact.law import (
-    contact_energy,
-)
-from fenicsrom.online.contact.state import (
-    zero_contact_state,
-)
 from fenicsrom.online.contact.surfaces import (
     CYLINDER,
     PLANE,
     SPHERE,
     advect_with_surface,
     gap_discrete_gradient,
-    no_contacts,
     penetration,
     speed_at,
     speed_history,
@@ -140,12 +133,6 @@ def test_penetration_at_large_radius_keeps_small_displacement() -> None:
         assert penetration(contacts, 0, np.array([0.0, 1e3 * x]), 0.0) == pytest.approx(
             (1e3 * x) ** 2 / (2 * 2.54), abs=1e-15
         )
-
-
-def test_no_contacts_has_no_points() -> None:
-    *values, coating = no_contacts()
-    assert all(array.shape[0] == 0 for array in (*values, *coating))
-    assert contact_energy(no_contacts(), zero_contact_state(0, 2)) == 0.0
 
 
 def test_surface_rests_before_its_first_and_after_its_last_row() -> None:
