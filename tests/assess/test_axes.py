@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from support import beam_scene, linear_model
 
-from fenicsrom.assess.studies.axes import AXES, Case, Scales, buckling_preload, cases_of, scales_of
+from fenicsrom.assess.studies.axes import Scales, buckling_preload, cases_of, scales_of
 from fenicsrom.assess.studies.stability import build
 from fenicsrom.scene import Scene
 
@@ -124,42 +123,6 @@ def test_damping_axis_is_in_damping_ratios() -> None:
     assert overrides(beam_scene(2), "damping")["ratio 0.1"] == (
         f"material.mass_damping={0.2 * 11.0!r}",
     )
-
-
-OPEN: dict[str, Any] = {"contacts": None, "probe": {"group": "tip"}}
-
-
-def left_out(scene: Scene) -> set[str]:
-    return {line.split(":")[0].removeprefix("axis ") for line in cases_of(scene, MADE_UP)[1]}
-
-
-def test_axes_that_the_scene_lacks_are_left_out() -> None:
-    touching = {"contact stiffness", "normal and tangential stiffness", "friction", "preload"}
-    assert left_out(beam_scene(2)) == {"gap", "approach", "static load", "speed"}
-    assert left_out(beam_scene(2, **OPEN)) >= touching | {"gap", "speed"}
-    linear = beam_scene(2, **OPEN, geometrically_nonlinear=False)
-    assert "derivatives" in left_out(linear)
-    gapped = beam_scene(2, ("contacts.0.gap=0.1", "contacts.0.preload=0.0"))
-    assert {"gap", "preload"} & left_out(gapped) == set()
-    no_load = replace(MADE_UP, preload=None)
-    assert any("no preload" in line for line in cases_of(gapped, no_load)[1])
-    struck = {"group": "load", "direction": [0.0, 1.0], "force": 1.0, "pulse": {"duration": 0.1}}
-    transient = beam_scene(2, loads=[struck], time={"duration": 1.0, "step": 0.01})
-    assert {"frequency", "long run"} <= left_out(transient)
-    assert "0.5 times as long" in overrides(transient, "steps")
-
-
-def test_names_of_cases_are_unique() -> None:
-    cases, _ = cases_of(beam_scene(2), MADE_UP)
-    names = {(case.axis, case.value, case.model) for case in cases}
-    assert len(names) == len(cases) and {case.axis for case in cases} <= set(AXES)
-
-
-def test_reference_models_run_the_scene_itself() -> None:
-    section = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 20, "load_at": 0.7}
-    reference = {"full": True, "beam": True, "beam_section": section}
-    cases, _ = cases_of(beam_scene(2, reference=reference), MADE_UP, ["scene"])
-    assert cases == [Case("scene", "as it is", (), model) for model in ("reduced", "full", "beam")]
 
 
 def test_linear_model_has_no_buckling_load() -> None:

@@ -12,26 +12,20 @@ import numpy as np
 import pytest
 from support import beam_scene, first, heard, loaded_duffing, unexplained
 
-from fenicsrom.arrays import Array
 from fenicsrom.assess.curves import backbone as module
 from fenicsrom.assess.curves.backbone import backbone, check_backbone
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.curves.nonlinear_mode import ModeContinuation
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import elastic_polynomial
 from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
 from fenicsrom.post.curves.backbone_report import report, sentences
-from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene import Scene
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
-TABLE = (
-    "backbone.first=0.1",
-    f"backbone.last={LAST}",
-    "backbone.load_factors=[0.5, 1.0]",
-)
+TABLE = ("backbone.first=0.1", f"backbone.last={LAST}", "backbone.load_factors=[0.5, 1.0]")
 
 
 def scene_with(*overrides: str) -> Scene:
@@ -93,6 +87,7 @@ def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
     assert found.step_errors[0].frequency == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_forced_peaks_lie_on_the_backbone() -> None:
     found = backbone(oscillator())
     assert [peak.value for peak in found.peaks] == [0.5, 1.0] and not found.warnings
@@ -107,20 +102,13 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
         )
 
 
+@pytest.mark.slow
 def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """The amplitude does not fall to a thousandth within the range of the search."""
     monkeypatch.setattr("fenicsrom.online.curves.continuation.FALLEN", 1e-3)
     found = backbone(oscillator("backbone.load_factors=[1.0]"))
     assert found.peaks[0].ends == ("end of the range", "end of the range")
     assert len(found.warnings) == 1 and found.unfinished is None
-
-
-def test_search_without_a_peak_says_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The range of the search is too narrow to hold the peak of a motion that hardens."""
-    monkeypatch.setattr("fenicsrom.online.curves.continuation.WINDOW", 1.001)
-    found = backbone(oscillator("backbone.load_factors=[1.0]"))
-    assert found.unfinished is not None and not found.peaks
-    assert "end of the range" in str(found.unfinished)
 
 
 def test_interrupt_keeps_the_points_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,13 +161,6 @@ def test_wrong_table_is_refused_with_its_key(override: str, key: str, kind: Erro
     with pytest.raises(SceneError) as caught:
         scene_with(override)
     assert (caught.value.key, caught.value.kind) == (key, kind)
-
-
-def test_scene_without_load_factors_is_read_again() -> None:
-    table = scene_table(scene_with("backbone.points=9"))
-    table["backbone"]["load_factors"] = []
-    scene = parse_scene(table, "scene", None)
-    assert parse_scene(scene_table(scene), "scene", None) == scene
 
 
 def test_mode_that_the_model_does_not_have_is_refused(model: Path, tmp_path: Path) -> None:
@@ -246,25 +227,3 @@ def test_mode_takes_the_coordinates_that_its_largest_amplitude_needs() -> None:
     stiff = backbone(slender("backbone.load_factors=[]", "basis.size=1"))
     assert stiff.labels == ("1V",) and stiff.points[-1].frequency > 1.5 * found.points[-1].frequency
     assert stiff.basis_error is None or stiff.basis_error > 0.1
-
-
-def test_mode_that_cannot_reach_the_accuracy_says_so() -> None:
-    found = backbone(slender("backbone.load_factors=[]"), spare=4)
-    assert found.labels == ("1V",)
-    assert any("basis.accuracy = 0.001 is not reached" in text for text in found.warnings)
-
-
-def test_mode_without_a_first_point_says_how_far_it_was_followed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """No smaller start reaches the first amplitude, within two points."""
-    follow = ModeContinuation.at_parameter
-
-    def small(path: ModeContinuation, s: Array, value: float) -> Any:
-        return follow(path, s, value) if value < path.low - 1.0 else None
-
-    monkeypatch.setattr(ModeContinuation, "at_parameter", small)
-    found = backbone(oscillator("backbone.points=2"))
-    assert found.unfinished is not None and not found.points
-    assert "backbone.first = 0.1 m" in str(found.unfinished)
-    assert "the mode reaches 0.02" in str(found.unfinished)

@@ -1,73 +1,37 @@
 """Error against run time: agreement, indicator, cache, and bases against the full model."""
 
 import csv
-import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
+import motions
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, contact_points, heard, make_solid
+from support import STOCKY, beam_scene, heard, make_solid
 
 from fenicsrom.assess.errors import comparisons as residual
 from fenicsrom.assess.errors import estimates as agreement
 from fenicsrom.assess.full import full_motions as full_cache
 from fenicsrom.assess.studies import compare
-from fenicsrom.assess.studies.compare import Combination, Comparison, Outcome
+from fenicsrom.assess.studies.compare import Combination
 from fenicsrom.errors import SceneError
-from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store import store as result_cache
-from fenicsrom.scene import parse_scene, read_scene, scene_table
-
-PERIOD = 0.5
-DEMOS = Path(__file__).parents[2] / "demos"
 
 
 def motion(
-    across=1.0,
-    along=0.1,
-    phase=0.0,
-    force=10.0,
-    friction_dissipation=2.0,
-    switch=0.5,
-    steps=200,
-    seconds=1.0,
+    across=1.0, along=0.1, phase=0.0, force=10.0, friction_dissipation=2.0, switch=0.5, steps=200
 ):
     """Two periods of a point that moves by sines; the contact opens at a fraction of each
     period."""
     parts = np.arange(2 * steps + 1) / steps
-    time = PERIOD * parts
-    x = np.zeros((time.size, 1, 2))
+    x = np.zeros((parts.size, 1, 2))
     x[:, 0, 0] = along * np.cos(4 * np.pi * parts)
     x[:, 0, 1] = across * np.sin(2 * np.pi * parts + phase)
     forces = np.zeros_like(x)
     forces[:, 0, 0] = force * np.sin(2 * np.pi * parts) ** 2
     state = np.where(parts[:, None] % 1.0 < switch, 0, -1).astype(np.int8)
-    zero = np.zeros(time.size)
-    return Motion(
-        time=time,
-        period=PERIOD,
-        displacement=x,
-        force=forces,
-        mean_force=forces,
-        gap=np.zeros((time.size, 1)),
-        point_friction_dissipation=np.zeros((time.size, 1)),
-        state=state,
-        kinetic=zero,
-        elastic=zero,
-        contact_energy=zero,
-        work=zero,
-        damping_dissipation=zero,
-        friction_dissipation=friction_dissipation * parts,
-        steady=True,
-        periods=2,
-        steps=2 * steps,
-        rejected=0,
-        newton_iterations=9,
-        seconds=seconds,
-    )
+    return motions.motion(motions.PERIOD * parts, x, forces, state, friction_dissipation * parts)
 
 
 def test_errors_of_known_motions_match_hand_calculation():
@@ -207,24 +171,14 @@ def test_coarse_mesh_and_long_steps_are_compared_with_the_full_model_of_the_scen
     ("override", "key"),
     [
         ('compare.meshes=["material.young=1.0"]', "meshes[0]"),
-        ("compare.modes=[]", "modes"),
         ("compare.modes=[1,1]", "modes[1]"),
         ('compare.methods=["guyan"]', "methods[0]"),
-        ('compare.derivatives=["1V1V"]', "derivatives[0]"),
     ],
 )
 def test_wrong_compare_table_is_refused_with_its_key(override, key):
     with pytest.raises(SceneError) as refusal:
         beam_scene(overrides=(override,))
     assert refusal.value.key == f"compare.{key}"
-
-
-def test_compare_table_survives_the_round_trip():
-    scene = beam_scene(
-        overrides=('compare.derivatives=[["1V1V","1V1S"],"mmi"]', "compare.full=false")
-    )
-    assert parse_scene(scene_table(scene), "test", None).compare == scene.compare
-    assert scene.compare.derivatives == (("1V1V", "1V1S"), "mmi")
 
 
 # ------------------------------------------------------------------ the indicator
@@ -289,8 +243,7 @@ def test_indicator_of_body_at_rest_is_root_mean_square_of_sine():
         assert value == pytest.approx(np.sqrt(0.5), rel=0.05)
 
 
-@pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
-def test_run_started_from_a_motion_continues_it(scheme):
+def test_run_started_from_a_motion_continues_it():
     pytest.importorskip("dolfinx")
     from fenicsrom.fem.full.full import full_model
     from fenicsrom.reduction.beam import beam_structure
@@ -300,7 +253,6 @@ def test_run_started_from_a_motion_continues_it(scheme):
         "time.steps_per_period=100",
         "time.periods=2",
         "time.steady_tolerance=0.0",
-        f'time.scheme="{scheme}"',
     )
     scene = beam_scene(
         overrides=(*few, "contacts.0.preload=100.0"),
@@ -402,114 +354,7 @@ def test_key_changes_with_a_module_of_each_package(tmp_path):
     assert result_cache.package_digest(copy) != digest
 
 
-def test_key_contains_the_package(monkeypatch):
-    scene = beam_scene()
-    key = full_cache.cache_key(scene)
-    monkeypatch.setattr(result_cache, "package_digest", lambda folder: "another")
-    assert full_cache.cache_key(scene) != key
-
-
-def test_unwritable_cache_is_reported_and_ignored(tmp_path, monkeypatch):
-    pytest.importorskip("dolfinx")
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.delenv("FENICSROM_CACHE")
-    scene = beam_scene(overrides=QUICK)
-    said = []
-    with heard(said.append):
-        found, _ = full_cache.full_motion(make_solid(scene), scene)
-    assert found.steps > 0 and any("not stored" in line for line in said)
-
-
 # ------------------------------------------------------------------ files
-
-
-def handmade(**changes):
-    """A comparison of three combinations, the last of which failed."""
-    scene = beam_scene()
-    names = [("rubin", 1, "none"), ("craig-bampton", 2, "all"), ("rubin", 3, "mmi")]
-    outcomes = [
-        Outcome(Combination(m, n, d, "polynomial", "discrete-gradient")) for m, n, d in names
-    ]
-    for k, outcome in enumerate(outcomes[:2]):
-        outcome.labels = ("1S", "2S", "1V", "1V1V")[: 3 + k]
-        outcome.offline, outcome.online = (
-            {"modes": 1.0, "basis": 0.5 * k},
-            (0.1, 0.2, 0.3, 0.2, 0.2),
-        )
-        outcome.motion = motion(across=1.0 + 0.1 / (1 + 9 * k))
-        outcome.errors = agreement.motion_errors(outcome.motion, motion())
-        outcome.indicator, outcome.residual = 0.1 / (1 + k), 0.2
-    outcomes[2].failure = "time integration stopped"
-    full_run = {
-        "date": "2026-01-01T00:00:00+00:00",
-        "machine": full_cache.machine(),
-        "ranks": 1,
-        "cached": False,
-    }
-    given = {"full": motion(seconds=4.2), "full_run": full_run} | changes
-    return Comparison(
-        scene=scene,
-        outcomes=outcomes,
-        unknowns=240,
-        points=contact_points([1.0, 0.0]),
-        compilation=3.0,
-        warnings=[],
-        **given,
-    )
-
-
-def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
-    """The scene of a round surface gives no normal."""
-    from fenicsrom.post.studies.compare_report import error_heads, pareto_figure
-
-    found = replace(handmade(), points=contact_points([0.0, 1.0], [0.0, -1.0]))
-    heads = error_heads(found)
-    assert heads["amplitude_normal"] == "normal y amplitude"
-    assert heads["amplitude_tangential"] == "tangential x amplitude"
-    labels = [axis.get_ylabel() for axis in pareto_figure(found).axes]
-    assert "error of the tangential x amplitude, %" in labels
-
-
-@pytest.mark.slow
-def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
-    from fenicsrom.post.studies.compare_report import report
-
-    found = handmade()
-    files = report(found).write(tmp_path)
-    assert {path.name for path in files} == {
-        "report.html",
-        "comparison.csv",
-        "comparison.json",
-        "pareto.png",
-        "size.png",
-        "indicator.png",
-    }
-    with open(tmp_path / "comparison.csv", newline="", encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
-    assert [line["size"] for line in lines] == ["3", "4", ""]
-    assert float(lines[0]["error_amplitude_tangential_percent"]) == pytest.approx(10.0)
-    assert float(lines[1]["offline_s"]) == 1.5 and float(lines[1]["online_s"]) == 0.2
-    assert float(lines[1]["speed_up"]) == pytest.approx(21.0) and lines[1]["break_even_runs"] == "1"
-    assert lines[2]["failure"] == "time integration stopped"
-    summary = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
-    assert summary["combinations"][1]["error_percent"]["amplitude_tangential"] == pytest.approx(1.0)
-    assert summary["full"]["seconds"] == 4.2 and summary["compilation_seconds"] == 3.0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "data:image/png;base64" not in page and "http" not in page
-    assert page.count("<img alt=") == 3  # a script puts a chart in the place of each
-    assert "Pareto" in page and full_cache.machine()["processor"] in page
-    assert "time integration stopped" in report(found).text()
-
-
-def test_comparison_without_full_model_has_no_pictures(tmp_path):
-    from fenicsrom.post.studies.compare_report import report
-
-    found = handmade(full=None, full_run={})
-    for outcome in found.outcomes:
-        outcome.errors = {}
-    assert {path.suffix for path in report(found).write(tmp_path)} == {".html", ".csv", ".json"}
-    assert json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["full"] is None
 
 
 @pytest.mark.slow
@@ -552,32 +397,6 @@ def test_tiny_comparison_ranks_the_richer_basis_first(cache):
 
 
 # ------------------------------------------------------------------ the paper's cases
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_nine_coordinates_match_the_full_model():
-    from mpi4py import MPI
-
-    scene = read_scene(
-        DEMOS / "slip_liftoff_2d.toml",
-        [
-            "geometry.parameters.elements_along=10",
-            "compare.modes=[2]",
-            'compare.methods=["rubin"]',
-            'compare.derivatives=["mmi-nls"]',
-            'compare.elastic_force=["polynomial","projection"]',
-            "time.periods=8",
-            "time.steady_tolerance=0.0",
-        ],
-    )
-    one, other = compare.compare(scene, MPI.COMM_SELF).outcomes
-    assert len(one.labels) <= 9 and one.errors["amplitude_tangential"] < 0.05
-    assert other.combination.elastic_force == "projection"
-    shift, projected = (
-        outcome.motion.displacement[outcome.motion.last_period()] for outcome in (one, other)
-    )
-    assert np.abs(shift - projected).max() < 1e-9 * np.abs(shift).max()
 
 
 def test_comparison_without_acting_load_has_no_indicator():

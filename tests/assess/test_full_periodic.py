@@ -22,11 +22,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.measures import amplitude
-from fenicsrom.online.periodic.shooting import (
-    PeriodicMotion,
-    Shooting,
-    periodic_motion,
-)
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, periodic_motion
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import project
@@ -121,8 +117,7 @@ def test_march_that_does_not_settle_gives_way_to_the_periodic_motion(dissipative
 
 
 @pytest.mark.parametrize(
-    ("scheme", "dimension"),
-    [("discrete-gradient", 2), ("discrete-gradient", 3)],
+    ("scheme", "dimension"), [("discrete-gradient", 2), ("discrete-gradient", 3)]
 )
 def test_motion_without_numerical_damping_repeats(scheme: str, dimension: int) -> None:
     found_case = case(scheme, dimension)

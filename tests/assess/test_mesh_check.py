@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene
+from support import beam_scene, touching
 
 pytest.importorskip("dolfinx")
 
@@ -139,15 +139,7 @@ def turning_strip(*changes: str, **tables: Any) -> Scene:
     return beam_scene(2, (*STRIP, *changes), **table | tables)
 
 
-RUB = {
-    "group": "tip",
-    "at": "centre",
-    "normal": [1.0, 0.0],
-    "preload": 1.0,
-    "friction": 0.3,
-    "normal_stiffness": 1e4,
-    "tangential_stiffness": 50.0,
-}
+RUB = touching(at="centre", normal=[1.0, 0.0], preload=1.0, friction=0.3, tangential_stiffness=50.0)
 
 
 @pytest.mark.parametrize("contacts", [[], [RUB]])
@@ -169,6 +161,7 @@ def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
     np.testing.assert_allclose(ours.directions, theirs.directions, rtol=1e-2, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_run_up_on_coarse_mesh_is_refused_with_its_true_error(tmp_path: Path) -> None:
     history = "rotation.coriolis=true", "rotation.history=[[0.0, 300.0], [0.1, 600.0]]"
     time = "time={duration=0.1, step=2e-4}"

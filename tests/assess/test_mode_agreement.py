@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from support import beam_scene
 
-from fenicsrom.assess.errors.comparisons import MOST_COMPARED, ModeAgreement, mode_agreement
-from fenicsrom.post.run.summary import agreement_figure, agreement_rows, agreement_sentence
+from fenicsrom.assess.errors.comparisons import MOST_COMPARED, mode_agreement
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
@@ -66,23 +65,3 @@ def test_frequencies_of_a_basis_are_upper_bounds(method: str) -> None:
     own = np.diag(found.mac)[:2]
     assert np.all(own > (1.0 - 1e-9 if method == "rubin" else 0.99))
     assert np.all(found.represented <= 1.0 + 1e-9)
-
-
-def test_table_and_sentence_name_the_modes_that_agree(tmp_path: Any) -> None:
-    found = ModeAgreement(
-        np.array([1.0, 2.0, 4.0]),
-        np.array([1.0, 2.02, 5.0]),
-        np.array([[1.0, 0.0, 0.0], [0.0, 0.995, 0.0], [0.0, 0.001, 0.64]]),
-    )
-    head, *rows = agreement_rows(found)
-    assert [row[head.index("difference %")] for row in rows] == [0.0, 1.0, 25.0]
-    assert rows[2][:3] == [3, "4", "5"] and rows[2][head.index("MAC")] == "0.640"
-    sentence = agreement_sentence(found)
-    assert "first 2 modes" in sentence and "up to 2 Hz" in sentence and "3 compared" in sentence
-    none = ModeAgreement(found.full_hz, found.reduced_hz, 0.5 * found.mac)
-    assert agreement_rows(none)[3][2:4] == [None, None]
-    assert "no mode" in agreement_sentence(none)
-    pytest.importorskip("matplotlib")
-    axis = agreement_figure(found).axes[0]
-    assert {text.get_text() for text in axis.texts} == {"1.00", "0.99", "0.64"}
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["1", "2.02", "5"]

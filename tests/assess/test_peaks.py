@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support import beam_scene, heard, linear_model
-from test_response import run, scene_with
+from test_response import scene_with
 
 from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.run.simulate import load_histories
-from fenicsrom.online.store.archive import StoredModel, save_model
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.reports import report
 
 FORCE, DAMPING, SPRING, FRICTION = 1.0, 0.04, 0.5, 0.5
@@ -135,28 +133,6 @@ def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Pat
     pairs = zip(*(largest_peaks(one.curves[0].peaks) for one in (again, found)), strict=True)
     for mine, its in pairs:
         assert (mine.value, mine.amplitude) == (its.value, its.amplitude)
-
-
-@pytest.mark.slow
-def test_range_without_the_optimum_says_to_widen_it(tmp_path: Path) -> None:
-    save_model(tmp_path / "m.npz", damper("response.peak_range=[1.0, 2.5]"))
-    assert run(tmp_path / "m.npz", tmp_path / "out") == 0
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "widen this range" in page
-    with open(tmp_path / "out" / "response_peaks.csv") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["smallest"] for row in rows].count("True") == 1
-    (curve,) = json.loads((tmp_path / "out" / "response.json").read_text())["curves"]
-    assert curve["optimum"]["contacts.0.preload_N"] == pytest.approx(2.5)
-    assert (tmp_path / "out" / "peaks.png").exists()
-
-
-@pytest.mark.slow
-def test_peak_that_leaves_the_range_of_the_frequency_exits_1(tmp_path: Path) -> None:
-    save_model(tmp_path / "m.npz", damper(f"response.last={1.1 / (2.0 * np.pi)}"))
-    assert run(tmp_path / "m.npz", tmp_path / "out") == 1
-    summary = json.loads((tmp_path / "out" / "response.json").read_text())
-    assert "wider range of the frequency" in summary["unfinished"]
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,7 @@ def test_curve_over_the_frequency_of_an_engine_order_says_that_the_speed_stays()
     assert "engine order" in warning and f"{60.0 * LOW:g} rpm" in warning
 
 
+@pytest.mark.slow
 def test_lightly_damped_mode_at_a_harmonic_is_named_with_the_stiffness_damping_that_it_lacks() -> (
     None
 ):
@@ -335,7 +336,6 @@ def test_scene_without_a_period_is_refused() -> None:
     "override",
     [
         'response.families={key="geometry.thickness", values=[0.1]}',
-        'basis.elastic_force="projection"',
         'response.parameter="material.young"',
     ],
 )
@@ -350,10 +350,7 @@ def test_command_refuses_what_a_reduced_model_cannot_change(
     ("key", "kind"),
     [
         ("frequency", ErrorKind.CONFLICT),
-        ("loads[0].frequency", ErrorKind.CONFLICT),
-        ("response.first", ErrorKind.CONFLICT),
         ("contacts.0.preload", ErrorKind.RANGE),
-        ("loads.0.size", ErrorKind.RANGE),
         ("geometry.thickness", ErrorKind.MISMATCH),
     ],
 )
@@ -366,10 +363,6 @@ def test_second_number_that_cannot_be_used_is_refused_by_its_own_key(
     assert (caught.value.key, caught.value.kind) == ("response.families.key", kind)
 
 
-def test_second_number_may_be_an_integer() -> None:
-    check_response(scene_with('response.families={key="time.steps_per_period", values=[64, 96]}'))
-
-
 def test_second_number_with_a_bad_value_is_refused_by_the_key_of_the_values() -> None:
     scene = scene_with('response.families={key="material.mass_damping", values=[1.0, -2.0]}')
     with pytest.raises(SceneError) as caught:
@@ -379,8 +372,7 @@ def test_second_number_with_a_bad_value_is_refused_by_the_key_of_the_values() ->
 
 
 @pytest.mark.parametrize(
-    ("contact", "parameter", "last"),
-    [("gap=2e-3", "preload", 15.0), ("preload=15.0", "gap", 2e-3)],
+    ("contact", "parameter", "last"), [("gap=2e-3", "preload", 15.0), ("preload=15.0", "gap", 2e-3)]
 )
 def test_curve_over_preload_with_gap_is_refused_as_its_scenes_are(
     contact: str, parameter: str, last: float
@@ -392,17 +384,6 @@ def test_curve_over_preload_with_gap_is_refused_as_its_scenes_are(
     )
     with refusal(ErrorKind.CONFLICT, "response.last"):
         check_response(scene)
-
-
-def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    stored = oscillator()
-    save_model(
-        tmp_path / "m.npz",
-        replace(stored, scene=replace(stored.scene, response=None)),
-    )
-    assert run(tmp_path / "m.npz", tmp_path / "out") == 2
 
 
 @pytest.mark.slow

@@ -18,14 +18,7 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
-from fenicsrom.assess.curves.trust import (
-    BETWEEN,
-    LARGEST,
-    SHARE,
-    SPREAD,
-    richer_model,
-    spread,
-)
+from fenicsrom.assess.curves.trust import BETWEEN, LARGEST, SHARE, SPREAD, richer_model, spread
 from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -34,7 +27,7 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-from fenicsrom.post.curves.response_tables import sentences, summary
+from fenicsrom.post.curves.response_tables import summary
 
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))
@@ -296,25 +289,6 @@ def test_error_that_a_run_refuses_is_a_warning() -> None:
     assert any(
         f"by {in_percent(worst)}" in said and "steps_per_period" in said for said in found.warnings
     )
-
-
-def test_sentences_say_where_a_curve_is_unstable_and_its_largest_change() -> None:
-    found = compared(oscillator("time.steps_per_period=50"), 30.0)
-    (curve,) = found.curves
-    unstable = [point for point in curve.points if not point.stable]
-    ends = sorted(point.parameter for point in unstable)
-    said = " ".join(sentences(found))
-    assert f"Unstable points: {len(unstable)}, between frequency = {ends[0]:.6g} and " in said
-    assert f"{ends[-1]:.6g} Hz (largest multiplier " in said
-    changes = [c.step_error for c in curve.checks if c.quantity == "amplitude" and c.step_error]
-    assert curve.step_error is not None and max(changes) > curve.step_error
-    assert f"and other amplitudes by at most {in_percent(max(changes))}." in said
-
-
-def test_richer_basis_of_the_same_stability_is_no_warning() -> None:
-    found = compared(oscillator("time.steps_per_period=50"), 30.0)
-    assert not on_stability(found)
-    assert not any("unknown" in line for line in found.warnings)
 
 
 def test_motions_that_a_richer_basis_does_not_find_are_counted(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -20,7 +19,7 @@ from test_response import DAMPING, HIGH, LOW, oscillator
 from fenicsrom import study
 from fenicsrom.assess import jobs
 from fenicsrom.assess.curves import pieces as curve_progress
-from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
+from fenicsrom.assess.curves.pieces import CurveWalk
 from fenicsrom.assess.curves.response import CLASSES, response
 from fenicsrom.assess.curves.results import Response, curve_file
 from fenicsrom.cli import main
@@ -100,15 +99,6 @@ def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
     assert not any("curve 1 of 2" in line for line in lines)
 
 
-def test_state_of_finished_curves_is_read_without_computing(tmp_path: Path) -> None:
-    stored = oscillator()
-    whole = response(stored, state=tmp_path)
-    lines: list[str] = []
-    with heard(lines.append):
-        assert_same(response(stored, resume=tmp_path), whole)
-    assert lines == []
-
-
 def test_state_is_written_while_the_curve_grows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,27 +166,6 @@ def test_curves_of_two_processes_are_the_serial_ones_bit_for_bit(tmp_path: Path)
 
 
 SHORT = f"response.last={1.02 * LOW}"
-SLOW_CURVES = (FAMILY, "time.steps_per_period=100000")  # minutes on any machine
-
-
-@pytest.mark.slow
-def test_interrupted_processes_keep_their_curves(tmp_path: Path) -> None:
-    stored = oscillator(*SLOW_CURVES)
-    begun: set[str] = set()
-
-    def say(line: str) -> None:
-        if "points, frequency" in line:
-            begun.add(line.split(",")[0])
-        if len(begun) == 2:
-            raise KeyboardInterrupt
-
-    with heard(say):
-        found = response(stored, state=tmp_path, workers=2)
-    assert found.interrupted and len(found.curves) == 2
-    for number, curve in enumerate(found.curves, 1):
-        assert curve.pieces[-1].reason == "interrupted"
-        kept = curve_file(tmp_path, stored, number).load(CLASSES)
-        assert kept is not None and len(kept.curve.points) == len(curve.points)
 
 
 def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
@@ -212,7 +181,7 @@ def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130)])
 def test_signal_ends_all_processes_with_files_and_state(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
@@ -288,45 +257,6 @@ def test_unexpected_exception_of_one_curve_leaves_its_points_and_the_other_curve
     values = table["materialmass_damping_1s"]
     assert set(values) == {DAMPING, 2 * DAMPING}
     assert np.sum(values == DAMPING) > np.sum(values == 2 * DAMPING) > 2
-
-
-def test_progress_tells_the_fraction_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr(curve_progress.clock, "perf_counter", lambda: now)
-    lines: list[str] = []
-    progress = CurveProgress(["a: ", "b: "])
-    with heard(lines.append):
-        progress(0, 0.5, "resumed")  # 25 % of both curves was done before
-        progress(1, 0.0, "begun")
-        now += 10.0
-        progress(1, 0.5, "on")
-        assert "50 %" in lines[-1] and "about 20 s left" in lines[-1]
-        progress.finished(0)
-        assert progress.remaining().startswith("75 %")
-        progress(1, 1.0, "checks")
-    assert "100 %" in lines[-1] and "left" not in lines[-1]
-
-
-@pytest.mark.slow
-def test_picture_that_fails_becomes_a_warning_after_the_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    from fenicsrom.post.curves import response_report
-
-    def broken(found: Response) -> None:
-        raise ValueError("no axes")
-
-    monkeypatch.setattr(response_report, "multiplier_figure", broken)
-    stored = oscillator(SHORT)
-    save_model(tmp_path / "model.npz", stored)
-    arguments = ["response", "--from", str(tmp_path / "model.npz"), "--output"]
-    assert main([*arguments, str(tmp_path / "out")]) == 0
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"response.png", "harmonics.png", "response.csv", "report.html"} <= names
-    assert "multipliers.png" not in names
-    summary = json.loads((tmp_path / "out" / "response.json").read_text())
-    assert any("multipliers.png" in warning for warning in summary["warnings"])
-    assert "multipliers.png" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def test_motion_at_a_speed_is_the_exact_one(
     "rpm, exact, errors",
     [
         (4400.0, 9.430262e-4, (1.4e-2, 3.5e-3, 8.7e-4, 2.2e-4)),
-        (7000.0, 3.832306e-4, (6.3e-2, 1.5e-2, 3.7e-3, 9.2e-4)),
+        pytest.param(7000.0, 3.832306e-4, (6.3e-2, 1.5e-2, 3.7e-3, 9.2e-4), marks=pytest.mark.slow),
     ],
 )
 def test_errors_of_the_step_are_of_second_order(

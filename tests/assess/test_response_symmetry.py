@@ -68,12 +68,7 @@ def test_follower_pressure_that_varies_needs_the_derivatives_along_its_own_stati
             supports=[{"group": "root"}],
             loads=[
                 {"group": "tip", "pressure": 8.0 * pressure, "follower": True},
-                {
-                    "group": "tip",
-                    "pressure": 4.0 * pressure,
-                    "follower": True,
-                    "frequency": lowest,
-                },
+                {"group": "tip", "pressure": 4.0 * pressure, "follower": True, "frequency": lowest},
             ],
             material={"young": young, "poisson": 0.3, "density": density, "mass_damping": 1.0},
             probe={"group": "tip", "at": "centre"},

@@ -20,13 +20,7 @@ from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
 from fenicsrom.assess.errors import estimates, sizing
 from fenicsrom.assess.errors.estimates import distances, nested_motion
-from fenicsrom.assess.errors.sizing import (
-    Sized,
-    candidate_energies,
-    growing,
-    sized,
-    spare_coordinates,
-)
+from fenicsrom.assess.errors.sizing import Sized, candidate_energies, sized, spare_coordinates
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.export import export
 from fenicsrom.exchange.superelement import read_matrices
@@ -139,16 +133,6 @@ def test_model_that_grew_is_judged_on_finer_elements_by_the_coordinates_of_both(
     assert lacking is not None and lacking[2] == [2, -1]
     near = nested_motion(lacking[0], grown.scene, motion, lacking[2])
     assert near is not None and distances(near, run(other)).largest < 1e-6
-
-
-def test_selections_of_the_paper_keep_their_size() -> None:
-    stored = stored_with("basis.derivatives='mmi-nls'")
-    assert sized(stored, run(stored), run) is None
-
-
-def test_models_grow_by_three_and_then_twice_as_many() -> None:
-    assert [len(part) for part in growing("abcdefghijklmn")] == [3, 6, 12, 14]
-    assert [len(part) for part in growing("ab")] == [2] and list(growing("")) == []
 
 
 def test_model_of_a_given_size_has_the_coordinates_with_the_largest_energies() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +11,11 @@ from support import beam_scene, oscillator, refusal
 
 from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.assess.studies import stability
-from fenicsrom.assess.studies.stability import Case, Finding, Matrix, Verdict
+from fenicsrom.assess.studies.stability import Case, Finding, Verdict
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
-from fenicsrom.post.studies import stability_report
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
@@ -145,43 +142,6 @@ def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.Monke
     refusal = SceneError("s.toml: what: must be otherwise")
     monkeypatch.setattr(stability, "build", lambda *_: (_ for _ in ()).throw(refusal))
     assert verdict().verdict is Verdict.REFUSED
-
-
-def test_report_holds_every_run_and_what_was_left_out(tmp_path: Path) -> None:
-    _, scene = stability.load(SCENE)
-    cases = [
-        Case("load", f"{k} times <&>", ("x=1",), model)
-        for k, model in enumerate(("reduced", "reduced", "full"))
-    ]
-    numbers = (0.1, 1e-3, None, 1e-4, None, 1e-4, 1e-12, True, 20, 1.0)
-    findings = [
-        Finding(cases[0], Verdict.CONVERGED, "", *numbers),
-        Finding(cases[1], Verdict.WRONG, "off by 1", 0.2, float("inf"), None, 1.0),
-        Finding(cases[2], Verdict.REFUSED, "SceneError: no"),
-    ]
-    matrix = Matrix(scene, findings, 3.0, ["axis gap: left out: no contact has a gap"])
-    files = stability_report.report(matrix).write(tmp_path)
-    suffixes = ["csv", "json", "png"]
-    assert [path.name for path in files] == ["report.html", *(f"stability.{s}" for s in suffixes)]
-    found = json.loads(files[2].read_text())
-    assert found["verdicts"] == {
-        "converged": 1,
-        "not steady": 0,
-        "refused": 1,
-        "silently wrong": 1,
-    }
-    assert [run["verdict"] for run in found["runs"]] == ["converged", "silently wrong", "refused"]
-    assert found["runs"][1]["estimate"] is None and found["left_out"] == matrix.left_out
-    rows = list(csv.DictReader(files[1].read_text(encoding="utf-8").splitlines()))
-    assert [row["why"] for row in rows] == ["", "off by 1", "SceneError: no"]
-    assert files[3].read_bytes().startswith(b"\x89PNG")
-    page = files[0].read_text()
-    assert (
-        "times &lt;&amp;&gt;" in page and "Silently wrong" in page and 'src="stability.png"' in page
-    )
-    assert "no contact has a gap" in page
-    first, *_ = stability_report.sentences(matrix)
-    assert first == "3 runs in 3 s: 1 converged, 0 not steady, 1 refused, 1 silently wrong."
 
 
 @pytest.mark.slow
