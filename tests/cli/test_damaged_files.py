@@ -1,12 +1,8 @@
-"""Hostile files: a damaged model or mesh gives a result or one sentence, and nothing hangs.
+"""Damaged files: a damaged model or mesh gives a result or one sentence, and nothing hangs.
 
-The quick part has several hundred inputs, the slow part several thousand. A separate process reads
-the meshes, so that the tests can tell a crash of gmsh from a refusal.
+A separate process reads the meshes, so that the tests can tell a crash of gmsh from a refusal.
 """
 
-import dataclasses
-import inspect
-import io
 import json
 import os
 import re
@@ -15,16 +11,12 @@ import signal
 import subprocess
 import sys
 import time
-import zipfile
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from support import beam_scene, random_model
 
 from fenicsrom.errors import ErrorKind, SceneError
@@ -32,46 +24,6 @@ from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model, save
 from fenicsrom.scene.reading.reading import shared_meshes
 
 LONG = (pytest.mark.slow, pytest.mark.long)
-
-
-def drawn(
-    few: int, many: int, **inputs: st.SearchStrategy[Any]
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A test of `few` random inputs, equal in each session, and of `many` in the slow part;
-    fixtures are passed on."""
-
-    def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=LONG)])
-        def run(count: int, **fixtures: Any) -> None:
-            @settings(
-                max_examples=count,
-                deadline=None,
-                derandomize=True,
-                database=None,
-                suppress_health_check=[
-                    HealthCheck.too_slow,
-                    HealthCheck.data_too_large,
-                    HealthCheck.large_base_example,
-                ],
-            )
-            @given(**inputs)
-            def each(**values: Any) -> None:
-                test(**fixtures, **values)
-
-            each()
-
-        names = [
-            "count",
-            *(name for name in inspect.signature(test).parameters if name not in inputs),
-        ]
-        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-            [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
-        )
-        run.__doc__ = test.__doc__
-        return run
-
-    return decorate
-
 
 # ------------------------------------------------------------------ stored models
 
@@ -116,136 +68,25 @@ def same(path: Path, other: Path) -> bool:
     return header and all(np.array_equal(x, y) for x, y in numbers)
 
 
-@dataclasses.dataclass(frozen=True)
-class Damage:
-    """A change of a file at a position; a negative position counts from the end."""
-
-    kind: str
-    place: int
-    length: int
-    bit: int
-    noise: bytes
-
-    def done_to(self, content: bytes) -> bytes:
-        place = self.place % len(content)
-        if self.kind == "cut":
-            return content[:place]
-        if self.kind == "flip":
-            return content[:place] + bytes([content[place] ^ 1 << self.bit]) + content[place + 1 :]
-        stop = min(len(content), place + self.length)
+def test_damaged_model_is_refused_or_unchanged(stored: Path) -> None:
+    path, content, rng = (
+        stored.with_name("damaged.npz"),
+        stored.read_bytes(),
+        np.random.default_rng(1),
+    )
+    for kind in 20 * ("cut", "flip", "zero"):
+        place = int(rng.integers(len(content)))
         middle = {
-            "noise": self.noise,
-            "double": 2 * content[place:stop],
-            "remove": b"",
-            "zero": bytes(stop - place),
+            "cut": b"",
+            "flip": bytes([content[place] ^ 1 << int(rng.integers(8))]) + content[place + 1 :],
+            "zero": bytes(40) + content[place + 40 :],
         }
-        return content[:place] + middle[self.kind] + content[stop:]
-
-
-DAMAGE = st.lists(
-    st.builds(
-        Damage,
-        st.sampled_from(["cut", "flip", "flip", "flip", "noise", "double", "remove", "zero"]),
-        st.integers(0, 10**6) | st.integers(-1500, -1),  # the end of a zip file says what is in it
-        st.integers(1, 40),
-        st.integers(0, 7),
-        st.binary(max_size=40),
-    ),
-    min_size=1,
-    max_size=2,
-)
-
-
-def damage(content: bytes, done: list[Damage]) -> bytes:
-    for item in done:
-        content = item.done_to(content) if content else content
-    return content
-
-
-@drawn(150, 1500, done=DAMAGE)
-@pytest.mark.slow
-def test_damaged_model_is_refused_or_unchanged(stored: Path, done: list[Damage]) -> None:
-    path = stored.with_name("damaged.npz")
-    path.write_bytes(damage(stored.read_bytes(), done))
-    if sentence(path) is None:
-        assert same(path, stored)
-
-
-@drawn(50, 1000, data=st.binary(max_size=300))
-def test_random_bytes_are_refused(stored: Path, data: bytes) -> None:
-    path = stored.with_name("noise.npz")
-    path.write_bytes(data)
-    assert sentence(path) is not None
-
-
-ODD = st.sampled_from(
-    [
-        np.zeros(0),
-        np.zeros((2, 2)),
-        np.zeros((3, 3), dtype=np.float32),
-        np.full((3, 3), np.nan),
-        np.array(np.inf),
-        np.array([None, {"a": 1}], dtype=object),
-        np.array("text"),
-        np.zeros((3, 3), dtype=complex),
-        -np.eye(3),
-        np.zeros((3, 3)),
-        np.eye(3) + np.eye(3, k=1),
-        np.zeros((3, 1)),
-        np.array(-1.0),
-        np.zeros((10, 10)),
-        np.arange(3),
-        np.ones((1, 3, 3)),
-        np.array(True),
-    ]
-)
-
-
-@drawn(80, 1000, data=st.data())
-def test_model_with_odd_or_missing_array_is_refused(stored: Path, data: st.DataObject) -> None:
-    found = arrays(stored)
-    name = data.draw(st.sampled_from(sorted(found)))
-    if data.draw(st.booleans()):
-        odd = data.draw(ODD)
-        same = odd.dtype == found[name].dtype and odd.shape == found[name].shape
-        if same and odd.tobytes() == found[name].tobytes():
-            return
-        found[name] = odd
-    else:
-        del found[name]
-    path = stored.with_name("odd.npz")
-    np.savez(path, **found)
-    assert sentence(path) is not None
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
-    ),
-    max_leaves=5,
-)
-
-
-@drawn(60, 1000, data=st.data())
-def test_model_with_changed_header_is_refused(stored: Path, data: st.DataObject) -> None:
-    found = arrays(stored)
-    header = json.loads(str(found["header"]))
-    branch, depth = header, data.draw(st.integers(0, 3))
-    for _ in range(depth):
-        inner = [key for key, value in branch.items() if isinstance(value, dict) and value]
-        if not inner:
-            break
-        branch = branch[data.draw(st.sampled_from(inner))]
-    key = data.draw(st.sampled_from(sorted(branch)))
-    if data.draw(st.booleans()):
-        branch[key] = data.draw(JSON)
-    else:
-        del branch[key]
-    text = data.draw(st.sampled_from([json.dumps(header)] * 9 + [json.dumps(header)[:-5]]))
-    path = stored.with_name("header.npz")
-    np.savez(path, **{**found, "header": np.array(text)})
-    assert (sentence(path) is None) == (text == str(found["header"]))
+        path.write_bytes(content[:place] + middle[kind])
+        if sentence(path) is None:
+            assert kind != "cut" and same(path, stored)
+    for name in ("header", "model.mass"):
+        np.savez(path, **{key: value for key, value in arrays(stored).items() if key != name})
+        assert sentence(path) is not None
 
 
 def test_model_with_other_version_or_pickle_is_refused(stored: Path, tmp_path: Path) -> None:
@@ -277,25 +118,6 @@ def test_model_saved_again_is_unchanged_and_runs(stored: Path, tmp_path: Path) -
     save_model(tmp_path / "again.npz", first)
     assert same(stored, tmp_path / "again.npz")
     assert first.with_overrides(["loads.0.force=0.1"]).simulate().periods == 2
-
-
-def test_model_with_huge_array_header_is_refused(stored: Path, tmp_path: Path) -> None:
-    """A header declares an array of 1e15 entries; it is refused before memory is allocated."""
-    found = arrays(stored)
-    np.savez(tmp_path / "bomb.npz", **found)
-    raw = io.BytesIO()
-    with zipfile.ZipFile(tmp_path / "bomb.npz") as old, zipfile.ZipFile(raw, "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name == "model.mass.npy":
-                said = b"(3, 3), }" + b" " * 20
-                data = data.replace(
-                    said[: len(b"(1" + b"0" * 15 + b",), }")], b"(1" + b"0" * 15 + b",), }"
-                )
-                assert b"000000" in data
-            new.writestr(name, data)
-    (tmp_path / "bomb.npz").write_bytes(raw.getvalue())
-    assert sentence(tmp_path / "bomb.npz") is not None
 
 
 # ------------------------------------------------------------------ meshes
@@ -410,11 +232,6 @@ def refused(reader: Reader, path: Path, content: str) -> str:
     return answer
 
 
-@pytest.mark.slow
-def test_intact_square_is_read(reader: Reader, tmp_path: Path) -> None:
-    assert refused(reader, tmp_path / "square.msh", text(square())) == "mesh 4 0"
-
-
 def test_mesh_with_node_zero_is_refused(reader: Reader, tmp_path: Path) -> None:
     """gmsh 4.13 crashes on node number 0."""
     sections = square()
@@ -429,9 +246,7 @@ def test_mesh_with_name_not_in_utf8_is_refused(reader: Reader, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("section", "outcome"),
-    [(0, "refused "), (1, "mesh 4 0"), (2, "refused "), (3, "refused ")],
-    ids=["format", "names", "nodes", "elements"],
+    ("section", "outcome"), [(1, "mesh 4 0"), (3, "refused ")], ids=["names", "elements"]
 )
 def test_mesh_without_section_is_refused_or_has_no_names(
     reader: Reader, tmp_path: Path, section: int, outcome: str
@@ -442,68 +257,14 @@ def test_mesh_without_section_is_refused_or_has_no_names(
     assert answer.startswith(outcome)
 
 
-@drawn(6, 200, data=st.data())
 @pytest.mark.slow
-def test_mesh_cut_short_is_refused(
-    reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_mesh_cut_short_is_refused(reader: Reader, tmp_path: Path) -> None:
     content = text(square())
-    end = content.index("$EndElements") - 2
-    cut = data.draw(st.integers(0, end))
-    answer = refused(reader, tmp_path_factory.getbasetemp() / "cut.msh", content[:cut])
-    assert answer.startswith("refused "), f"cut at {cut}: {answer}"
+    for cut in np.linspace(0, content.index("$EndElements") - 2, 12, dtype=int):
+        answer = refused(reader, tmp_path / "cut.msh", content[:cut])
+        assert answer.startswith("refused "), f"cut at {cut}: {answer}"
 
 
-@pytest.mark.slow
-@drawn(8, 200, data=st.data())
-def test_mesh_with_changed_line_is_refused_complete_or_warned_of(
-    reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    sections = square()
-    rows = sections[data.draw(st.sampled_from([2, 3]))]
-    inner = list(range(2, len(rows) - 1))
-    kind = data.draw(st.sampled_from(["swap", "remove", "double", "number", "word", "order"]))
-    k = data.draw(st.sampled_from(inner))
-    words = rows[k].split()
-    if kind == "swap":
-        other = data.draw(st.sampled_from(inner))
-        rows[k], rows[other] = rows[other], rows[k]
-    elif kind == "remove":
-        del rows[k]
-    elif kind == "double":
-        rows.insert(k, rows[k])
-    elif kind == "number":
-        words[data.draw(st.integers(0, len(words) - 1))] = str(
-            data.draw(st.integers(-5, 40) | st.integers())
-        )
-        rows[k] = " ".join(words)
-    elif kind == "word":
-        place = data.draw(st.integers(0, len(words) - 1))
-        words[place] = data.draw(
-            st.sampled_from(["nan", "inf", "x", "1e999", "", "-", '"', "$End"])
-        )
-        rows[k] = " ".join(words)
-    else:
-        order = data.draw(st.permutations(words))
-        rows[k] = " ".join(order)
-    answer = refused(reader, tmp_path_factory.getbasetemp() / "mixed.msh", text(sections))
-    if answer.startswith("mesh "):
-        _, cells, warnings = answer.split()
-        assert cells == "4" or warnings != "0", f"{kind} {rows[k]}: {answer}"
-
-
-@pytest.mark.slow
-@drawn(8, 200, done=DAMAGE)
-def test_damaged_mesh_is_refused_or_read(
-    reader: Reader, tmp_path_factory: pytest.TempPathFactory, done: list[Damage]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "damaged.msh"
-    path.write_bytes(damage(text(square()).encode(), done))
-    answer = reader.read(path)
-    assert answer.startswith(("refused ", "mesh ")), answer
-
-
-SIZES = ["1e300", "-1e300", "1e16", "1e-300", "0", "nan", "inf"]
 SHEET = """
 DefineConstant[ size = 1 ];
 Point(1) = {0, 0, 0, 0.5}; Point(2) = {size, 0, 0, 0.5};
@@ -517,8 +278,16 @@ BLOCK = (
 )
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["sheet", "block", "beam2d", "beam3d", "blade"])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("sheet", "1e300"),
+        ("block", "-1e300"),
+        ("beam2d", "nan"),
+        ("beam3d", "1e-300"),
+        ("blade", "1e16"),
+    ],
+)
 def test_geometry_of_absurd_size_is_refused(
     reader: Reader, tmp_path: Path, name: str, size: str
 ) -> None:
@@ -543,8 +312,6 @@ def test_geometry_of_absurd_size_is_refused(
     [
         ("1.E300", "no body with an extent"),
         ("1.E19", "at most 1e+15"),
-        ("1.E-300", ""),
-        ("0.", ""),
         ("1.E16", "size = 0.001: must be at least 5e+09 for a body of 1e+13 m"),
         pytest.param("1e300", "", marks=LONG),
     ],
@@ -574,8 +341,6 @@ def test_step_file_of_absurd_size_is_refused(
 
 
 # ------------------------------------------------------------------ ends that come too early
-
-FILES = ("report.html", "summary.json", "history.npz", "motion.png")
 
 
 PERIODS = 200  # long enough for a signal during the run; all runs of so many draw the same pictures
@@ -627,13 +392,13 @@ def put(files: dict[str, bytes], folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("room", [100, 3000, 60_000])
 def test_full_disk_leaves_only_complete_files(
-    stored: Path, finished: dict[str, bytes], tmp_path: Path, room: int
+    stored: Path, finished: dict[str, bytes], tmp_path: Path
 ) -> None:
     """A limit on the file size stands for a full disk: the second run fails at the first larger
     file."""
     put(finished, tmp_path / "out")
+    room = 3000
     assert max(map(len, finished.values())) > room
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
     run = subprocess.run(
@@ -655,7 +420,7 @@ def catches_sigterm(process: subprocess.Popen[str]) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4, 1.0, 2.0])
+@pytest.mark.parametrize("delay", [0.0, 1.0])
 def test_terminated_rerun_leaves_only_complete_files(
     stored: Path, finished: dict[str, bytes], tmp_path: Path, delay: float
 ) -> None:

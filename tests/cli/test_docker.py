@@ -80,32 +80,6 @@ def test_command_is_told_the_commit_and_which_outputs_would_vanish(engine: Path)
     assert found["FENICSROM_COMMIT"].startswith(commit)
 
 
-def test_image_is_built_again_only_after_change_of_environment(
-    engine: Path, tmp_path: Path
-) -> None:
-    checkout = tmp_path / "checkout"
-    (checkout / "docker").mkdir(parents=True)
-    for name in ("run", "Dockerfile"):
-        (checkout / "docker" / name).write_bytes((CHECKOUT / "docker" / name).read_bytes())
-    (checkout / "docker" / "run").chmod(0o755)
-    definition = checkout / "docker" / "Dockerfile"
-    built = []
-    for old, new in (
-        ("", ""),
-        ("ENTRYPOINT", "# a comment\nENTRYPOINT"),
-        ("python3-scipy", "python3-scipy less"),
-    ):
-        definition.write_text(definition.read_text().replace(old, new, 1))
-        docker_run(engine, "true", checkout=checkout, folder=checkout)
-        built.append(len((engine / "built").read_text().splitlines()))
-    assert built == [1, 1, 2]
-
-
-def test_missing_command_is_refused(engine: Path) -> None:
-    usage = "docker/run: usage: docker/run COMMAND... or docker/run --image NAME [STAGE]\n"
-    assert docker_run(engine) == (2, usage)
-
-
 def test_image_of_the_program_is_built_up_to_a_stage_after_the_environment(engine: Path) -> None:
     assert docker_run(engine, "--image", "mine", "program")[0] == 0
     assert (engine / "built").read_text().splitlines()[1:] == ["mine"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support import beam_scene, refusal
+from support import beam_scene, refusal, touching
 
 from fenicsrom import study
 from fenicsrom.errors import ErrorKind
@@ -30,17 +30,7 @@ def test_model_with_projected_force_is_not_built() -> None:
 def test_size_without_room_for_the_contact_is_refused_before_the_mesh_is_made(
     masters: str, size: int
 ) -> None:
-    at_points = [
-        {
-            "group": group,
-            "at": "centre",
-            "normal": [1.0, 0.0],
-            "friction": 0.5,
-            "normal_stiffness": 1e4,
-            "tangential_stiffness": 1e4,
-        }
-        for group in ("tip", "load")
-    ]
+    at_points = [touching(group=group, at="centre", normal=[1.0, 0.0]) for group in ("tip", "load")]
     overrides = (f"basis.masters={masters}", f"basis.size={size}")
     with refusal(ErrorKind.RANGE, key="basis.size"):
         study.build_model(beam_scene(2, overrides, contacts=at_points))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import STEEL
+from support import STEEL, touching
 
 pytest.importorskip("dolfinx")
 
@@ -38,19 +38,8 @@ def scene_table(kind: str) -> dict[str, Any]:
         "geometry": {"mesh": f"beam{d}d.geo", "dimension": d},  # its mesh is not used
         "material": STEEL | {"mass_damping": 20.0},
         "supports": [{"group": "root"}],
-        "loads": [
-            {"group": "tip", "direction": y.tolist(), "force": 40.0, "frequency": 30.0},
-        ],
-        "contacts": [
-            {
-                "group": "tip",
-                "normal": x.tolist(),
-                "preload": 30.0,
-                "friction": 0.3,
-                "normal_stiffness": 2e4,
-                "tangential_stiffness": 1e4,
-            },
-        ],
+        "loads": [{"group": "tip", "direction": y.tolist(), "force": 40.0, "frequency": 30.0}],
+        "contacts": [touching(normal=x.tolist(), preload=30.0, friction=0.3, normal_stiffness=2e4)],
         "basis": {"modes": 3},
         "time": {"steps_per_period": 60},
     }

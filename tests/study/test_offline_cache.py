@@ -6,7 +6,6 @@ import os
 import pickle
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
@@ -15,16 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, heard, refusal
+from support import STOCKY, beam_scene, refusal
 
 from fenicsrom import study
 from fenicsrom.cli import main
-from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.files import (
-    read_archive,
-    reads_other_files,
-    write_archive,
-)
+from fenicsrom.errors import ErrorKind
+from fenicsrom.files import reads_other_files
 from fenicsrom.online.store import store as result_cache
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.summary import stored_model
@@ -37,9 +32,7 @@ MESH = Path(__file__).parents[2] / "meshes" / "blade.geo"
 TABLE: dict[str, Any] = {
     "geometry": {"mesh": str(MESH), "dimension": 3, "parameters": {"tip_radius": 1.0}},
     "material": {"young": 1e11, "poisson": 0.3, "density": 4000.0, "mass_damping": 20.0},
-    "materials": [
-        {"group": "tip_cells", "young": 2e11, "poisson": 0.3, "density": 4000.0},
-    ],
+    "materials": [{"group": "tip_cells", "young": 2e11, "poisson": 0.3, "density": 4000.0}],
     "supports": [{"group": "root"}],
     "loads": [
         {"group": "tip", "direction": [1.0, 0.0, 0.0], "force": 5.0, "frequency": 50.0},
@@ -345,42 +338,6 @@ def test_run_that_reuses_all_stages_imports_no_finite_elements(folder: Path) -> 
     assert done.stdout == b"[]\n"
 
 
-def test_run_names_the_stages_that_it_did_not_compute(folder: Path) -> None:
-    """Of the stages that the scene needs; a listed derivative needs no transient."""
-    pytest.importorskip("dolfinx")
-    scene = loaded_scene("basis.derivatives=['1V1V']")
-    run(scene)
-    said: list[str] = []
-    with heard(said.append):
-        found = study.run(scene)
-        left_out = list(found.left_out)
-        assert not [line for line in said if line.startswith("mesh, solid: ")]
-        assert found.solid.mass.getSize()  # this builds the body
-    (line,) = [line for line in said if "--fresh" in line]
-    listed = line.partition(": ")[2].partition(" (")[0].split(", ")
-    assert {"mesh", "solid", "modes", "derivatives", "reduction", "candidates"} <= set(listed)
-    assert "linear transient" not in listed
-    assert not {*listed} & found.seconds.keys()
-    reused = {note.key for note in left_out if "--fresh" in note}
-    assert reused == {*listed}
-    (line,) = [line for line in said if line.startswith("mesh, solid: ")]
-    assert said.index(line) < said.index("mesh ..")
-    assert reused - {note.key for note in found.left_out} == {"mesh", "solid"}
-
-
-def test_stage_that_makes_the_body_again_is_named(folder: Path, tmp_path: Path) -> None:
-    pytest.importorskip("dolfinx")
-    scene = loaded_scene("basis.derivatives='none'", "output.pictures=false", "time.periods=1")
-    run(scene)
-    said: list[str] = []
-    output = replace(scene.output, paraview=True)
-    with heard(said.append):
-        study.run(replace(scene, output=output), folder=tmp_path / "out")
-    (line,) = [line for line in said if line.startswith("mesh, solid: ")]
-    assert '"ParaView modes"' in line
-    assert said[said.index(line) - 1] == "ParaView modes .."
-
-
 def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
     run(loaded_scene("basis.derivatives='none'"))
     other = loaded_scene(
@@ -410,31 +367,6 @@ def test_damaged_archive_is_computed_again(folder: Path) -> None:
         assert len(path.read_bytes()) == len(content)
     last = run(scene)
     assert "reduction" not in last.seconds and last.solid._made is None
-
-
-def test_switched_off_cache_keeps_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv(result_cache.VARIABLE, result_cache.OFF)
-    assert result_cache.cache_folder() is None
-    assert main(["cache"]) == 0
-    assert "not kept" in capsys.readouterr().out
-    assert not folder.exists()
-
-
-def test_file_in_place_of_the_folder_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "cache"
-    path.write_text("")
-    monkeypatch.setenv(result_cache.VARIABLE, str(path))
-    with refusal(ErrorKind.FILE, key=result_cache.VARIABLE, file=path.name):
-        result_cache.cache_folder()
-    assert main(["cache"]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    pytest.importorskip("dolfinx")
-    with refusal(ErrorKind.FILE, key=result_cache.VARIABLE, file=path.name):
-        study.run(loaded_scene())
 
 
 # ------------------------------------------------------------------ the folder
@@ -495,30 +427,6 @@ def test_command_shows_and_empties_the_cache(
     assert f"{folder}: 1 file, 2.0 MB" in shown
     assert main(["cache", "--clear"]) == 0
     assert result_cache.entries(folder) == []
-
-
-def test_runs_at_the_same_time_read_whole_archives(folder: Path) -> None:
-    """Four threads write, read and remove one archive; what is read is always complete."""
-    path, failures, read = folder / NAMES[0], [], []
-
-    def work(number: int) -> None:
-        for _ in range(30):
-            write_archive(path, {"format": "x"}, {"values": np.full(20_000, float(number))})
-            result_cache.trim(folder, 100_000)
-            try:
-                with read_archive(path, "offline results", "x") as (_, arrays):
-                    read.append(len(set(arrays["values"])))
-            except SceneError as error:
-                if path.exists() and "no such file" not in str(error):
-                    failures.append(error)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not failures
-    assert set(read) <= {1}
 
 
 @pytest.mark.parametrize("size", [3, 400])

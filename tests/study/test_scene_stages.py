@@ -10,72 +10,13 @@ import pytest
 from support import heard
 
 from fenicsrom import study
-from fenicsrom.scene import Scene, read_scene
+from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
 
 LINEAR = ["geometrically_nonlinear=false"]
 NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
-FOLLOWER = [
-    "reference.beam=false",
-    "loads=[{group='tip', pressure=1e3, follower=true, frequency=3.2}]",
-]
-
-
-@pytest.mark.parametrize(
-    ("overrides", "left_out", "kept"),
-    [
-        (
-            [],
-            ["static equilibrium", "second tangent direction", "ParaView motion", "animation"],
-            ["derivatives", "static modes", "linear transient", "nonlinear statics"],
-        ),
-        (
-            LINEAR,
-            ["derivatives", "linear transient", "elastic polynomial", "Newton iterations"],
-            ["static modes", "selection"],
-        ),
-        (NO_CONTACT, ["static modes", "contact forces", "follower pressures"], ["derivatives"]),
-        (FOLLOWER, [], ["follower pressures"]),
-        (
-            ["reference.full=false", "output.pictures=false"],
-            ["mode comparison", "full motion", "pictures"],
-            ["normal modes", "numbers"],
-        ),
-        (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
-        ([], ["stress points", "stresses", "stress picture"], ["ParaView scene"]),
-        (["output.stresses='cauchy'"], [], ["stress points", "stresses", "stress picture"]),
-        (
-            ["output.stresses='cauchy'", "output.pictures=false", "output.paraview=false"],
-            ["stress picture", "ParaView scene"],
-            ["stress points", "stresses"],
-        ),
-    ],
-)
-def test_plan_lists_needed_and_skipped_stages(
-    overrides: list[str], left_out: list[str], kept: list[str]
-) -> None:
-    needed = needed_items(read_scene(SCENE, overrides))
-    assert not any(needed[name] for name in left_out)
-    assert all(needed[name] for name in kept)
-
-
-def needed_items(scene: Scene) -> dict[str, bool]:
-    """Whether each stage and part of the plan is needed, by name."""
-    return {item.name: item.needed for item in study.plan(scene)}
-
-
-STILL_ROTATION = ["rotation={speed_rpm=0.0, coriolis=true}", "reference.beam=false"]
-
-
-def test_plan_leaves_out_rotation_of_speed_zero() -> None:
-    needed = needed_items(read_scene(SCENE, STILL_ROTATION))
-    names = ("static equilibrium", "rotating frame", "gyroscopic term")
-    assert not any(needed[name] for name in names)
-    turning = [STILL_ROTATION[0].replace("0.0", "60.0"), STILL_ROTATION[1]]
-    needed = needed_items(read_scene(SCENE, turning))
-    assert all(needed[name] for name in names)
 
 
 def test_plan_says_how_accurate_the_basis_becomes() -> None:
@@ -126,10 +67,7 @@ STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
     [
         pytest.param(["time.periods=2", "output.motion=true"], False, marks=pytest.mark.slow),
         ([*SHORT, *LINEAR, *NO_CONTACT, "reference={full=true, beam=false}"], False),
-        (
-            [*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false", "output.stresses='cauchy'"],
-            False,
-        ),
+        ([*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false", "output.stresses='cauchy'"], False),
         (["output.pictures=false", "output.stresses='cauchy'"], True),
         ([*SHORT, "basis.derivatives=['1V1V']", "reference.beam=false"], False),
         ([*SHORT, "basis.derivatives='mmi-nls'", "output.motion=true"], False),

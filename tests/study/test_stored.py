@@ -6,8 +6,6 @@ import html
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,7 +16,6 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.post.run.report import UNJUDGED
-from fenicsrom.study.source import Source
 
 SHORT = (
     "geometrically_nonlinear=false",
@@ -76,23 +73,12 @@ def test_refused_change_of_a_stored_model_is_named_with_its_table(override: str)
         stored("basis.modes=1").with_overrides([override, "material.mass_damping=3.0"])
 
 
-@pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
+@pytest.mark.parametrize("key", ["output.motion"])
 def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, key: str) -> None:
     model, table = stored(f"{key}=true"), key.partition(".")[0]
     for given, count in (((key,), 1), ((table,), 1), ((), 0), (("output.pictures",), 0)):
         named = [text for text in warnings_of(model, tmp_path, given) if key in text]
         assert len(named) == count
-
-
-def test_report_lists_what_a_stored_model_leaves_out(tmp_path: Path) -> None:
-    """Also those keys of the stored scene that the user did not give."""
-    model = stored("output.motion=true", "output.animation=true")
-    assert len(warnings_of(model, tmp_path)) == 2  # unsteady, and not judged
-    left = json.loads((tmp_path / "summary.json").read_text())["left_out"]
-    names = ["offline stages, and files of the body", "ParaView motion", "animation"]
-    assert [line.partition(": ")[0] for line in left] == names
-    (section,) = (tmp_path / "report.html").read_text().split("<summary>Left out</summary>")[1:]
-    assert "output.motion" in section and "output.animation" in section
 
 
 def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
@@ -156,11 +142,3 @@ def test_failure_before_the_first_step_is_raised(
     monkeypatch.setattr("fenicsrom.online.run.simulate.simulate", failing)
     with pytest.raises(ConvergenceError, match="no equilibrium"):
         study.rerun(stored(), tmp_path)
-
-
-@pytest.mark.parametrize(("rank", "is_first"), [(0, True), (1, False)])
-def test_files_of_a_source_are_written_by_the_first_rank(rank: int, is_first: bool) -> None:
-    comm = SimpleNamespace(rank=rank, size=2)
-    study_of_rank: Any = SimpleNamespace(solid=SimpleNamespace(comm=comm))
-    assert Source(cast(Any, None), [], study_of_rank).first == is_first
-    assert Source(cast(Any, None), [], None).first
