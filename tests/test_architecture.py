@@ -190,16 +190,10 @@ def test_no_modules_import_one_another_types_included() -> None:
     assert not circles(found)
 
 
-def test_circle_of_imports_is_found() -> None:
-    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
-
-
 @pytest.mark.parametrize(
     ("module", "source", "count"),
     [
         ("fenicsrom.online.contact.law", "from fenicsrom.online.step.state import Trial", 1),
-        ("fenicsrom.online.contact.law", "from fenicsrom.online.step import state", 1),
-        ("fenicsrom.online.contact.law", "from fenicsrom.online.shelf import state", 1),
         ("fenicsrom.online.contact.law", "from fenicsrom.online.kernels import dense", 0),
         ("fenicsrom.online.step.step", "from fenicsrom.online.contact.law import force", 0),
         ("fenicsrom.scene", "from fenicsrom.scene.reading.reading import read_scene", 0),
@@ -224,17 +218,10 @@ def test_package_imports_nothing_heavy(name: str) -> None:
 @pytest.mark.parametrize(
     "source",
     [
-        "import fenicsrom.study",
         "from fenicsrom.study import run",
         "from fenicsrom import study",
-        "from fenicsrom import run",
-        "import fenicsrom",
-        "from .. import study",
         "from ..study import run",
         "def f():\n    from fenicsrom.study import run",
-        "importlib.import_module('fenicsrom.study')",
-        "import_module('fenicsrom.study.execution')",
-        "__import__('fenicsrom.study')",
         "import_module(f'fenicsrom.{name}')",
         "if TYPE_CHECKING:\n    from fenicsrom.study import Study",
     ],
@@ -243,20 +230,8 @@ def test_import_against_the_order_is_found_in_every_form(source: str) -> None:
     assert len(back_edges(source, "fenicsrom.online.step.step")) == 1
 
 
-def test_import_from_the_left_is_allowed() -> None:
-    for source in ("from fenicsrom.scene import Scene", "from fenicsrom import __version__"):
-        assert not back_edges(source, "fenicsrom.online.step.step")
-
-
 @pytest.mark.parametrize(
-    "source",
-    [
-        "import dolfinx.fem",
-        "from mpi4py import MPI",
-        "def f():\n    import pyvista",
-        "importlib.import_module('pyvista')",
-        "__import__('dolfinx.fem')",
-    ],
+    "source", ["import dolfinx.fem", "def f():\n    import pyvista", "__import__('dolfinx.fem')"]
 )
 def test_heavy_import_is_found_in_every_form(source: str) -> None:
     assert len(heavy_imports(source, "fenicsrom.online.step.step")) == 1

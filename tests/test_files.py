@@ -9,7 +9,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import atomic_folder, atomic_write, read_archive
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, ValueError, OSError])
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError])
 def test_atomic_write_after_error_leaves_older_file(tmp_path, stop):
     path = tmp_path / "new" / "history.npz"
     with pytest.raises(stop), atomic_write(path) as temporary:
@@ -26,7 +26,7 @@ def test_atomic_write_after_error_leaves_older_file(tmp_path, stop):
     assert np.load(path)["a"] == 1 and list(path.parent.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, ValueError, OSError])
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError])
 def test_atomic_folder_after_error_leaves_older_folder(tmp_path, stop):
     path = tmp_path / "motion"
     with pytest.raises(stop), atomic_folder(path) as temporary:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import sys
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +15,7 @@ from fenicsrom.assess.curves import pieces as curve_progress
 from fenicsrom.cli.printing import progress
 from fenicsrom.cli.ranks import CLEAR, refuse
 from fenicsrom.online.kernels.compilation import Compilations
-from fenicsrom.progress import duration, listening, tell, time_left, tracked
+from fenicsrom.progress import listening, tell, tracked
 from fenicsrom.study import stopwatch
 
 
@@ -29,22 +28,6 @@ def test_nested_loops_tell_their_part_of_the_whole() -> None:
             tell(1.0 if item else 0.0)
     inner = [0.125, 0.25, 0.375, 0.5]
     assert told == pytest.approx([*inner, 0.0, 0.5, *(0.5 + x for x in inner), 1.0, 1.0])
-
-
-def test_loop_that_is_left_early_leaves_the_outer_listener() -> None:
-    told: list[float] = []
-    with listening(told.append):
-        for _ in tracked(range(4)):
-            break
-        tell(0.7)
-    tell(0.9)  # nobody listens
-    assert told == [0.7]
-
-
-def test_time_left_is_said_in_words() -> None:
-    assert time_left(10.0, 0.25) == "about 30 s left"
-    assert time_left(10.0, 0.0) == "time left unknown"
-    assert duration(600.0) == "10 min"
 
 
 def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,13 +97,6 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
             now += 2.0
     assert lines[1] == "  selection: 30 %, at most 14 s left"
     assert watch.seconds["selection"] == pytest.approx(20.0)
-
-
-def test_stages_are_logged(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, "fenicsrom"), stopwatch.Stopwatch()("100 % of the mesh"):
-        pass
-    assert caplog.messages == ["100 % of the mesh .."]
-    assert caplog.records[0].name == "fenicsrom"
 
 
 def test_progress_is_one_line_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
