@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
@@ -21,7 +21,7 @@ from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.backbone import Backbone
-    from fenicsrom.assess.curves.results import Response
+    from fenicsrom.assess.curves.results import CurveRecord, Response
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.assess.studies.interaction import InteractionMap
     from fenicsrom.online.store.archive import StoredModel
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 
 STATE = "response_state"  # folder of what is kept of the curves
+Record = TypeVar("Record", bound="CurveRecord")
 LINES = "map_lines"  # folder of the speeds that are done
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
@@ -98,7 +99,7 @@ def response(
     return found
 
 
-def _first_warnings(source: Source, found: Response | Backbone) -> list[Note]:
+def _first_warnings(source: Source, found: CurveRecord) -> list[Note]:
     """The warnings of the model and of its mesh, each once."""
     judged = found.mesh_check.warnings(found.scene)
     return list(dict.fromkeys([*source.warnings, *judged]))
@@ -166,6 +167,30 @@ def _curves(
     return found, source
 
 
+def _sized(source: Source, folder: Path | None, grow: bool = False) -> Source:
+    """The source with as many coordinates of its model as `basis.size` gives.
+
+    Without this number, it may grow to all coordinates but those that judge it.
+    """
+    from fenicsrom.assess.errors.sizing import can_grow, spare_coordinates, with_size
+
+    stored, spare = source.stored, spare_coordinates(source.stored)
+    if (size := stored.scene.basis.size) is not None:
+        return source.with_model(with_size(stored, None, size), folder)
+    if not grow or not can_grow(stored, spare):
+        return source
+    return source.with_model(stored.resized(stored.size + len(stored.further) - spare), folder)
+
+
+def _judged(found: Record, source: Source) -> Record:
+    """A record with the estimated errors of its mesh, after the warnings of its model."""
+    from fenicsrom.assess.errors.comparisons import of_model
+
+    found.mesh_check = of_model(source.stored)
+    found.warnings[:0] = _first_warnings(source, found)
+    return found
+
+
 def _with_more(source: Source, larger: StoredModel, folder: Path | None) -> Source:
     """The source with a model of more coordinates."""
     log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
@@ -228,21 +253,15 @@ def backbone(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.curves import backbone as modes
-    from fenicsrom.assess.errors.comparisons import of_model
-    from fenicsrom.assess.errors.sizing import with_size
 
     modes.check_backbone(scene_of(given))
     watch = Stopwatch()
-    source = source_of(given, comm, watch, folder, stop, fresh)
-    if (size := source.stored.scene.basis.size) is not None:
-        source = source.with_model(with_size(source.stored, None, size), folder)
+    source = _sized(source_of(given, comm, watch, folder, stop, fresh), folder)
     with watch("nonlinear mode"), asking(stop):
         found = modes.backbone(source.stored)
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)
-    found.mesh_check = of_model(source.stored)
-    found.warnings[:0] = _first_warnings(source, found)
-    return written(found, folder if found.points else None, source.comm)
+    return written(_judged(found, source), folder if found.points else None, source.comm)
 
 
 @starts_from("StoredModel")

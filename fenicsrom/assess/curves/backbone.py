@@ -188,7 +188,7 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
     check_backbone(scene)
     spare = spare_coordinates(stored) if spare is None else spare
     problem = Problem.of(stored.model, scene).settled()
-    mode, direction, unit = _linear_mode(stored, problem)
+    mode, direction, unit = linear_mode(stored, problem)
     found = Backbone(
         scene,
         stored.size,
@@ -243,14 +243,16 @@ def _replaces(again: Backbone, found: Backbone) -> bool:
     return bool(again.points) and not again.interrupted and is_complete
 
 
-def _linear_mode(stored: StoredModel, problem: Problem) -> tuple[LinearMode, int, float]:
-    """The linear mode of the scene, the probe's direction, and its motion there, 1/sqrt(kg).
+def linear_mode(
+    stored: StoredModel, problem: Problem, table: str = "backbone"
+) -> tuple[LinearMode, int, float]:
+    """The linear mode of a table, the probe's direction, and its motion there, 1/sqrt(kg).
 
     Raises:
         SceneError: there is no such mode, or it does not move the probe.
     """
-    number, modes = backbone_table(stored.scene).mode, linear_modes(problem)
-    where = Where(str(stored.scene.source), "backbone.mode")
+    number, modes = getattr(stored.scene, table).mode, linear_modes(problem)
+    where = Where(str(stored.scene.source), f"{table}.mode")
     kept = [label for label in stored.labels if re.fullmatch(r"\d+V", label)]
     if kept and f"{number}V" not in kept:
         allowed = f"must be one of the normal modes of the basis, {', '.join(kept)}; to keep mode "
@@ -411,7 +413,7 @@ def _motion_of(
     part = stored.resized(labels)
     problem = Problem.of(part.model, part.scene).settled()
     try:
-        mode, _, unit = _linear_mode(part, problem)
+        mode, _, unit = linear_mode(part, problem)
     except ConvergenceError:
         return None
     if np.real(np.vdot(mode.shape[: stored.size], stored.model.mass @ found.mode.shape)) < 0.0:
