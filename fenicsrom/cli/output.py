@@ -75,6 +75,7 @@ STATES = {
     "response": "response_state",
     "sweep": "runs",
     "map": "map_lines",
+    "ringdown": "ringdown_decays",
 }
 
 

@@ -29,6 +29,8 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.interaction_report import report as compose
         case "Matrix":
             from fenicsrom.post.studies.stability_report import report as compose
+        case "Ringdown":
+            from fenicsrom.post.studies.ringdown_report import report as compose
         case "Study" | "Rerun":
             from fenicsrom.post.run.report import report as compose
         case "Response":
@@ -37,7 +39,7 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.sweep_report import report as compose
         case name:
             raise TypeError(
-                f"{name}: must be what run, modes, response, backbone, statics, campbell, "
-                "interaction_map, compare, sweep or stability returns"
+                f"{name}: must be what run, modes, response, backbone, ringdown, statics, "
+                "campbell, interaction_map, compare, sweep or stability returns"
             )
     return compose(found)

@@ -10,7 +10,7 @@ both start from a `source`. `analyses` holds what needs no reduced model of its 
 """
 
 from fenicsrom.study.analyses import campbell, compare, stability, statics
-from fenicsrom.study.curves import backbone, interaction_map, response
+from fenicsrom.study.curves import backbone, interaction_map, response, ringdown
 from fenicsrom.study.execution import build_model, modes, run
 from fenicsrom.study.forecast import forecast, refusal_of, require_usable, set_up
 from fenicsrom.study.motions import check

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.curves.results import CurveRecord, Response
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.assess.studies.interaction import InteractionMap
+    from fenicsrom.assess.studies.ringdown import Ringdown
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
@@ -262,6 +263,29 @@ def backbone(
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)
     return written(_judged(found, source), folder if found.points else None, source.comm)
+
+
+@starts_from("StoredModel")
+def ringdown(
+    given: Scene | StoredModel,
+    comm: Any = None,
+    *,
+    folder: Path | None = None,
+    resume: bool = False,
+    stop: Callable[[], bool] = never,
+    fresh: bool = False,
+) -> Ringdown:
+    """Let a body go from its loads, held statically, and measure its free decay by periods.
+
+    Arguments, `interrupted` and errors as `backbone`; `resume` keeps the decays in the folder.
+    """
+    from fenicsrom.assess.studies import ringdown as decays
+
+    decays.check_ringdown(scene_of(given))
+    source = _sized(source_of(given, comm, Stopwatch(), folder, stop, fresh), folder, grow=True)
+    kept = None if folder is None or not source.first else folder / "ringdown_decays"
+    found = decays.ringdown(source.stored, kept, resume=resume, stop=stop)
+    return written(_judged(found, source), folder if found.periods else None, source.comm)
 
 
 @starts_from("StoredModel")

@@ -95,6 +95,8 @@ def require_usable(command: str, scene: Scene) -> None:
             from fenicsrom.assess.curves.response_problem import check_response as check
         case "backbone":
             from fenicsrom.assess.curves.backbone import check_backbone as check
+        case "ringdown":
+            from fenicsrom.assess.studies.ringdown import check_ringdown as check
         case "statics":
             from fenicsrom.assess.curves.equilibrium_path import varied_loads as check
         case "campbell":

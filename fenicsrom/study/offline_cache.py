@@ -56,6 +56,7 @@ ONLINE_TABLES = (
     "damping",
     "response",
     "backbone",
+    "ringdown",
     "statics",
     "loads",
     "contacts",

@@ -18,7 +18,7 @@ PICTURE = Argument(
 )
 
 
-OWN_TABLES = ("compare", "campbell", "map", "response", "backbone", "statics")
+OWN_TABLES = ("compare", "campbell", "map", "response", "backbone", "ringdown", "statics")
 """Commands that have a table in the scene; the table has the name of the command."""
 
 

@@ -199,6 +199,11 @@ COMMANDS = (
         "; its [backbone] table gives the mode and the range of its amplitude",
     ),
     _study(
+        study.ringdown,
+        "let go from the loads: frequency and damping ratio of the free decay by periods",
+        "; its [ringdown] table gives the mode and the length of the decay",
+    ),
+    _study(
         study.statics,
         "follow static equilibria over a load factor, through limit points (snap-through)",
         " with static loads; its [statics] table gives the range of their factor",

@@ -43,6 +43,7 @@ CAPTIONS = {
     "contact_map": "The state of contact over the period, along the curve.",
     "harmonics": "Amplitudes of the harmonics along the curve.",
     "backbone": "Frequency and damping of the mode over its amplitude.",
+    "ringdown": "The decay, and the frequency and damping of its periods over their amplitude.",
     "run_up": "Each revolution over its mean speed: the largest distance from the equilibrium of "
     "the same speed, the largest normal force, and the mean torque of the shaft. Dashed: speeds "
     "where an engine order of the loads or waves meets a mode without contact.",
@@ -65,6 +66,7 @@ NUMBERS = {
         name: f"{name}.csv"
         for name in ("run_up", "backbone", "campbell", "map", "sweep", "comparison", "wear")
     },
+    "ringdown": "ringdown.csv",
     "map_wear": "map_wear.csv",
     "equilibria": "equilibria.csv",
     "peaks": "response_peaks.csv",

@@ -1,4 +1,4 @@
-"""The tables of the curves: [response] of periodic motions, [backbone] and [statics]."""
+"""The tables of the curves: [response], [backbone], [ringdown] and [statics]."""
 
 from __future__ import annotations
 
@@ -140,6 +140,23 @@ class Backbone:
     last: Annotated[float, number(above=0.0, unit="m")]
     points: Annotated[int, integer(2, 100_000)] = 500
     load_factors: Annotated[tuple[float, ...], list_of(number(above=0.0), least=0)] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ringdown:
+    """The free decay of `fenicsrom ringdown`.
+
+    Attributes:
+        mode: linear mode whose motion is measured, as in `[backbone]`.
+        factor: the loads that vary are held at so many times their size, and let go at t = 0.
+        periods: length of the decay, in periods of the mode.
+        smallest: amplitude, relative to that at the release, at which the table ends.
+    """
+
+    mode: Annotated[int, integer(1, 1000)] = 1
+    factor: Annotated[float, number(above=0.0)] = 1.0
+    periods: Annotated[int, integer(2, 10_000)] = 50
+    smallest: Annotated[float, number(above=0.0, below=1.0)] = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from fenicsrom.scene.base.rules import (
     rows_of,
 )
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
-from fenicsrom.scene.keys.curves import Backbone, Response, Statics
+from fenicsrom.scene.keys.curves import Backbone, Response, Ringdown, Statics
 from fenicsrom.scene.keys.loads import Load
 from fenicsrom.scene.keys.places import (
     Attachment,
@@ -527,6 +527,7 @@ class Scene:
         map: interaction map of `fenicsrom map`.
         response: curves of `fenicsrom response`.
         backbone: nonlinear mode of `fenicsrom backbone`.
+        ringdown: free decay of `fenicsrom ringdown`.
         statics: equilibrium path of `fenicsrom statics`.
         source: the file of the scene.
     """
@@ -556,6 +557,7 @@ class Scene:
     map: Annotated[Map, table_of(Map)] = Map()
     response: Annotated[Response | None, table_of(Response)] = None
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
+    ringdown: Annotated[Ringdown, table_of(Ringdown)] = field(default_factory=Ringdown)
     statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
     source: str = ""
 

@@ -58,7 +58,7 @@ def shared_meshes() -> Path:
 
 KEY_IN_BRACES = re.compile(r"\{([A-Za-z_][\w.]*)\}")
 # changes of these keys do not change the motion of a scene
-WITHOUT_EFFECT = ("title", "output", "reference", "response", "backbone")
+WITHOUT_EFFECT = ("title", "output", "reference", "response", "backbone", "ringdown")
 LONGEST = 40  # longest text of one value in a heading
 
 
