@@ -147,10 +147,10 @@ class Ringdown:
     """The free decay of `fenicsrom ringdown`.
 
     Attributes:
-        mode: linear mode whose motion is measured, as in `[backbone]`.
-        factor: the loads that vary are held at so many times their size, and let go at t = 0.
+        mode: linear mode whose motion is measured.
+        factor: size at which the loads that vary are held, relative to theirs.
         periods: length of the decay, in periods of the mode.
-        smallest: amplitude, relative to that at the release, at which the table ends.
+        smallest: relative amplitude at which the table ends.
     """
 
     mode: Annotated[int, integer(1, 1000)] = 1
