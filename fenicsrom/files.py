@@ -260,8 +260,8 @@ def _beside(path: Path) -> Path:
 
 
 def _flush(file: Path) -> None:
-    """Push the content of a file to the disk."""
-    with open(file, "rb") as stream:
+    """Push the content of a file to the disk; Windows flushes only files that may be written."""
+    with open(file, "rb" if os.name == "posix" else "rb+") as stream:
         os.fsync(stream.fileno())
 
 

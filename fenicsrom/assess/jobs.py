@@ -5,7 +5,8 @@ that the caller gives, such as a Dask cluster. All workers must see the output f
 
 A copy of a process that has started MPI or threads may hang. Therefore a server process, which
 starts from nothing and only imports the program, forks the processes of this machine (the
-"forkserver" context). Systems that cannot fork start each process from nothing.
+"forkserver" context). Windows cannot fork, and libraries of macOS may crash in a copy: there, each
+process starts from nothing.
 """
 
 import os
@@ -25,7 +26,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any, NamedTuple, cast
 
 from fenicsrom.errors import ConvergenceError, job_error
@@ -59,7 +60,7 @@ def available_cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return min(os.cpu_count() or 1, 61)  # Windows waits for no more processes than these
 
 
 def run_jobs(
@@ -260,10 +261,10 @@ def _pool(workers: Workers, count: int) -> Iterator[_Pool]:
     if isinstance(workers, Executor):
         yield _Pool(workers, count)
         return
-    room, kind = min(workers, count), "forkserver"
-    context: Any = get_context(kind if kind in get_all_start_methods() else "spawn")
+    room, kind = min(workers, count), "forkserver" if sys.platform == "linux" else "spawn"
+    context: Any = get_context(kind)
     with _one_thread_each() as environment:
-        if context.get_start_method() == kind:
+        if kind == "forkserver":
             context.set_forkserver_preload([SERVER])
         messages, stopped = context.Queue(), context.Event()
         others = set(active_children())

@@ -14,6 +14,9 @@ from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
+OF_MESHES = "dolfinx basix ufl ffcx mpi4py petsc4py slepc4py gmsh meshio".split()
+"""Modules that only a command with a mesh imports."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
@@ -36,11 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except ModuleNotFoundError as error:
-        return refuse(
-            f"this command needs the Python module {error.name}, which is not installed; "
-            "a stored model runs without dolfinx: fenicsrom run --from reduced_model.npz",
-            1,
-        )
+        return refuse(_missing(str(error.name)), 2)
     except KeyboardInterrupt:
         how = getattr(options, "continuation", "")
         word, code = ("terminated", 143) if is_terminated() else ("interrupted", 130)
@@ -48,3 +47,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:  # a defect of the program
         abort_all()
         raise
+
+
+def _missing(module: str) -> str:
+    """What a command needs that cannot import a module of Python."""
+    if module.partition(".")[0] not in OF_MESHES:
+        return f"this command needs the Python module {module}, which is not installed"
+    return (
+        f"this command needs dolfinx, gmsh and meshio, but the Python module {module} is not "
+        "installed; a stored model runs without them: fenicsrom run --from reduced_model.npz"
+    )

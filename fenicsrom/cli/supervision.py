@@ -23,9 +23,12 @@ def run() -> int:
     """Run the command of `sys.argv` in a child process; return its exit code.
 
     A program that uses MPI already, and runs the command by `runpy`, runs it itself: a child of it
-    would hang in MPI.
+    would hang in MPI. So does a system that cannot fork, such as Windows. Characters that the
+    encoding of the terminal lacks become question marks.
     """
-    if "mpi4py.MPI" in sys.modules:
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    if "mpi4py.MPI" in sys.modules or not hasattr(os, "fork"):
         return main()
     signal.pthread_sigmask(signal.SIG_BLOCK, WORDS)  # until both processes have their handlers
     child = os.fork()

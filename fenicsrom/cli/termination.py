@@ -60,7 +60,8 @@ def terminable() -> Iterator[None]:
     before: dict[int, Any] = {signal.SIGTERM: signal.signal(signal.SIGTERM, note)}
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         before[signal.SIGINT] = signal.signal(signal.SIGINT, note)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, WORDS)
+    if hasattr(signal, "pthread_sigmask"):  # the parent process, which Windows has not, blocks them
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, WORDS)
     try:
         yield
     finally:

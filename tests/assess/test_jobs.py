@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from fenicsrom.assess import jobs
 from fenicsrom.assess.jobs import LIVES, THREADS, run_jobs
 from fenicsrom.errors import ConvergenceError, ErrorKind
 
@@ -52,7 +53,10 @@ def silent(number: int, fraction: float, line: str) -> None:
 
 
 @pytest.mark.slow
-def test_results_come_from_other_processes() -> None:
+@pytest.mark.parametrize("system", ["linux", "darwin"])
+def test_results_come_from_other_processes(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes of Linux are forked, those of other systems start from nothing."""
+    monkeypatch.setattr(jobs.sys, "platform", system)
     lines: list[tuple[int, float, str]] = []
     before = dict(os.environ)
     found = dict(run_jobs(square, [3.0, 2.0, 1.0], lambda *it: lines.append(it), 2))

@@ -141,23 +141,30 @@ def test_friction_force_file_takes_energy_from_motion(results):
 
 BLOCKED = (
     *("dolfinx", "ufl", "basix", "mpi4py", "petsc4py", "slepc4py", "gmsh"),
-    *("pyvista", "vtk", "vtkmodules", "meshio", "matplotlib"),
+    *("pyvista", "vtk", "vtkmodules", "meshio", "matplotlib", "fcntl"),
 )
 WITHOUT = f"""
-import sys
+import os, signal, sys
 
 sys.modules.update(dict.fromkeys({BLOCKED!r}))  # what is None cannot be imported
-from fenicsrom.cli import main
-sys.exit(main(sys.argv[1:]))
+del os.fork, signal.pthread_sigmask, signal.setitimer, signal.SIGALRM
+from fenicsrom.cli.supervision import run
+sys.exit(run())
 """
 
 
 def run_without_modules(model, folder, *overrides):
-    """Run a stored model in a Python that has none of the `BLOCKED` modules."""
+    """Run a stored model in a Python that has none of the `BLOCKED` modules.
+
+    It also lacks what Windows lacks, and its terminal has the characters of Windows.
+    """
     arguments = ["run", "--from", str(model), "--output", str(folder)]
     sets = [part for override in overrides for part in ("--set", override)]
     command = [sys.executable, "-c", WITHOUT, *arguments, *sets]
-    return subprocess.run(command, check=True, capture_output=True, text=True)
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True, encoding="cp1252", env=environment
+    )
 
 
 @pytest.mark.slow
@@ -328,6 +335,15 @@ def test_command_does_not_replace_files_that_it_reads_or_others(results, tmp_pat
     assert main([word.format(**names) for word in command]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("command", ["run", "modes", "response", "map", "statics", "sweep"])
+def test_command_without_dolfinx_says_so(tmp_path, capsys, monkeypatch, command):
+    monkeypatch.setitem(sys.modules, "mpi4py", None)
+    varied = ["--over", "loads.0.force=[100,110]"] if command == "sweep" else []
+    assert main([command, str(SCENE), "--output", str(tmp_path / "out"), *varied]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "needs dolfinx" in line and "--from" in line
 
 
 def interrupted(*_, folder=None, **__):

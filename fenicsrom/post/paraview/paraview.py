@@ -206,7 +206,9 @@ def write_index(folder: Path, files: Sequence[Path]) -> list[Path]:
         write_series(temporary, entries)
     script = Path(__file__).with_name(LOOK).read_text(encoding="utf-8")
     with atomic_write(folder / LOOK) as temporary:
-        temporary.write_text(script.replace('FOLDER = "."', f"FOLDER = {str(folder)!r}"))
+        temporary.write_text(
+            script.replace('FOLDER = "."', f"FOLDER = {str(folder)!r}"), encoding="utf-8"
+        )
     return [folder / INDEX, folder / LOOK]
 
 

@@ -226,7 +226,7 @@ def plain(value: Any) -> Any:
         return [plain(entry) for entry in value]
     if isinstance(value, Mapping):
         return {name: plain(entry) for name, entry in value.items()}
-    return str(value) if isinstance(value, Path) else value
+    return value.as_posix() if isinstance(value, Path) else value
 
 
 def value_at(table: Any, key: str) -> Any:
