@@ -288,7 +288,7 @@ def borrow(typing_context, values):  # type: ignore[no-untyped-def]
     return kind(values), code
 
 
-FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
+FIRST, LAST = (0, 61), (0, 68)  # versions of numba that were checked
 
 
 def is_checked(version: str) -> bool:
