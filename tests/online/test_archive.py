@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
@@ -116,6 +117,22 @@ def test_file_of_an_earlier_version_asks_to_run_the_scene_again(
     np.savez(path, **arrays | {"header": np.array(json.dumps(header))})
     with refusal(ErrorKind.FORMAT, file=path.name):
         load_model(path)
+
+
+KEPT = {
+    "beam": (3.27525, 20.5782),  # a superelement
+    "casing": (np.hypot(100.0, 50.0 * 1.8**0.5), np.hypot(410.0, 50.0 * 2.5**0.5)),  # at 3000 rpm
+    "duffing": (0.5 / np.pi,),  # nonlinear
+}
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_kept_model_of_version_0_2_is_read(name: str) -> None:
+    """A new format needs a function that reads this one: users keep their models for years."""
+    stored = load_model(Path(__file__).parent / "models" / f"{name}.npz")
+    squares = eigvalsh(stored.model.elastic.stiffness, stored.model.mass)[: len(KEPT[name])]
+    np.testing.assert_allclose(np.sqrt(squares) / (2.0 * np.pi), KEPT[name], rtol=1e-5)
+    assert (stored.whole is not None, stored.model.linear) == (name == "casing", name != "duffing")
 
 
 @pytest.fixture
