@@ -79,7 +79,7 @@ def deepen(job: int, report: Callable[[float, str], None]) -> int:
     return deepen(job, report) if job == 1 else job
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_unexpected_exception_of_a_job_leaves_the_other_results(workers: int) -> None:
     found = dict(run_jobs(deepen, [0, 1, 2], silent, workers))
     assert (found[0], found[2]) == (0, 2)

@@ -282,6 +282,7 @@ def on_stability(found: Response) -> list[str]:
     return [said for said in found.warnings if "stability" in said]
 
 
+@pytest.mark.slow
 def test_error_that_a_run_refuses_is_a_warning() -> None:
     found = compared(oscillator("time.steps_per_period=12"), 30.0)
     worst = max(check.step_error or 0.0 for check in found.curves[0].checks)
@@ -291,6 +292,7 @@ def test_error_that_a_run_refuses_is_a_warning() -> None:
     )
 
 
+@pytest.mark.slow
 def test_motions_that_a_richer_basis_does_not_find_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -279,6 +279,7 @@ def test_resume_option_continues_the_state_of_the_output_folder(
     assert main([*command, str(tmp_path / "out"), "--resume", str(tmp_path / "none")]) == 2
 
 
+@pytest.mark.slow
 def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) -> None:
     from fenicsrom.post.curves.response_report import marked_motions, write_motion_arrays
 

@@ -44,7 +44,8 @@ FILES = [
     (kind, suffix)
     for kind in CELLS
     for suffix in (".inp", ".bdf", ".vtu")
-    if (kind, suffix) not in (("hexahedron27", ".inp"), ("hexahedron27", ".bdf"))
+    if (kind in QUADRATIC or suffix == ".inp")
+    and (kind, suffix) not in (("hexahedron27", ".inp"), ("hexahedron27", ".bdf"))
 ]
 FILES += [
     ("quad8", ".msh"),

@@ -61,9 +61,8 @@ def test_script_beside_a_mesh_does_not_run(tmp_path: Path) -> None:
     assert found.volume == pytest.approx(1.0) and not ran.exists()
 
 
-@pytest.mark.parametrize("suffix", [".msh", ".unv"])
-def test_groups_of_formats_that_gmsh_reads_are_kept(tmp_path: Path, suffix: str) -> None:
-    found = inspect(write_box(tmp_path / f"a{suffix}"))
+def test_groups_of_a_format_that_gmsh_reads_are_kept(tmp_path: Path) -> None:
+    found = inspect(write_box(tmp_path / "a.unv"))
     groups = {(group.name, group.kind): group for group in found.groups}
     assert groups["body", "cells"].size == pytest.approx(1.0)
     assert groups["root", "facets"].size == pytest.approx(1.0)

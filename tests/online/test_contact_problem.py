@@ -85,7 +85,7 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
 
 
 @pytest.mark.parametrize(("a", "line"), SCHEMES)
-@pytest.mark.parametrize(("points", "d"), [(1, 2), (1, 3), (2, 2), (3, 3)])
+@pytest.mark.parametrize(("points", "d"), [(1, 2), (3, 3)])
 @pytest.mark.parametrize("stiffness", [None, 1e6, 1e12])
 def test_contact_problem_of_any_stiffness_is_solved(
     points: int, d: int, stiffness: float | None, a: float, line: bool

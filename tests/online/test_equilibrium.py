@@ -170,7 +170,7 @@ def energy(model: Any, q: Array, preload: float) -> float:
     return model.elastic_at(q)[1] + pushed**2 / (2 * CONTACT)
 
 
-@pytest.mark.parametrize("name", ["beam", "full"])
+@pytest.mark.parametrize("name", ["beam", pytest.param("full", marks=pytest.mark.slow)])
 def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
     """Found by bisection; the finite elements are at most 0.3 % above it.
 

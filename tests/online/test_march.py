@@ -396,9 +396,12 @@ def rubbing(**values: float) -> tuple[ReducedModel, Contacts]:
 PERIOD = 2 * np.pi / 1.1
 
 
+TOLERANT = pytest.param(SCHEMES[2], {"tolerance": 1e-3}, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("scheme", "settings"),
-    [*((name, {"steps_per_period": 50}) for name in SCHEMES), (SCHEMES[2], {"tolerance": 1e-3})],
+    [*((name, {"steps_per_period": 50}) for name in SCHEMES), TOLERANT],
 )
 def test_compiled_loop_equals_plain_python(scheme: str, settings: dict[str, Any]) -> None:
     """Compiled, in plain Python, and in plain Python on a dense model."""

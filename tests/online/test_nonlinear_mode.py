@@ -261,6 +261,7 @@ def test_equation_of_the_mode_has_a_consistent_derivative() -> None:
         )
 
 
+@pytest.mark.slow
 def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> None:
     damping, cubic = 0.02, 0.1
     model = duffing(damping, cubic)

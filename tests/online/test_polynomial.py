@@ -166,7 +166,7 @@ def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
     assert model.size == basis.size and not model.linear and model.gauss_points == 2
 
 
-@pytest.mark.parametrize("nonlinear", [True, False])
+@pytest.mark.parametrize("nonlinear", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
     """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""

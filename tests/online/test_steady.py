@@ -225,7 +225,7 @@ def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
     assert tried == [5, 10, 20, 40, 80, 90]
 
 
-@pytest.mark.parametrize(("force", "multiple"), [(0.20, 1), (0.28, 2), (0.29, 4), (0.37, 5)])
+@pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
 def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     """The oscillator with two wells, whose motions at these forces are known to repeat so."""
     model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
@@ -279,6 +279,7 @@ def test_steps_of_the_last_period_become_those_of_the_map() -> None:
     np.testing.assert_allclose(grid.fractions, [*found, *(1.0 + found[1:])])
 
 
+@pytest.mark.slow
 def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
     model, period = duffing(0.3, -1.0, 1.0, 0.5, 1.2)
     motion = run(model, period, start=at(1.0, 0.0), periods=90)

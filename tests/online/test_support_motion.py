@@ -141,6 +141,7 @@ def test_oscillator_on_a_shaker_has_the_transmissibility_of_the_closed_form(rati
     assert found == pytest.approx(exact, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_cantilever_on_a_shaker_is_the_sum_of_its_modes() -> None:
     """Tip of the 1D beam below its first frequency; its first mode alone is within 2 %.
 

@@ -338,6 +338,7 @@ def test_run_that_reuses_all_stages_imports_no_finite_elements(folder: Path) -> 
     assert done.stdout == b"[]\n"
 
 
+@pytest.mark.slow
 def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
     run(loaded_scene("basis.derivatives='none'"))
     other = loaded_scene(
