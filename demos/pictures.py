@@ -39,6 +39,7 @@ COMMANDS = {
     "blade_modes": "modes",
     "blade_pressed": "run",
     "blade_campbell": "campbell",
+    "disk": "modes",
     "response_2d": "response",
     "shaker_2d": "response",
     "backbone_2d": "backbone",
@@ -515,6 +516,17 @@ def overview_picture(runs: Path) -> Figure:
     return figure
 
 
+def small_picture(path: Path) -> Figure:
+    """A picture of a run, 6 inches wide."""
+    pixels = plt.imread(path)
+    height, width = pixels.shape[:2]
+    figure = plt.figure(figsize=(6.0, 6.0 * height / width))
+    axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axis.imshow(pixels, interpolation="antialiased")
+    axis.axis("off")
+    return figure
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw all pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -545,6 +557,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["paraview"] = paraview_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")
         figures["compare"] = compare_picture(runs / "compare")
+        figures["disk"] = small_picture(runs / "disk" / "shapes.png")
         figures["overview"] = overview_picture(runs)
         for name, figure in figures.items():
             path = options.pictures / f"{name}.png"

@@ -19,6 +19,8 @@ def report(found: Any) -> Report:
     match type(found).__name__:  # each report is imported when it is needed
         case "Backbone":
             from fenicsrom.post.curves.backbone_report import report as compose
+        case "Campbell" if found.waves:
+            from fenicsrom.post.studies.disk_report import disk_report as compose
         case "Campbell":
             from fenicsrom.post.studies.campbell_report import report as compose
         case "Comparison":

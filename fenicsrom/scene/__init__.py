@@ -53,6 +53,7 @@ from fenicsrom.scene.keys.schema import (
     Campbell,
     Compare,
     Contact,
+    Cyclic,
     Geometry,
     Output,
     Reference,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Rotation, Scene
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import require_no_pairs
-from fenicsrom.study.execution import all_ranks
+from fenicsrom.study.execution import all_ranks, run
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.stopwatch import never
 from fenicsrom.study.writing import written
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.studies.compare import Comparison
     from fenicsrom.assess.studies.stability import Matrix
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.records import Study
     from fenicsrom.scene import Overrides
 
 
@@ -61,7 +64,51 @@ def statics(
     return found
 
 
-@starts_from("StoredModel")
+@starts_from(pairs=True, sectors=True)
+def modes(
+    scene: Scene,
+    comm: Any = None,
+    *,
+    folder: Path | None = None,
+    stop: Callable[[], bool] = never,
+) -> Study | Campbell:
+    """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
+
+    Arguments and errors as `run`. Of a sector of a disk, the modes come by nodal diameter: see
+    `nodal_diameters`.
+    """
+    if scene.cyclic is not None:
+        return nodal_diameters(scene, comm, folder=folder)
+    return run(scene, comm, folder=folder, modes_only=True, stop=stop)
+
+
+@starts_from(sectors=True)
+def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Campbell:
+    """Compute the modes of a disk by nodal diameter, at the speed of the scene. Collective.
+
+    Args:
+        scene: a scene with the table [cyclic].
+        comm: MPI communicator; by default all ranks.
+        folder: folder of the output files; None writes no files.
+
+    Returns:
+        A Campbell diagram at one speed.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: the modes were not found.
+        OSError: a file cannot be written.
+    """
+    cyclic = scene.cyclic
+    if cyclic is None:
+        raise Where(scene.source, "cyclic").refuse(MISSING, "a disk needs this table")
+    rotation = scene.rotation or Rotation(speed_rpm=0.0, axis=cyclic.axis, point=cyclic.point)
+    modes = scene.basis.modes if isinstance(scene.basis.modes, int) else scene.campbell.modes
+    diagram = replace(scene.campbell, speeds_rpm=(rotation.speed_rpm,), modes=modes)
+    return campbell(replace(scene, rotation=rotation, campbell=diagram), comm, folder=folder)
+
+
+@starts_from("StoredModel", sectors=True)
 def campbell(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -91,11 +138,19 @@ def campbell(
     found = diagram.campbell(given, comm)
     if folder is not None:
         from fenicsrom.post.run.pictures import setup_pictures
+        from fenicsrom.post.studies import disk_report
         from fenicsrom.post.studies.campbell_report import report
 
-        setup = [] if found.body is None else setup_pictures(found.body, found.scene)
+        more = [] if found.body is None else setup_pictures(found.body, found.scene)
+        written: list[Path] = []
+        if found.waves:
+            report = disk_report.disk_report
+            if found.scene.output.pictures:
+                more = [*disk_report.shape_picture(found), *more]
+            if found.scene.output.paraview:
+                written = disk_report.write_disk(found, folder)
         if comm is None or comm.rank == 0:
-            found.files = report(found, setup).write(folder)
+            found.files = [*report(found, more).write(folder), *written]
     return found
 
 

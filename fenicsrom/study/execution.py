@@ -81,21 +81,6 @@ def run(
     return run.study
 
 
-@starts_from(pairs=True)
-def modes(
-    scene: Scene,
-    comm: Any = None,
-    *,
-    folder: Path | None = None,
-    stop: Callable[[], bool] = never,
-) -> Study:
-    """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
-
-    Arguments and errors as `run`.
-    """
-    return run(scene, comm, folder=folder, modes_only=True, stop=stop)
-
-
 def offline(
     scene: Scene,
     comm: Any,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.scene.checks.checks import require_no_pairs
+from fenicsrom.scene.checks.checks import require_no_pairs, require_no_sector
 
 COMMANDS = {"interaction_map": "map"}
 """The commands whose functions have another name."""
@@ -14,12 +14,13 @@ COMMANDS = {"interaction_map": "map"}
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def starts_from(*more: str, pairs: bool = False) -> Callable[[F], F]:
+def starts_from(*more: str, pairs: bool = False, sectors: bool = False) -> Callable[[F], F]:
     """Let the first argument of a function be a scene, the path of its file, or of another type.
 
     Args:
         more: names of the other types; a name needs no import.
         pairs: whether the function takes scenes with contacts between bodies.
+        sectors: whether it takes sectors of disks.
     """
 
     def decorate(function: F) -> F:
@@ -30,9 +31,12 @@ def starts_from(*more: str, pairs: bool = False) -> Callable[[F], F]:
             if not isinstance(given, Scene) and type(given).__name__ not in more:
                 allowed = " or ".join(["a Scene, the path of its file", *map("a {}".format, more)])
                 raise TypeError(f"{function.__name__}: {type(given).__name__}: must be {allowed}")
+            scene = given if isinstance(given, Scene) else given.scene
+            command = COMMANDS.get(function.__name__, function.__name__)
             if not pairs:
-                scene = given if isinstance(given, Scene) else given.scene
-                require_no_pairs(scene, COMMANDS.get(function.__name__, function.__name__))
+                require_no_pairs(scene, command)
+            if not sectors:
+                require_no_sector(scene, command)
             return function(given, *args, **named)
 
         return cast(F, called)

@@ -140,16 +140,23 @@ class MeshCheck:
         frequencies: those of the natural frequencies of the structure's modes 1, 2, ..
         deflection: that of the static deflection of the probe; None without one.
         missing: why they are not estimated; empty if they are.
+        labels: of the frequencies, if they are not those of the modes 1, 2, ..
     """
 
     frequencies: tuple[float, ...] = ()
     deflection: float | None = None
     missing: str = ""
+    labels: tuple[str, ...] = ()
 
     def sentence(self) -> str:
         """The estimates in words; empty without any."""
         listed = [in_percent(error) for error in self.frequencies]
         said = [f"of the natural frequencies {', '.join(listed)}"] if listed else []
+        if self.labels and listed:
+            worst = int(np.argmax(self.frequencies))
+            said = [
+                f"of the natural frequencies at most {listed[worst]} (mode {self.labels[worst]})"
+            ]
         if self.deflection is not None:
             said.append(f"of the static deflection {in_percent(self.deflection)}")
         return f"Estimated error due to the mesh: {'; '.join(said)}." if said else ""
@@ -167,7 +174,8 @@ class MeshCheck:
         worst = max(self.frequencies, default=0.0)
         if worst <= FREQUENCY_ERROR:
             return []
-        mode = self.frequencies.index(worst) + 1
+        at = self.frequencies.index(worst)
+        mode = self.labels[at] if self.labels else at + 1
         text = (
             f"the mesh is too coarse: elements of degree {scene.geometry.degree + 1} change the "
             f"frequency of mode {mode} by {in_percent(worst / MESH_SAFETY)}: "

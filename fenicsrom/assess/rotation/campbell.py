@@ -32,14 +32,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import MeshCheck, of_model, of_solid
 from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.assess.rotation.disk_modes import (
+    WaveMode,
+    counts,
+    diameters_of,
+    disk_modes,
+    judged_diameters,
+    lowest,
+    waves_of,
+)
 from fenicsrom.assess.rotation.rotating_modes import (
     RangeBody,
     Shapes,
+    TurningBody,
     follow,
     have_passed_zero,
     mode_names,
@@ -55,6 +66,7 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
+    from fenicsrom.fem.solid.disk import Disk
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
 
@@ -158,6 +170,8 @@ def critical_speeds(
     curves: Sequence[FrequencyCurve],
     orders: Sequence[int],
     solve: Callable[[int, float], tuple[float, float]],
+    met: NDArray[np.bool_] | None = None,
+    names: Sequence[str] | None = None,
 ) -> tuple[list[Critical], list[str]]:
     """The critical speeds of all modes and engine orders, each confirmed by the modes there.
 
@@ -165,16 +179,18 @@ def critical_speeds(
         curves: the frequency of each mode.
         orders: the engine orders.
         solve: computes f^2 in Hz^2 and the MAC of a mode (from 0) at a speed in rev/min.
+        met: (modes, orders) whether an order excites a mode; by default all do.
+        names: names of the modes; by default their numbers.
 
     Returns:
         The critical speeds in ascending order, and a sentence for each one that failed.
     """
     found, notes = [], []
     for mode, curve in enumerate(curves):
-        for order in orders:
-            for speed in curve.crossings(order):
+        for k, order in enumerate(orders):
+            for speed in curve.crossings(order) if met is None or met[mode, k] else ():
                 item = Critical(mode + 1, order, float(speed), order * float(speed) / 60.0)
-                where = f"engine order {order} and mode {mode + 1}"
+                where = f"engine order {order} and mode {names[mode] if names else mode + 1}"
                 try:
                     confirmed = confirm(curve, item, partial(solve, mode))
                 except (ConvergenceError, AccuracyError) as error:
@@ -260,6 +276,8 @@ class Campbell:
         warnings: notes for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
         body: the solid; None with a model for a range of speeds.
+        waves: which wave of a disk each mode is; () of a whole body.
+        shapes: (local, m) complex amplitudes of these modes in the sector at the first speed.
         files: the written files, the one to open first at the head.
     """
 
@@ -278,6 +296,8 @@ class Campbell:
     warnings: list[Note]
     unfinished: Exception | None
     body: Solid | None
+    waves: tuple[WaveMode, ...] = ()
+    shapes: NDArray[Any] | None = None
     files: list[Path] = field(default_factory=list)
 
     @property
@@ -288,18 +308,34 @@ class Campbell:
     @property
     def labels(self) -> list[str]:
         """One label per mode: its number, and its name if it has one."""
-        count = self.squares.shape[1]
-        names = [f" ({name})" for name in self.names] or [""] * count
-        return [f"{k + 1}{name}" for k, name in zip(range(count), names, strict=True)]
+        names = [f" ({name})" for name in self.names] or [""] * self.squares.shape[1]
+        return [f"{number}{name}" for number, name in zip(self.numbers, names, strict=True)]
+
+    @property
+    def numbers(self) -> list[str]:
+        """The number of each mode; of a disk, its wave."""
+        if self.waves:
+            return [wave.label for wave in self.waves]
+        return [str(k + 1) for k in range(self.squares.shape[1])]
 
     @property
     def margins(self) -> Array | None:
-        """(m, orders) f / (k Omega / 60) - 1 of each mode and engine order at operating speed."""
+        """(m, orders) f / (k Omega / 60) - 1 of each mode and engine order at operating speed.
+
+        It is NaN where the order does not excite the mode of a disk.
+        """
         if self.operating_squares is None or self.scene.rotation is None:
             return None
-        orders = np.array(self.scene.campbell.engine_orders)
-        lines = orders * self.scene.rotation.speed_rpm / 60.0
-        return hertz(self.operating_squares)[:, None] / lines - 1.0
+        orders = self.scene.campbell.engine_orders
+        lines = np.array(orders) * self.scene.rotation.speed_rpm / 60.0
+        found = hertz(self.operating_squares)[:, None] / lines - 1.0
+        return np.where(self.met(orders), found, np.nan)
+
+    def met(self, orders: Sequence[int]) -> NDArray[np.bool_]:
+        """(m, orders) whether each engine order excites each mode, as all do but those of disks."""
+        if not self.waves:
+            return np.ones((self.squares.shape[1], len(orders)), dtype=bool)
+        return np.array([[wave.meets(order) for order in orders] for wave in self.waves])
 
     def curves(self) -> list[FrequencyCurve]:
         """The curve of each mode; none for a single speed."""
@@ -335,38 +371,49 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     begin = clock.perf_counter()
     scene = given if isinstance(given, Scene) else given.scene
     speeds = speeds_rpm(scene)
-    solid: Solid | RangeBody
+    solid: Solid | None = None
+    body: Any  # a solid, a `RangeBody` or a `Disk`
     if isinstance(given, Scene):
         solid = _solid_at(float(speeds[0]), scene, comm)
+        body = solid if scene.cyclic is None else disk_of(solid, diameters_of(scene))
     else:
-        solid = range_body(given, speeds)
-    most = solid.whole.modes if isinstance(solid, RangeBody) else solid.free
+        body = range_body(given, speeds)
+    most = body.whole.modes if isinstance(body, RangeBody) else body.free
     count = min(scene.campbell.modes or MODES, most)
-    tracked = _Tracked(min(count + EXTRA_MODES, solid.free), scene.at_speed(float(speeds.max())))
-    unfinished = tracked.follow_speeds(solid, speeds, count)
-    body, names = None, list[str]()
-    if isinstance(solid, RangeBody):
+    each = min(count + EXTRA_MODES, body.free)
+    tracked = _Tracked(each, scene.at_speed(float(speeds.max())), solid)
+    unfinished = tracked.follow_speeds(body, speeds)
+    shown, names = np.arange(count), list[str]()
+    at_first = scene if scene.rotation is None else scene.at_speed(float(speeds[0]))
+    if solid is None:
         assert not isinstance(given, Scene)
         judged = of_model(given, float(speeds[0]))
+    elif scene.cyclic is not None:
+        shown = lowest(body, count, each)
+        judged = _judged_disk(at_first, body, count, tracked.squares[0][shown])
     else:
         squares = tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]
-        judged = of_solid(scene.at_speed(float(speeds[0])), solid, squares)
-        body, names = solid, tracked.names(solid, scene)[:count]
+        judged = of_solid(at_first, solid, squares)
+        names = tracked.names(solid, scene)[:count]
     reached = speeds[: len(tracked.squares)]
     found = Campbell(
         scene=scene,
         speeds_rpm=reached,
-        squares=np.array(tracked.squares)[:, :count],
-        mac=np.array(tracked.mac)[:, :count],
+        squares=np.array(tracked.squares)[:, shown],
+        mac=np.array(tracked.mac)[:, shown],
         largest=np.array(tracked.largest),
         names=names,
         change=max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
         mesh_check=judged,
-        unknowns=solid.free,
-        warnings=[*solid.warnings, *judged.warnings(scene)],
+        unknowns=body.free if solid is None else solid.free,
+        warnings=[*(body if solid is None else solid).warnings, *judged.warnings(scene)],
         unfinished=unfinished,
-        body=body,
+        body=solid,
     )
+    if scene.cyclic is not None:
+        shapes = tracked.shapes[-1][:, shown]
+        found.waves = waves_of(body, shapes, count, _sense(scene, float(reached[-1])))
+        found.shapes = body.displacements(shapes)
     found.warnings += _warnings(found)
     if tracked.passed is not None and scene.damped:
         text = (
@@ -376,12 +423,39 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         found.warnings.append(Note(NoteKind.UNSTABLE, text))
     states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
     found.warnings += strain_warnings(list(states))
-    _find_critical_speeds(found, solid, tracked)
+    _find_critical_speeds(found, body, tracked, shown)
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _find_critical_speeds(found: Campbell, solid: Solid | RangeBody, tracked: _Tracked) -> None:
+def _judged_disk(scene: Scene, disk: Disk, count: int, squares: Array) -> MeshCheck:
+    """Judge omega^2 (m,) of some nodal diameters of a disk by finer elements."""
+    judged = judged_diameters(disk.diameters)
+    numbers = counts(disk, count)
+    kept = np.repeat(np.isin(disk.diameters, judged), numbers)
+    pairs = [(h, n) for h, n in zip(disk.diameters, numbers, strict=True) if h in judged]
+    labels = tuple(f"{k + 1} of {h} nodal diameters" for h, n in pairs for k in range(n))
+
+    def finer_squares(finer: Solid) -> Array:
+        found = disk_of(finer, judged)
+        values = disk_modes(found, count)[0]
+        found.destroy()
+        return values
+
+    return replace(of_solid(scene, disk.sector, (squares[kept], finer_squares)), labels=labels)
+
+
+def _sense(scene: Scene, speed_rpm: float) -> float:
+    """Above 0 if a disk turns about its axis, below 0 if against it; 0 without Coriolis force."""
+    cyclic, rotation = scene.cyclic, scene.rotation
+    if cyclic is None or rotation is None or not rotation.coriolis:
+        return 0.0
+    return speed_rpm * float(np.dot(cyclic.axis or (1.0,), rotation.axis or (1.0,)))
+
+
+def _find_critical_speeds(
+    found: Campbell, body: TurningBody, tracked: _Tracked, shown: NDArray[np.int64]
+) -> None:
     """Find the critical speeds, and the frequencies at the speed of operation."""
     rotation = found.scene.rotation
     assert rotation is not None
@@ -392,30 +466,31 @@ def _find_critical_speeds(found: Campbell, solid: Solid | RangeBody, tracked: _T
         """omega^2 and MAC of the modes, in their order at the nearest speed of the diagram."""
         k = int(np.argmin(np.abs(found.speeds_rpm - speed)))
         if found.speeds_rpm[k] == speed:
-            return tracked.squares[k], np.ones(tracked.count)
-        solid.spin(np.pi / 30.0 * speed)
-        values, vectors, _ = modes_at_speed(solid, tracked.count)
-        values, _, mac = follow(solid, tracked.squares[k], tracked.shapes[k], values, vectors)
+            return tracked.squares[k], np.ones(tracked.squares[k].size)
+        body.spin(np.pi / 30.0 * speed)
+        values, vectors, _ = tracked.modes(body, tracked.count)
+        values, _, mac = follow(body, tracked.squares[k], tracked.shapes[k], values, vectors)
         return values, mac
 
     def solve(mode: int, speed: float) -> tuple[float, float]:
         squares, mac = between(speed)
-        return float(squares[mode]) / (2.0 * np.pi) ** 2, float(mac[mode])
+        return float(squares[shown[mode]]) / (2.0 * np.pi) ** 2, float(mac[shown[mode]])
 
     orders = found.scene.campbell.engine_orders
-    found.critical, notes = critical_speeds(found.curves(), orders, solve)
+    met = found.met(orders)
+    found.critical, notes = critical_speeds(found.curves(), orders, solve, met, found.numbers)
     found.warnings += [Note(NoteKind.UNCHECKED, text, quantity=CRITICAL) for text in notes]
     speed = rotation.speed_rpm
     if 0.0 < speed and found.speeds_rpm[0] <= speed <= found.speeds_rpm[-1]:
         try:
             squares, _ = between(speed)
-            found.operating_squares = squares[: found.squares.shape[1]]
+            found.operating_squares = squares[shown]
         except (ConvergenceError, AccuracyError) as error:
             text = f"no margins at {speed:g} rpm: {error}"
             found.warnings.append(Note(NoteKind.FAILED, text, quantity=CRITICAL))
 
 
-def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
+def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Solid:
     """Make the mesh and the solid about its equilibrium at this speed.
 
     Raises:
@@ -439,8 +514,16 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Any:
 class _Tracked:
     """The modes of a body at successive speeds, in the order of the modes at the first speed."""
 
-    def __init__(self, count: int, fastest: Scene):
-        self.count, self.fastest = count, fastest
+    def __init__(self, count: int, fastest: Scene, solid: Solid | None):
+        """Begin without a speed.
+
+        Args:
+            count: number of modes, of a disk of each nodal diameter.
+            fastest: the scene at the largest speed.
+            solid: the solid of the scene, or None.
+        """
+        self.count, self.fastest, self.solid = count, fastest, solid
+        self.modes: Callable[..., Any] = modes_at_speed if fastest.cyclic is None else disk_modes
         self.squares: list[Array] = []
         self.mac: list[Array] = []
         self.largest: list[float] = []
@@ -449,39 +532,36 @@ class _Tracked:
         self.shapes: list[Shapes] = []
         self.passed: float | None = None  # the first speed above a critical one, rev/min
 
-    def add(self, solid: Solid | RangeBody, speed_rpm: float) -> None:
+    def add(self, body: TurningBody, speed_rpm: float) -> None:
         """Add the modes of the body at its present speed.
 
         Raises:
             ConvergenceError, AccuracyError: as in `modes_at_speed`.
         """
-        values, vectors, change = modes_at_speed(solid, self.count)
-        if self.passed is None and have_passed_zero(solid, values, vectors):
+        values, vectors, change = self.modes(body, self.count)
+        if self.passed is None and have_passed_zero(body, values, vectors):
             self.passed = speed_rpm
-        common: Array = np.ones(self.count)
+        common: Array = np.ones(values.size)
         if self.shapes:
             before = self.squares[-1], self.shapes[-1]
-            values, vectors, common = follow(solid, *before, values, vectors)
+            values, vectors, common = follow(body, *before, values, vectors)
         self.shapes.append(vectors)
         self.squares.append(values)
         self.mac.append(common)
-        self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
-        if not isinstance(solid, RangeBody):
+        self.largest.append(float(body.largest(body.equilibrium[:, None])[0]))
+        if self.solid is not None:
             from fenicsrom.fem.body.stress_points import body_deformation
 
-            found = body_deformation(solid, self.fastest, solid.equilibrium)
+            found = body_deformation(self.solid, self.fastest, body.equilibrium)
             self.deformations.append(found)
         self.changes.append(change)
 
-    def follow_speeds(
-        self, solid: Solid | RangeBody, speeds: Array, shown: int
-    ) -> Exception | None:
+    def follow_speeds(self, body: TurningBody, speeds: Array) -> Exception | None:
         """Add the modes at all speeds; the body is at the first one.
 
         Args:
-            solid: the body.
+            body: the body.
             speeds: the speeds, rev/min.
-            shown: number of frequencies in the line on each speed.
 
         Returns:
             The error that stopped the computation after the first speed, if there was one.
@@ -493,13 +573,14 @@ class _Tracked:
         for k, speed in enumerate(speeds):
             try:
                 if k:
-                    solid.spin(np.pi / 30.0 * float(speed))
-                self.add(solid, float(speed))
+                    body.spin(np.pi / 30.0 * float(speed))
+                self.add(body, float(speed))
             except (ConvergenceError, AccuracyError) as error:
                 if not k:
                     raise
                 return type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
-            line = ", ".join(f"{value:.4g}" for value in hertz(self.squares[-1][:shown]))
+            lowest = np.sort(hertz(self.squares[-1]))[:MODES]
+            line = ", ".join(f"{value:.4g}" for value in lowest)
             left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
             log.info(f"{speed:g} rpm: {line} Hz; speed {k + 1} of {speeds.size}, {left}")
         return None
@@ -514,6 +595,13 @@ class _Tracked:
         nodes = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
         shapes = self.shapes[0].reshape(len(nodes), d, self.count)
         return mode_names(nodes, shapes, axis, point, solid.comm)
+
+
+def disk_of(solid: Solid, diameters: Sequence[int]) -> Disk:
+    """The waves of the disk of which a solid is one sector; errors as `Disk`."""
+    from fenicsrom.fem.solid.disk import Disk
+
+    return Disk(solid, diameters)
 
 
 def speeds_rpm(scene: Scene) -> Array:
@@ -539,12 +627,12 @@ def speeds_rpm(scene: Scene) -> Array:
 def _warnings(found: Campbell) -> list[Note]:
     """One sentence for each mode that was lost, may be confused with another, or is unstable."""
     warnings = []
-    for mode in range(found.squares.shape[1]):
+    for mode, name in enumerate(found.numbers):
         lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)
         if lost.size:
             k = int(lost[0])
             text = (
-                f"mode {mode + 1} was lost between {found.speeds_rpm[k - 1]:g} and "
+                f"mode {name} was lost between {found.speeds_rpm[k - 1]:g} and "
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
                 "use speeds that are closer together"
             )
@@ -552,7 +640,7 @@ def _warnings(found: Campbell) -> list[Note]:
         mac = found.mac[:, mode]
         for k in np.flatnonzero((mac >= LEAST_MAC) & (mac < DOUBTFUL_MAC)):
             text = (
-                f"mode {mode + 1} may have been swapped with another mode between "
+                f"mode {name} may have been swapped with another mode between "
                 f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "
                 f"{found.mac[k, mode]:.2f}): use speeds that are closer together to find out"
             )
@@ -562,9 +650,8 @@ def _warnings(found: Campbell) -> list[Note]:
             rotation = found.scene.rotation
             held = rotation is None or rotation.coriolis
             what = "the equilibrium is unstable"
-            text = (
-                f"mode {mode + 1} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: "
-                + (what if held else f"without the Coriolis force, which may hold it, {what}")
+            text = f"mode {name} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: " + (
+                what if held else f"without the Coriolis force, which may hold it, {what}"
             )
             warnings.append(Note(NoteKind.UNSTABLE, text))
     return warnings

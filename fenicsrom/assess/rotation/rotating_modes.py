@@ -51,7 +51,6 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.step.speed_range import RangeModel
     from fenicsrom.online.store.archive import StoredModel
 
@@ -153,6 +152,7 @@ def _in_space(block: NDArray[Any]) -> NDArray[Any]:
 
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
+TurningBody = Any  # a solid, a `RangeBody`, or a `Wave` or `Disk` of `fenicsrom.fem.solid.disk`
 
 # relative distance of frequencies below which the modes span one eigenspace
 COINCIDENT = 1e-4
@@ -167,7 +167,7 @@ STANDING = 0.9
 LEAST_PART = 0.1
 
 
-def modes_at_speed(solid: Solid | RangeBody, count: int) -> tuple[Array, Shapes, float]:
+def modes_at_speed(solid: TurningBody, count: int) -> tuple[Array, Shapes, float]:
     """The lowest modes about the present equilibrium, complex with the Coriolis force.
 
     Args:
@@ -192,7 +192,7 @@ def modes_at_speed(solid: Solid | RangeBody, count: int) -> tuple[Array, Shapes,
         shapes, sizes = space @ z, np.abs(roots)
         change = float(np.max(np.abs(sizes - previous) / sizes))
         if change <= COMPLEX_TOLERANCE or space.shape[1] >= solid.free:
-            mass = _hermitian(solid, shapes, shapes)
+            mass = hermitian(solid, shapes, shapes)
             return _squares(roots), shapes / np.sqrt(np.diag(mass).real), change
         previous = sizes
         residuals = _residuals(solid, roots, shapes)
@@ -204,7 +204,7 @@ def modes_at_speed(solid: Solid | RangeBody, count: int) -> tuple[Array, Shapes,
     )
 
 
-def _residuals(solid: Solid | RangeBody, roots: Shapes, shapes: Shapes) -> Shapes:
+def _residuals(solid: TurningBody, roots: Shapes, shapes: Shapes) -> Shapes:
     """(K + lambda G + lambda^2 M) phi of modes (local, k) with their roots lambda (k,)."""
     parts = []
     for times in (solid.stiffness_times, solid.gyroscopic_times, solid.mass_times):
@@ -219,7 +219,7 @@ def _squares(roots: Shapes) -> Array:
     return np.asarray(sign * np.abs(roots) ** 2, dtype=np.float64)
 
 
-def _state_space_modes(solid: Solid | RangeBody, space: Array, count: int) -> tuple[Shapes, Shapes]:
+def _state_space_modes(solid: TurningBody, space: Array, count: int) -> tuple[Shapes, Shapes]:
     """The complex modes within an M-orthonormal space (local, k).
 
     With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. That matrix times i is Hermitian,
@@ -249,7 +249,7 @@ def _state_space_modes(solid: Solid | RangeBody, space: Array, count: int) -> tu
     return 1j * values[k : k + count], vectors[k:, k : k + count]
 
 
-def have_passed_zero(solid: Solid | RangeBody, squares: Array, shapes: Shapes) -> bool:
+def have_passed_zero(solid: TurningBody, squares: Array, shapes: Shapes) -> bool:
     """Whether some of the modes of `modes_at_speed` have negative energy.
 
     Damping that turns with the body makes their motions grow.
@@ -261,7 +261,7 @@ def have_passed_zero(solid: Solid | RangeBody, squares: Array, shapes: Shapes) -
     return bool(np.any((squares > 0.0) & (energy < 0.0)))
 
 
-def _hermitian(solid: Solid | RangeBody, a: Shapes, b: Shapes) -> Shapes:
+def hermitian(solid: TurningBody, a: Shapes, b: Shapes) -> Shapes:
     """a^H M b of real or complex blocks (local, k) and (local, l)."""
     if not (np.iscomplexobj(a) or np.iscomplexobj(b)):
         return solid.mass_inner(a, b)
@@ -275,7 +275,7 @@ def _hermitian(solid: Solid | RangeBody, a: Shapes, b: Shapes) -> Shapes:
 
 
 def follow(
-    solid: Solid | RangeBody, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
+    solid: TurningBody, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
 ) -> tuple[Array, Shapes, Array]:
     """Sort the modes at one speed in the order of the modes at the previous speed.
 
@@ -290,11 +290,11 @@ def follow(
         omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,): with two modes
         that the Coriolis force has joined to a whirl, that with both (`_joint`).
     """
-    common = _hermitian(solid, shapes, vectors)
+    common = hermitian(solid, shapes, vectors)
     vectors = vectors @ aligning(common, squares)  # these shapes are returned
-    common = _hermitian(solid, shapes, vectors)
+    common = hermitian(solid, shapes, vectors)
     common = aligning(common.conj().T, before).conj().T @ common
-    mac = _joint(common, np.diag(_hermitian(solid, shapes.conj(), shapes)))
+    mac = _joint(common, np.diag(hermitian(solid, shapes.conj(), shapes)))
     ranks = np.argsort(np.argsort(before, kind="stable"))
     apart = np.abs(ranks[:, None] - np.arange(squares.size)) / squares.size
     rows, columns = linear_sum_assignment(SAME_RANK * apart - mac)

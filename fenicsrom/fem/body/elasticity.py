@@ -50,7 +50,8 @@ from scipy.spatial import cKDTree
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form, quadrature_degree
-from fenicsrom.fem.base.linalg import add_entries
+from fenicsrom.fem.base.linalg import Factorisation, add_entries
+from fenicsrom.fem.body.cyclic import CutFaces, WaveFactorisation
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
@@ -234,6 +235,7 @@ class ElasticBody:
         conditions: the boundary conditions of the clamped unknowns.
         slanted: the projection of nodes that are held along slanted directions; None without such
             nodes.
+        cut: the cut faces of a sector of a disk; None of a whole body.
         thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
         quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
@@ -280,7 +282,7 @@ class ElasticBody:
         held = held_displacements(mesh, self.space, scene.supports, scene.source, scene.joined)
         if held.apart:
             self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
-        if mesh.sector is not None and not self._uses(scene, held, *mesh.sector.places):
+        if mesh.sector and not scene.cyclic and not self._uses(scene, held, *mesh.sector.places):
             self.warnings.append(mesh.sector.note)
         self._zero = fem.Function(self.space)
         self.conditions = conditions(self.space, self._zero, held.unknowns)
@@ -291,6 +293,7 @@ class ElasticBody:
             self.slanted = Slanted(self.space, held)
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, scene)
+        self.cut = None if scene.cyclic is None else CutFaces(self, scene.cyclic)
         self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
         self.joint: Joint | None = None
         self.room: csr_array | None = None
@@ -507,6 +510,17 @@ class ElasticBody:
             matrix.axpy(1.0, empty, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             empty.destroy()
         return matrix
+
+    def factorised(
+        self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True
+    ) -> Factorisation | WaveFactorisation:
+        """Factorise a stiffness; of a sector, for loads alike on all sectors. Collective.
+
+        Arguments and errors as `Factorisation`.
+        """
+        if self.cut is None:
+            return Factorisation(matrix, prefix, symmetric)
+        return WaveFactorisation(matrix, self.cut.constraint(0), prefix, symmetric)
 
     def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:
         """Add a bilinear form to an assembled matrix, which has all entries of the form."""

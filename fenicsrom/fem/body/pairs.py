@@ -69,7 +69,7 @@ PARTS = {
 """The nodes of the parts into which its nodes divide a quadratic facet."""
 
 
-class _Side:
+class Side:
     """The facets (F,) of a region, all of one kind, with their nodes.
 
     Attributes:
@@ -100,7 +100,9 @@ class _Side:
 
     def at(self, facets: Ints, points: Array) -> tuple[Array, Array, Array]:
         """Places (q, d), tangents (q, d - 1, d) and shape functions (q, k) of reference points."""
-        values = self.element.tabulate(1, points)[..., 0]
+        values = np.zeros((self.x.shape[2], 0, self.x.shape[1]))
+        if len(points):  # basix takes no empty array
+            values = self.element.tabulate(1, points)[..., 0]
         x = self.x[facets]
         tangents = np.einsum("rqk,qkd->qrd", values[1:], x)
         return np.einsum("qk,qkd->qd", values[0], x), tangents, values[0]
@@ -116,18 +118,18 @@ class _Side:
             np.where(inwards, -1.0, 1.0)[:, None] * found / np.linalg.norm(found, axis=1)[:, None]
         )
 
-    def holds(self, points: Array) -> Array:
-        """Whether reference points (q, d - 1) lie in the facet."""
-        found = np.all((points >= -OVER_THE_EDGE) & (points <= 1.0 + OVER_THE_EDGE), axis=1)
+    def holds(self, points: Array, over: float = OVER_THE_EDGE) -> Array:
+        """Whether reference points (q, d - 1) lie in the facet, or over its edge by so much."""
+        found = np.all((points >= -over) & (points <= 1.0 + over), axis=1)
         if self.kind.name == "triangle":
-            found &= points.sum(axis=1) <= 1.0 + OVER_THE_EDGE
+            found &= points.sum(axis=1) <= 1.0 + over
         return np.asarray(found)
 
-    def closest(self, x: Array) -> tuple[Ints, Array, Array]:
+    def closest(self, x: Array, over: float = OVER_THE_EDGE) -> tuple[Ints, Array, Array]:
         """Facets (q,), reference points (q, d - 1) and distances (q,) of the points closest to x.
 
         The distance from x (q, d) is infinite if no facet has a point whose normal meets x, or the
-        iterations for it do not converge.
+        iterations for it do not converge. A facet ends `over` its edge, in reference coordinates.
         """
         count = min(NEAREST, len(self.middle))
         near = cKDTree(self.middle).query(x, [*range(1, count + 1)])[1]
@@ -142,11 +144,11 @@ class _Side:
                 away = np.einsum("qrd,qd->qr", along, x - y)
                 step = np.linalg.solve(gram, away[:, :, None])[:, :, 0]
                 found = np.clip(found + step, -1.0, 2.0)
-                if np.max(np.abs(step)) < OVER_THE_EDGE**2:
+                if np.max(np.abs(step), initial=0.0) < OVER_THE_EDGE**2:
                     break
             away = np.linalg.norm(x - self.at(facets, found)[0], axis=1)
-            settled = np.max(np.abs(step), axis=1) < OVER_THE_EDGE
-            better = settled & self.holds(found) & (away < distance)
+            settled = np.max(np.abs(step), axis=1, initial=0.0) < OVER_THE_EDGE
+            better = settled & self.holds(found, over) & (away < distance)
             facet[better], point[better], distance[better] = (
                 values[better] for values in (facets, found, away)
             )
@@ -161,7 +163,7 @@ def _rows(columns: Ints, values: Array, size: int) -> csr_array:
     return found
 
 
-def _quadrature(side: _Side) -> tuple[Ints, Array, Array, Ints, Array]:
+def _quadrature(side: Side) -> tuple[Ints, Array, Array, Ints, Array]:
     """The points of a quadrature on all facets, with the hats of the parts of the facets.
 
     Returns:
@@ -205,7 +207,7 @@ class _Opposite(NamedTuple):
     gap: Array
 
 
-def _opposite(body: Any, contact: Contact, key: str, a: _Side, b: _Side) -> _Opposite:
+def _opposite(body: Any, contact: Contact, key: str, a: Side, b: Side) -> _Opposite:
     """Find the closest points of B for a quadrature on A; errors as `pair_rows`."""
     facets, points, weights, corners, hats = _quadrature(a)
     x, along, shapes = a.at(facets, points)
@@ -229,7 +231,7 @@ def _opposite(body: Any, contact: Contact, key: str, a: _Side, b: _Side) -> _Opp
     )
 
 
-def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[_Side, _Side]:
+def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[Side, Side]:
     """The two regions of a contact; errors as `pair_rows`."""
     if body.comm.size > 1:
         raise _refused(body, "contact between bodies runs on one process only", key)
@@ -240,7 +242,7 @@ def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[_Side, _
         if body.mesh.reaches_inside(region):
             where = f"contacts[{number}].{name}"
             raise _refused(body, "facets of the region lie inside a body; take its surface", where)
-    a, b = (_Side(body, region) for region in regions)
+    a, b = (Side(body, region) for region in regions)
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
         reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
         raise _refused(body, f"{reason}and the first region by a group of one body", key)
@@ -303,7 +305,7 @@ def _note(
     contact: Contact,
     number: int,
     found: tuple[Array, Array, Array],
-    sides: tuple[_Side, _Side],
+    sides: tuple[Side, Side],
 ) -> None:
     """Tell the user what lies opposite, and if the second mesh is the finer one."""
     area, whole, gap = found

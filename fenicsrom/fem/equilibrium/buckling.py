@@ -185,7 +185,7 @@ def check_snap(body: Any, linear: Array) -> None:
         return
     full = body.static_load
     pushing = full + body.pressure_force(body.equilibrium)
-    factor = Factorisation(body.tangent(body.equilibrium), "fenicsrom_snap")
+    factor = body.factorised(body.tangent(body.equilibrium), "fenicsrom_snap")
 
     def at(part: float, u: Array) -> Array:
         body.pressures.part = part
@@ -254,7 +254,7 @@ def _stable_equilibrium(body: Any, unstable: int) -> Array | None:
     push *= PUSH * body.mesh.extent() / float(body.largest(push[:, None])[0])
     u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
     matrix = body.factor.matrix.duplicate(copy=True)
-    factor = Factorisation(matrix, "fenicsrom_buckling")
+    factor = body.factorised(matrix, "fenicsrom_buckling")
 
     def unstable_at(u: Array) -> int:
         return negative_eigenvalues(body.tangent(u, matrix))

@@ -216,7 +216,7 @@ class Statics:
                 matrix = self._factor.matrix.duplicate()
                 self._body.tangent(u, matrix, change, symmetric=False)
                 symmetric = self._body.symmetric
-                self._factor = Factorisation(matrix, "fenicsrom_static", symmetric)
+                self._factor = self._body.factorised(matrix, "fenicsrom_static", symmetric)
                 self._borrowed = False
             else:
                 self._body.tangent(u, self._factor.matrix, change, symmetric=False)

@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
 from fenicsrom.fem.base.linalg import Factorisation, add_entries, eigenmodes, multiply
+from fenicsrom.fem.body.cyclic import WaveFactorisation
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.pairs import pair_rows
@@ -201,7 +202,7 @@ class Solid(ElasticBody):
         )
 
     @cached_property
-    def factor(self) -> Factorisation:
+    def factor(self) -> Factorisation | WaveFactorisation:
         """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
 
         Of bodies that touch each other it is K_lin⁻¹ (`fenicsrom.fem.equilibrium.joined`).
@@ -213,7 +214,7 @@ class Solid(ElasticBody):
         add_entries(stiffness, self.couplings)
         if self.joint is not None:
             add_entries(stiffness, self.joint.stiffness)
-        factor = Factorisation(stiffness, "fenicsrom_stiffness")
+        factor = self.factorised(stiffness, "fenicsrom_stiffness")
         if self._known is not None and self._bends:
             if self.symmetric:
                 Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)

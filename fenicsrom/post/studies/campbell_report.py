@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.campbell import Campbell
 from fenicsrom.notes import CRITICAL, FREQUENCIES
 from fenicsrom.post.base.page import Report, Section
@@ -33,9 +34,14 @@ def summary(found: Campbell) -> dict[str, Any]:
         "engine_orders": list(found.scene.campbell.engine_orders),
         "critical_speeds": [vars(item) for item in found.critical],
         "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
-        "margins": found.margins,
+        "margins": None if found.margins is None else _without_nan(found.margins),
         "complex_change": found.change,
     }
+
+
+def _without_nan(margins: Array) -> list[list[float | None]]:
+    """The margins, None where an engine order does not excite a mode."""
+    return [[float(m) if np.isfinite(m) else None for m in row] for row in margins]
 
 
 def five_digits(value: float) -> str:
@@ -95,8 +101,8 @@ def sentences(found: Campbell) -> list[str]:
             "A axial, C chordwise bending."
         )
     margins = found.margins
-    if margins is not None:
-        mode, column = np.unravel_index(np.argmin(np.abs(margins)), margins.shape)
+    if margins is not None and np.isfinite(margins).any():
+        mode, column = np.unravel_index(np.nanargmin(np.abs(margins)), margins.shape)
         rotation = found.scene.rotation
         assert rotation is not None
         lines.append(
@@ -108,7 +114,7 @@ def sentences(found: Campbell) -> list[str]:
         k, mode = np.unravel_index(np.argmin(found.mac), found.mac.shape)
         lines.append(
             f"Modes were tracked by their shapes; the smallest MAC from speed to speed is "
-            f"{found.mac[k, mode]:.2f}, of mode {mode + 1} at {speeds[k]:g} rpm."
+            f"{found.mac[k, mode]:.2f}, of mode {found.numbers[mode]} at {speeds[k]:g} rpm."
         )
     if found.change is not None:
         lines.append(
@@ -128,7 +134,7 @@ def figure(found: Campbell) -> Figure:
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
     top = 1.08 * float(frequencies.max(initial=1.0))
     right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
-    _draw_orders(axis, found, right, top)
+    draw_orders(axis, found, right, top)
     fine, curves = np.linspace(speeds[0], speeds[-1], SMOOTH), found.curves()
     for mode, label in enumerate(found.labels):
         colour = COLOURS[mode % len(COLOURS)]
@@ -139,6 +145,17 @@ def figure(found: Campbell) -> Figure:
             hertz = np.sqrt(np.maximum(curves[mode].at(fine), 0.0))
             named = axis.plot(fine, hertz, style, color=colour)
         named[0].set_label(f"mode {label}")
+    draw_critical(axis, found)
+    if found.margins is not None and found.scene.rotation is not None:
+        operating = found.scene.rotation.speed_rpm
+        axis.axvline(operating, color="#555B61", linestyle="-.", linewidth=1.0, label="operation")
+    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
+    drawn.legend(loc="outside upper center", ncols=LEGEND_COLUMNS)
+    return drawn
+
+
+def draw_critical(axis: Axes, found: Campbell) -> None:
+    """Mark the critical speeds."""
     look: dict[str, Any] = {"linestyle": "none", "color": "black", "zorder": 3}
     for name, marker, confirmed in (
         ("critical speed", "o", True),
@@ -148,15 +165,9 @@ def figure(found: Campbell) -> Figure:
         if chosen:
             places = [item.speed_rpm for item in chosen], [item.frequency_hz for item in chosen]
             axis.plot(*places, marker, markerfacecolor="white", markersize=6, label=name, **look)
-    if found.margins is not None and found.scene.rotation is not None:
-        operating = found.scene.rotation.speed_rpm
-        axis.axvline(operating, color="#555B61", linestyle="-.", linewidth=1.0, label="operation")
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
-    drawn.legend(loc="outside upper center", ncols=LEGEND_COLUMNS)
-    return drawn
 
 
-def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
+def draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
     """Draw the lines of the engine orders with their names at their ends.
 
     A name that would overlap the one before it is left out.

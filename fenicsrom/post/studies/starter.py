@@ -165,6 +165,7 @@ def starter_scene(
         *_stiffness_damping(system, mode, template),
         "",
         *_support_lines(found, root),
+        *_cyclic_lines(found),
         *_attachment_lines(found),
         *[f"# not taken from the file: {what}" for what in found.physics.not_taken],
         "",
@@ -272,6 +273,38 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
     if others:
         lines.append(f"# groups of facets: {', '.join(map(toml, others))}")
     return lines
+
+
+def _cyclic_lines(found: Inspection) -> list[str]:
+    """The table of a sector of a disk, for the commands that take it, as comments."""
+    sector, points = found.sector, found.points
+    if sector is None or points is None:
+        return []
+    cuts: list[str] = []
+    for k in range(2):
+        cuts += [
+            group.name
+            for group in found.groups
+            if group.kind == "facets"
+            and group.members is not None
+            and sector.are_cut(points[np.unique(group.members)])[k].all()
+        ][:1]
+    if len(cuts) < 2:
+        return ["# one sector of a disk: with groups of its cut faces it could have [cyclic]"]
+    axis, point = (
+        [float(f"{x:.9g}") + 0.0 for x in np.round(of, 9)] for of in (sector.axis, sector.point)
+    )
+    return [
+        "",
+        "# The mesh is one sector of a disk. This table gives the modes of the disk, in fenicsrom",
+        "# modes and campbell, which take no contacts with it:",
+        "# [cyclic]",
+        f"# sectors = {sector.number}",
+        f"# left = {toml(cuts[0])}",
+        f"# right = {toml(cuts[1])}",
+        f"# axis = {axis}",
+        f"# point = {point}",
+    ]
 
 
 def _require_group(found: Inspection, name: str, option: str) -> Group:

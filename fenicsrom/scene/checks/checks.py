@@ -204,6 +204,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     """
     yield from _geometry_problems(scene.geometry)
     yield from _rotation_problems(scene)
+    yield from _cyclic_problems(scene)
     yield from _vector_problems(scene)
     yield from material_problems(scene)
     yield from beam_problems(scene)
@@ -224,7 +225,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
         if load.moves_supports:
             yield from _support_motion_problems(load, f"loads[{index}]", scene.rotation)
     seen = scene.contacts or scene.probe or any(not load.everywhere for load in scene.loads)
-    if not seen and not unloaded:
+    if not seen and not unloaded and scene.cyclic is None:
         what = "without contacts and without a load at a place"
         yield Problem("probe", f"must be a table in a scene {what}")
     yield from _basis_problems(scene)
@@ -378,6 +379,18 @@ def require_no_pairs(scene: Scene, command: str) -> None:
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
 
+def require_no_sector(scene: Scene, command: str) -> None:
+    """Check that a scene is no sector of a disk, for a command that does not take one.
+
+    Raises:
+        SceneError: it is one.
+    """
+    if scene.cyclic is not None:
+        allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
+        where = Where(scene.source, "cyclic")
+        raise where.refuse("a table", f"{allowed}modes, campbell and plan", ErrorKind.CONFLICT)
+
+
 def _order_problems(key: str, instants: list[float]) -> Problems:
     """Yield instants that do not increase."""
     if any(later <= sooner for sooner, later in pairwise(instants)):
@@ -523,6 +536,38 @@ def _rotation_problems(scene: Scene) -> Problems:
         yield from _history_problems(scene, rotation)
     if rotation.speeds_rpm is not None:
         yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def _cyclic_problems(scene: Scene) -> Problems:
+    """Yield what does not agree with a disk of equal sectors."""
+    cyclic, rotation = scene.cyclic, scene.rotation
+    if cyclic is None:
+        return
+    axis = cyclic.axis or (rotation.axis if rotation is not None else None)
+    if scene.geometry.dimension == 3 and axis is None:
+        yield Problem("cyclic.axis", "must be a vector along the axis in 3D", value=MISSING)
+    if cyclic.left == cyclic.right:
+        yield Problem("cyclic.right", "must be another group than cyclic.left")
+    if rotation is not None and not _are_parallel(axis, rotation.axis):
+        yield Problem("cyclic.axis", "must be along rotation.axis")
+    for k, h in enumerate(cyclic.diameters or ()):
+        if h > cyclic.sectors // 2:
+            allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
+            yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
+    for name in ("contacts", "bolts"):
+        if getattr(scene, name):
+            yield Problem(name, "not allowed with [cyclic]", value="tables")
+    for k, load in enumerate(scene.loads):
+        if load.everywhere and load.static and not _are_parallel(load.direction, axis):
+            allowed = "must be along cyclic.axis: another direction is another one in each sector"
+            yield Problem(f"loads[{k}].direction", allowed)
+
+
+def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
+    """Whether two unit vectors have one line; without a vector, whether both have none."""
+    if a is None or b is None:
+        return a is b
+    return abs(sum(map(mul, a, b))) > 1.0 - 1e-9
 
 
 def _history_problems(scene: Scene, rotation: Rotation) -> Problems:

@@ -284,6 +284,29 @@ class Rotation:
         return math.pi / 30.0 * self.speed_rpm
 
 
+@dataclass(frozen=True, kw_only=True)
+class Cyclic:
+    """A disk of which the mesh is one sector, for `fenicsrom modes` and `campbell`.
+
+    Loads, supports and attachments act in every sector alike, turned with it.
+
+    Attributes:
+        sectors: number of sectors of the disk.
+        left: group of facets of one cut face.
+        right: group of facets of the other cut face: the left one turned by 360°/sectors.
+        axis: axis of the disk in 3D, of any length. Default: that of [rotation].
+        point: a point of the axis. Default: that of [rotation], or the origin.
+        diameters: nodal diameters. Default: 0 to 12, or to half the number of sectors.
+    """
+
+    sectors: Annotated[int, integer(3, 1000)]
+    left: Annotated[str, rules.name]
+    right: Annotated[str, rules.name]
+    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
+    point: Annotated[tuple[float, ...] | None, rules.point] = None
+    diameters: Annotated[tuple[int, ...] | None, list_of(integer(0, 500))] = None
+
+
 def surface_turns(surface: Surface, rotation: Rotation | None) -> float:
     """The angle by which a surface turns for each radian of the body, as the body sees it."""
     if surface.spin is not None or rotation is None or surface.kind == "sphere":
@@ -515,6 +538,7 @@ class Scene:
         contacts: contact points.
         bolts: bolts that press parts of the body on one another.
         rotation: without this table the body does not rotate.
+        cyclic: without this table the mesh is the whole body.
         damping: damping besides that of the material.
         probe: the place whose motion gives the amplitudes in a scene without contact. Default: the
             place of the first load.
@@ -544,6 +568,7 @@ class Scene:
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     bolts: Annotated[tuple[Bolt, ...], tables_of(Bolt)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
+    cyclic: Annotated[Cyclic | None, table_of(Cyclic)] = None
     damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)
     probe: Annotated[Place | None, table_of(Place)] = None
     basis: Annotated[Basis, table_of(Basis)] = Basis()

@@ -310,6 +310,12 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:
         rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)
+    cyclic = scene.cyclic
+    if cyclic is not None:
+        axis, point = cyclic.axis, cyclic.point
+        if rotation is not None:
+            axis, point = axis or rotation.axis, point or rotation.point
+        cyclic = replace(cyclic, axis=axis, point=point or (0.0,) * scene.geometry.dimension)
     basis = scene.basis
     if scene.contacts:
         basis = replace(basis, masters=default_masters(scene))
@@ -325,6 +331,7 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
         ),
         contacts=tuple(map(_complete_contact, scene.contacts)),
         rotation=rotation,
+        cyclic=cyclic,
         basis=basis,
     )
 

@@ -1,0 +1,364 @@
+"""A disk from one of its sectors: displacements that go around it as a wave.
+
+The right cut face is the left one turned by α = ±360°/N about the axis, T is this turn. In a wave
+with h nodal diameters each sector moves as the one before it, turned by |α| and with the phase h|α|
+ahead. Its displacements on the right face, and those on the axis, follow from the others:
+
+    u_R = e^{ihα} T W u_L,    u = e^{ihα} T u on the axis,    u = P v.                    (1)
+
+W holds the shape functions of the left face at the nodes of the right one, turned back; a matching
+mesh has ones. The face with more nodes follows the other one. Matrices of the sector, whose cut
+faces are free, become those of the wave,
+
+    Pᴴ K P,    Pᴴ M P,    Pᴴ G P.                                                       (2)
+
+With h = 0 and N/2 they are real. Otherwise a + ib stands for [[a, −b], [b, a]], so that real
+matrices have twice the size, and each mode comes twice. Source: Thomas, Int. J. Numer. Methods Eng.
+14, 1979.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.linalg import null_space
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.fem.base.linalg import Factorisation
+from fenicsrom.fem.body.pairs import Side
+from fenicsrom.formats.mesh_file import Ints
+from fenicsrom.scene import Cyclic
+from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.keys.places import Region
+from fenicsrom.words import counted
+
+Complex = NDArray[np.complex128]
+
+ON_AXIS = 1e-9
+"""A node is on the axis if its distance from it, relative to the body, is smaller."""
+
+SAME_ANGLE = 0.02
+"""Largest relative difference of the angle between the faces and 360°/N."""
+
+BESIDE = 0.1
+"""A node may lie beside all facets of the other face by this part of a facet, at curved rims."""
+
+APART = 0.02
+"""Largest distance of a node from the other face, turned, relative to its facet."""
+
+ROUNDING = 1e-9
+"""Smaller weights are the rounding of coordinates."""
+
+RATIO = 2.0
+"""The mesh of one cut face should not be finer than the other by a larger factor."""
+
+IMAGINARY = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+class _Masters(NamedTuple):
+    """How the nodes (n,) follow from the masters of a wave: u_n = block_n v[columns_n].
+
+    Attributes:
+        block: (n, d, d) complex; zero columns belong to no master.
+        columns: (n, d) global numbers of the masters.
+    """
+
+    block: Complex
+    columns: Ints
+
+
+class CutFaces:
+    """The cut faces of a sector, and the constraints (1) of its body.
+
+    Attributes:
+        sectors: N.
+        turn: (d, d) T.
+        angle: α, rad.
+        marks: (nodes,) 1 on the leading face, 2 on the following one, else 0.
+        sentence: what was found, for the user.
+    """
+
+    def __init__(self, body: Any, cyclic: Cyclic):
+        """Find the nodes of the cut faces, and match them.
+
+        Args:
+            body: the body, whose supports are known.
+            cyclic: the table of the scene.
+
+        Raises:
+            SceneError: a group is missing, the faces are not a turn of each other, or supports hold
+                them differently.
+        """
+        self._body, self._cyclic = body, cyclic
+        d = self._d = body.dimension
+        self.sectors = cyclic.sectors
+        self._axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
+        self._point = np.pad(np.array(cyclic.point), (0, 3 - d))
+        self._nodes = body.space.tabulate_dof_coordinates()[: body.local // d]
+        self._first = body.space.dofmap.index_map.local_range[0]
+        self._held = np.zeros((len(self._nodes), d), dtype=bool)
+        self._held.reshape(-1)[body.clamped] = True
+        away = np.linalg.norm(np.cross(self._nodes - self._point, self._axis), axis=1)
+        self._central = np.flatnonzero(away < ON_AXIS * body.extent)
+        names = cyclic.left, cyclic.right
+        sides = [self._side(name, key) for name, key in zip(names, ("left", "right"), strict=True)]
+        angle = self._angle(*sides)
+        sizes = [len(np.unique(side.nodes)) for side in sides]
+        if sizes[0] > sizes[1]:  # the left face follows: it is the right one turned back
+            sides, names, angle = sides[::-1], names[::-1], -angle
+        self.angle, self.turn = angle, self.rotation(angle)[:d, :d]
+        self.marks = np.zeros(len(self._nodes))
+        for k, side in enumerate(sides):
+            self.marks[self._own(side.nodes)] = 1.0 + k
+        self._match(*sides, names)
+        few, many = sorted(sizes)
+        self.sentence = (
+            f"one of {self.sectors} sectors: {many} nodes of {names[1]!r} follow {few} of "
+            f"{names[0]!r}, turned by {np.degrees(angle):.4g}°; they lie at most "
+            f"{self.distance:.2g} m beside it"
+        )
+        if many > RATIO ** (d - 1) * few:
+            self.sentence += "; one face has a much finer mesh, which costs accuracy"
+
+    def rotation(self, angle: float) -> Array:
+        """The rotation (3, 3) about the axis by an angle, rad."""
+        return np.asarray(Rotation.from_rotvec(angle * self._axis).as_matrix())
+
+    def turned(self, points: Array, rotation: Array) -> Array:
+        """Points (n, 3) after a rotation about the axis."""
+        return np.asarray(self._point + (points - self._point) @ rotation.T)
+
+    def _refused(self, key: str, value: object, allowed: str) -> SceneError:
+        return Where(self._body.source, f"cyclic.{key}").refuse(value, allowed, ErrorKind.PLACE)
+
+    def _side(self, name: str, key: str) -> Side:
+        """The facets of a cut face on all ranks, with the global numbers of their nodes."""
+        body, comm = self._body, self._body.comm
+        own = Side(body, Region(group=name))
+        side, index = copy(own), body.space.dofmap.index_map
+        nodes = index.local_to_global(own.nodes.astype(np.int32).ravel()).reshape(own.nodes.shape)
+        side.nodes = np.concatenate(comm.allgather(nodes))
+        side.nodes, first = np.unique(side.nodes, axis=0, return_index=True)
+        for part in ("x", "middle", "size"):
+            values = np.concatenate(comm.allgather(getattr(own, part)))
+            setattr(side, part, values[first])
+        return side
+
+    def _angle(self, left: Side, right: Side) -> float:
+        """The angle from the left face to the right one: ±360°/N."""
+        arms = []
+        for side in (left, right):
+            arm = np.pad(side.middle.mean(axis=0), (0, 3 - self._d)) - self._point
+            arms.append(arm - (arm @ self._axis) * self._axis)
+        found = np.arctan2(self._axis @ np.cross(*arms), arms[0] @ arms[1])
+        wanted = 2.0 * np.pi / self.sectors
+        if abs(abs(found) / wanted - 1.0) > SAME_ANGLE:
+            allowed = (
+                f"the cut faces enclose {np.degrees(abs(found)):.4g}°, that is one of "
+                f"{2.0 * np.pi / max(abs(found), 1e-9):.4g} sectors"
+            )
+            raise self._refused("sectors", self.sectors, allowed)
+        return float(np.copysign(wanted, found))
+
+    def _own(self, nodes: Ints) -> Ints:
+        """The sorted local numbers of those of some nodes that this rank owns."""
+        found = np.unique(nodes) - self._first
+        return found[(found >= 0) & (found < len(self._nodes))]
+
+    def _match(self, leader: Side, follower: Side, names: tuple[str, str]) -> None:
+        """Find the weights of the leading nodes for each following one of this rank."""
+        d, comm = self._d, self._body.comm
+        self._followers = np.setdiff1d(self._own(follower.nodes), self._central)
+        back = self.turned(self._nodes[self._followers], self.rotation(-self.angle))[:, :d]
+        on, place, distance = leader.closest(back)
+        lost = np.isinf(distance)  # beside a curved rim
+        for found, more in zip(
+            (on, place, distance), leader.closest(back[lost], BESIDE), strict=True
+        ):
+            found[lost] = more
+        far = distance > APART * leader.size[on]
+        away = cKDTree(leader.x.reshape(-1, d)).query(back)[0]
+        distance = np.where(far, away, distance)
+        self.distance = max(comm.allgather(float(np.max(distance, initial=0.0))))
+        if failed := sum(comm.allgather(int(far.sum()))):
+            allowed = (
+                f"must be {names[0]!r} turned by {np.degrees(self.angle):.4g}°, but {failed} of "
+                f"{counted(len(np.unique(follower.nodes)), 'node')} lie beside it, at most "
+                f"{self.distance:.3g} m"
+            )
+            key = "right" if names[1] == self._cyclic.right else "left"
+            raise self._refused(key, names[1], allowed)
+        weights = leader.at(on, place)[2]
+        self._weights = np.where(np.abs(weights) < ROUNDING, 0.0, weights)
+        self._leaders = np.unique(leader.nodes)
+        self._leading = np.searchsorted(self._leaders, leader.nodes[on])
+        self._led = self._own(self._leaders)
+        self._check_supports(names)
+
+    def _check_supports(self, names: tuple[str, str]) -> None:
+        """Check that supports hold the cut faces alike, and along directions that T keeps."""
+        d, comm = self._d, self._body.comm
+        seam = self._held[np.union1d(self._central, np.flatnonzero(self.marks))]
+        turned = np.einsum("ij,sj,lj->sil", self.turn, 1.0 * seam, self.turn)
+        wrong = float(np.abs(turned - seam[:, :, None] * np.eye(d)).max(initial=0.0)) > ROUNDING
+        led = self._of_leaders(1.0 * self._held)[self._leading]
+        led = np.einsum("sk,skj->sj", self._weights, led)
+        own = self._held[self._followers]
+        wrong |= bool(np.any(own & (led < 0.5)) or np.any(~own & (led > 1.0 - ROUNDING)))
+        if any(comm.allgather(wrong)):
+            reason = (
+                f"must hold {names[0]!r} and {names[1]!r} alike, in directions that the turn "
+                "keeps: all components, that along the axis, or the other ones"
+            )
+            raise refuse(self._body.source, reason, ErrorKind.SUPPORT, "supports")
+
+    def _of_leaders(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (l, ..) at all leading nodes from values (n, ..) at the nodes of this rank."""
+        return np.concatenate(self._body.comm.allgather(values[self._led]))
+
+    # ------------------------------------------------------------------ waves
+
+    def is_real(self, h: int) -> bool:
+        """Whether the wave with h nodal diameters has real matrices of single size."""
+        return 2 * h in (0, self.sectors)
+
+    def constraint(self, h: int) -> PETSc.Mat:
+        """P of (1) for h nodal diameters. Collective.
+
+        Returns:
+            (local, masters) if h is 0 or N/2, else (2 local, 2 masters): real and imaginary parts
+            follow each other.
+        """
+        phase, comm = np.exp(1j * h * self.angle), self._body.comm
+        masters, count = self._masters(h)
+        led = _Masters(*(self._of_leaders(part) for part in masters))
+        d, k = self._d, self._followers
+        values = phase * np.einsum(
+            "ij,sk,skjm->skim", self.turn, self._weights, led.block[self._leading]
+        )
+        values *= ~self._held[k][:, None, :, None]
+        columns = np.broadcast_to(led.columns[self._leading][:, :, None, :], values.shape)
+        rows = np.broadcast_to((d * k[:, None] + np.arange(d))[:, None, :, None], values.shape)
+        own = np.broadcast_to(masters.columns[:, None, :], masters.block.shape)
+        unknowns = np.arange(masters.block.shape[0] * d).reshape(-1, d, 1)
+        at = np.broadcast_to(unknowns, masters.block.shape)
+        entries = [(masters.block, at, own), (values, rows, columns)]
+        data, row, column = (
+            np.concatenate([part.ravel() for part in parts]) for parts in zip(*entries, strict=True)
+        )
+        kept = np.abs(data) > ROUNDING**2
+        size = comm.allreduce(count)
+        found = scipy.sparse.coo_array(
+            (data[kept], (row[kept], column[kept])), shape=(self._body.local, size)
+        ).tocsr()
+        if self.is_real(h):
+            return _petsc(csr_array(found.real), count, comm)
+        pair = scipy.sparse.kron(found.real, np.eye(2)) + scipy.sparse.kron(found.imag, IMAGINARY)
+        return _petsc(csr_array(pair), 2 * count, comm)
+
+    def _masters(self, h: int) -> tuple[_Masters, int]:
+        """How the nodes of this rank follow from masters, but for the followers; their number."""
+        n, d = self._held.shape
+        block = np.zeros((n, d, d), dtype=complex)
+        block[:, range(d), range(d)] = ~self._held
+        block[self._central] = 0.0
+        block[self._followers] = 0.0
+        if h < 2:  # other waves hold the axis; these leave its direction, or turn about it
+            first, second = null_space(self._axis[None]).T
+            second *= np.sign(self._axis @ np.cross(first, second))
+            fixed = self._axis if h == 0 else (first + 1j * second) / np.sqrt(2.0)
+            block[self._central, :, 0] = ~self._held[self._central] * fixed[:d]
+        used = np.any(np.abs(block) > ROUNDING, axis=1)
+        count = int(used.sum())
+        columns = np.zeros((n, d), dtype=np.int64)
+        columns[used] = (self._body.comm.exscan(count) or 0) + np.arange(count)
+        return _Masters(block, columns), count
+
+
+def _petsc(local: csr_array, columns: int, comm: Any) -> PETSc.Mat:
+    """A PETSc matrix from its rows on this rank, with the columns that this rank owns."""
+    local.sort_indices()
+    starts, places = (a.astype(PETSc.IntType) for a in (local.indptr, local.indices))
+    sizes = (local.shape[0], None), (columns, None)
+    return PETSc.Mat().createAIJ(sizes, csr=(starts, places, local.data), comm=comm)
+
+
+def wave_matrix(matrix: PETSc.Mat, constraint: PETSc.Mat) -> PETSc.Mat:
+    """The matrix (2) of a wave from a matrix of the sector and P. Collective."""
+    if constraint.getLocalSize()[0] == matrix.getLocalSize()[0]:
+        return matrix.ptap(constraint)
+    starts, columns, values = matrix.getValuesCSR()
+    size = matrix.getLocalSize()[0], matrix.getSize()[1]
+    rows = csr_array((values, columns, starts), shape=size)
+    double = csr_array(scipy.sparse.kron(rows, np.eye(2)))
+    pair = _petsc(double, 2 * size[0], matrix.comm.tompi4py())
+    found = pair.ptap(constraint)
+    pair.destroy()
+    return found
+
+
+class WaveFactorisation:
+    """P (Pᵀ K P)⁻¹ Pᵀ of a matrix K of the sector, in place of K⁻¹, for loads alike on all sectors.
+
+    Attributes:
+        matrix: K.
+    """
+
+    def __init__(
+        self, matrix: PETSc.Mat, constraint: PETSc.Mat, prefix: str, symmetric: bool = True
+    ):
+        """Factorise; arguments and errors as `Factorisation`."""
+        self.matrix, self._constraint = matrix, constraint
+        self._inner = Factorisation(wave_matrix(matrix, constraint), prefix, symmetric)
+
+    def update(self) -> None:
+        """Factorise again after the values of the matrix changed."""
+        self.matrix.ptap(self._constraint, self._inner.matrix)
+        self._inner.update()
+
+    def solve(self, block: Array) -> Array:
+        """Solve for every column of a block (local, k)."""
+        inner = self._inner.solve(times_transposed(self._constraint, block))
+        return times(self._constraint, inner)
+
+    def negative_eigenvalues(self) -> int:
+        """Number of negative eigenvalues of Pᵀ K P."""
+        return self._inner.negative_eigenvalues()
+
+    def destroy(self, matrix: bool = False) -> None:
+        """Free the factors, and the matrix too if asked. Collective."""
+        self._inner.destroy(matrix=True)
+        if matrix:
+            self.matrix.destroy()
+
+
+def times(matrix: PETSc.Mat, block: Array) -> Array:
+    """A rectangular matrix times a block (columns of this rank, k)."""
+    x, y = matrix.createVecs()
+    return _by_column(matrix.mult, x, y, block)
+
+
+def times_transposed(matrix: PETSc.Mat, block: Array) -> Array:
+    """The transposed of a rectangular matrix times a block (rows of this rank, k)."""
+    y, x = matrix.createVecs()
+    return _by_column(matrix.multTranspose, x, y, block)
+
+
+def _by_column(product: Any, x: PETSc.Vec, y: PETSc.Vec, block: Array) -> Array:
+    found = np.empty((y.getLocalSize(), block.shape[1]))
+    for k in range(block.shape[1]):
+        x.array[:] = block[:, k]
+        product(x, y)
+        found[:, k] = y.array
+    x.destroy()
+    y.destroy()
+    return found

@@ -1,0 +1,301 @@
+"""The report of the modes of a disk: tables, interference diagram, shapes and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.rotation.campbell import Campbell, hertz
+from fenicsrom.assess.rotation.disk_modes import LETTERS
+from fenicsrom.files import atomic_write
+from fenicsrom.notes import CRITICAL, FREQUENCIES
+from fenicsrom.post.base.page import Report, Section
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
+from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.body.body_figures import shape_figure
+from fenicsrom.post.body.body_view import faces_on, gathered_grid, surface_of
+from fenicsrom.post.paraview.vtk import Attached, Grid, write_vtu
+from fenicsrom.post.studies.campbell_report import (
+    critical_table,
+    draw_critical,
+    draw_orders,
+    five_digits,
+    sentences,
+    summary,
+)
+from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from pyvista import PolyData
+
+NEAR = 0.3
+"""Margins up to this size stand in the table."""
+
+LOOKS = {0: ("o-", ""), 1: ("^-", ", forward"), -1: ("v--", ", backward")}
+"""Style and name of the lines of modes that run either way."""
+
+CLOSE = 0.1
+"""Margins up to this size are written into the interference diagram."""
+
+SHAPES = 5
+"""Number of shapes in the picture."""
+
+CUT, CUTS = "cut", (1.0, 2.0)
+"""The point array with the marks of the cut faces, and these marks."""
+
+SEAM = 1e-6
+"""Points of neighbouring sectors are one point if their distance, relative to the disk, is less."""
+
+TRIANGLE = 5
+"""VTK's number of a triangle."""
+
+WRITTEN = 2
+"""Number of modes of each nodal diameter in the ParaView file."""
+
+
+def wave_table(found: Campbell) -> list[list[Any]]:
+    """Frequencies by nodal diameter at the last speed; the first row is the header."""
+    values = found.frequencies_hz[-1]
+    rows: dict[int, list[Any]] = {wave.diameter: [wave.diameter] for wave in found.waves}
+    for k in np.argsort(values, kind="stable"):
+        wave = found.waves[k]
+        rows[wave.diameter].append(f"{five_digits(values[k])} {LETTERS[wave.direction]}".rstrip())
+    most = max(map(len, rows.values()))
+    head = ["nodal diameter", *(f"mode {k + 1} Hz" for k in range(most - 1))]
+    return [head, *(row + [""] * (most - len(row)) for row in rows.values())]
+
+
+def margin_table(found: Campbell) -> list[list[Any]]:
+    """The smallest margins at the speed of operation, up to `NEAR`."""
+    if found.margins is None or found.operating_squares is None:
+        return []
+    values, orders = hertz(found.operating_squares), found.scene.campbell.engine_orders
+    sizes = np.abs(found.margins)
+    near = [
+        divmod(int(at), len(orders))
+        for at in np.argsort(sizes, axis=None)
+        if sizes.flat[at] <= NEAR
+    ]
+    return table_of(
+        {
+            "mode": found.labels[mode],
+            "Hz": five_digits(values[mode]),
+            "engine order": orders[k],
+            "margin %": f"{100.0 * found.margins[mode, k]:+.1f}",
+        }
+        for mode, k in near
+    )
+
+
+def rows_of(found: Campbell) -> Iterator[dict[str, Any]]:
+    """The rows of the CSV file: one for each speed and mode."""
+    for (s, mode), value in np.ndenumerate(found.frequencies_hz):
+        wave = found.waves[mode]
+        yield {
+            "speed_rpm": float(found.speeds_rpm[s]),
+            "nodal_diameter": wave.diameter,
+            "mode": wave.number,
+            "direction": wave.direction,
+            "frequency_hz": float(value),
+            "mac": float(found.mac[s, mode]),
+        }
+
+
+@styled
+def interference_figure(found: Campbell) -> Figure:
+    """Frequencies over the nodal diameter, with the engine orders at the speed of operation."""
+    drawn, (axis,) = new_panels(8.0, 5.2)
+    values = found.frequencies_hz[-1]
+    if found.operating_squares is not None:
+        values = hertz(found.operating_squares)
+    ways = sorted({wave.direction for wave in found.waves if wave.direction}) or [0]
+    for number in range(1, max(wave.number for wave in found.waves) + 1):
+        for way in ways:
+            own = [
+                k
+                for k, wave in enumerate(found.waves)
+                if wave.number == number and wave.direction in (0, way)
+            ]
+            style, word = LOOKS[way]
+            axis.plot(
+                [found.waves[k].diameter for k in own],
+                values[own],
+                style,
+                color=COLOURS[(number - 1) % len(COLOURS)],
+                markersize=4,
+                label=f"mode {number}{word}",
+            )
+    top = 1.08 * float(values.max(initial=1.0))
+    if found.margins is not None:
+        _draw_folded_line(axis, found, found.margins, top)
+    axis.set(xlabel="nodal diameter", ylabel="frequency, Hz", ylim=(0.0, top))
+    axis.set_xticks(_diameters(found))
+    drawn.legend(loc="outside upper center", ncols=3)
+    return drawn
+
+
+def _draw_folded_line(axis: Axes, found: Campbell, margins: Array, top: float) -> None:
+    """Draw k Ω over the nodal diameter that engine order k excites, with the margins on it."""
+    rotation, n = found.scene.rotation, found.waves[0].sectors
+    assert rotation is not None
+    turn = rotation.speed_rpm / 60.0
+    orders = np.arange(int(top / turn) + 2)
+    corners = np.unique([0, *orders[np.isin(orders % n, (0, n // 2, -(-n // 2)))], orders[-1]])
+    fold = np.minimum(corners % n, -corners % n)
+    look = {"color": "#A6ABB0", "linewidth": 1.0, "zorder": 1}
+    axis.plot(fold, corners * turn, label="engine orders (margin)", **look)
+    for k, order in enumerate(found.scene.campbell.engine_orders):
+        h = min(order % n, -order % n)
+        if order * turn > top or h not in _diameters(found):
+            continue
+        axis.plot([h], [order * turn], "s", color="black", markersize=4, zorder=3)
+        close = margins[np.abs(margins[:, k]) <= CLOSE, k]
+        text = str(order)
+        if close.size:
+            text += f" ({100.0 * close[np.argmin(np.abs(close))]:+.1f} %)"
+        axis.annotate(text, (h, order * turn), (5, -3), textcoords="offset points", fontsize=9)
+
+
+@styled
+def speed_figure(found: Campbell) -> Figure:
+    """Frequencies against speed, coloured by the nodal diameter, with the critical speeds."""
+    drawn, (axis,) = new_panels(9.0, 5.6)
+    top = 1.08 * float(found.frequencies_hz.max(initial=1.0))
+    right = float(found.speeds_rpm[-1]) or 1.0
+    draw_orders(axis, found, right, top)
+    for k, h in enumerate(_diameters(found)):
+        label = counted(h, "nodal diameter")
+        for wave, values in zip(found.waves, found.frequencies_hz.T, strict=True):
+            if wave.diameter == h:
+                style = "--" if wave.direction < 0 else "-"
+                look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "label": label}
+                axis.plot(found.speeds_rpm, values, style, linewidth=1 + k // len(COLOURS), **look)
+                label = "_"  # one line of a colour is named
+    draw_critical(axis, found)
+    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
+    drawn.legend(loc="outside upper center", ncols=4)
+    return drawn
+
+
+def whole_disk(found: Campbell, modes: Sequence[int]) -> PolyData | None:
+    """The surface of the disk with the displacements of some modes by their labels. Collective.
+
+    Each is that of the instant at which a node of the first sector moves most.
+
+    Returns:
+        The surface; None on ranks other than the first.
+    """
+    import pyvista
+
+    body, waves = found.body, found.waves
+    assert body is not None and body.cut is not None and found.shapes is not None
+    fields = {CUT: body.field(np.repeat(body.cut.marks, body.dimension))}
+    for mode in modes:
+        shape = found.shapes[:, mode]
+        peaks = body.comm.allgather(complex(max(shape, key=abs, default=0.0)))
+        shape = shape / max(peaks, key=abs)
+        for part in ("real", "imag"):
+            fields[f"{mode} {part}"] = body.field(np.ascontiguousarray(getattr(shape, part)))
+    gathered = gathered_grid(body.space, fields)
+    if gathered is None:
+        return None
+    surface = surface_of(*gathered)
+    outside = ~np.any([faces_on(surface, surface.point_data[CUT][:, 0] == k) for k in CUTS], axis=0)
+    triangles, count = surface.regular_faces[outside], surface.n_points
+    copies = range(waves[0].sectors)
+    turns = [body.cut.rotation(2.0 * np.pi / len(copies) * j) for j in copies]
+    points = np.concatenate([body.cut.turned(surface.points, turn) for turn in turns])
+    whole = pyvista.PolyData.from_regular_faces(
+        points, np.concatenate([triangles + j * count for j in copies])
+    )
+    for mode in modes:
+        real, imaginary = (surface.point_data[f"{mode} {part}"] for part in ("real", "imag"))
+        step = 2j * np.pi * waves[mode].lag * waves[mode].diameter / len(copies)
+        parts = [(np.exp(step * j) * (real + 1j * imaginary)).real @ turns[j].T for j in copies]
+        whole.point_data[found.labels[mode]] = np.concatenate(parts)
+    return whole.clean(tolerance=SEAM)
+
+
+def write_disk(found: Campbell, folder: Path) -> list[Path]:
+    """Write `disk.vtu`: the lowest modes of each nodal diameter on the disk. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    values = found.frequencies_hz[-1]
+    modes = [k for k, wave in enumerate(found.waves) if wave.number <= WRITTEN]
+    disk = whole_disk(found, modes)
+    if disk is None:
+        return []
+    arrays: dict[str, Any] = {
+        f"{found.labels[mode]} {values[mode]:.5g} Hz": np.float32(
+            disk.point_data[found.labels[mode]]
+        )
+        for mode in modes
+    }
+    with atomic_write(folder / "disk.vtu") as temporary:
+        write_vtu(temporary, Grid(disk.points, disk.regular_faces, TRIANGLE), Attached(arrays))
+    return [folder / "disk.vtu"]
+
+
+def shape_picture(found: Campbell) -> list[Picture]:
+    """The picture of the lowest mode of some nodal diameters on the disk. Collective."""
+    values, of = found.frequencies_hz[-1], [wave.diameter for wave in found.waves]
+    lowest = [of.index(h) for h in _diameters(found)[:SHAPES]]
+    disk = whole_disk(found, lowest)
+    if disk is None:
+        return []
+    titles = {found.labels[mode]: f"{found.labels[mode]}  {values[mode]:.5g} Hz" for mode in lowest}
+    return [Picture("Shapes", "shapes.png", lambda: shape_figure(disk, titles), in_space=True)]
+
+
+def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
+    """The report of the modes of a disk: `modes.csv`, `.json` and pictures, or `campbell`'s.
+
+    Args:
+        found: the modes, at one speed or at several.
+        more: other pictures.
+    """
+    several = found.speeds_rpm.size > 1
+    lines = [
+        f"The mesh is {found.body.cut.sentence}." if found.body and found.body.cut else "",
+        *sentences(found),
+    ]
+    if any(wave.direction for wave in found.waves):
+        lines.append("f: the wave runs with the rotation, b: against it, seen from the disk.")
+    name = "campbell" if several else "modes"
+    diagram = Picture(
+        "Interference diagram", "interference.png", lambda: interference_figure(found)
+    )
+    over_speed = Picture("Campbell diagram", "campbell.png", lambda: speed_figure(found))
+    facts = summary(found) | {
+        "sectors": found.waves[0].sectors,
+        "nodal_diameters": [wave.diameter for wave in found.waves],
+        "mode_numbers": [wave.number for wave in found.waves],
+        "directions": [wave.direction for wave in found.waves],
+    }
+    return Report(
+        name,
+        "Campbell diagram of a disk" if several else "Modes of a disk",
+        found,
+        [line for line in lines if line],
+        [
+            Section("Frequencies by nodal diameter", [wave_table(found)]),
+            Section("Critical speeds", [critical_table(found)]),
+            Section("Smallest margins at the speed of operation", [margin_table(found)]),
+        ],
+        list(rows_of(found)),
+        facts,
+        [*([over_speed] if several else []), diagram, *more],
+        quantities=[FREQUENCIES, CRITICAL],
+    )
+
+
+def _diameters(found: Campbell) -> list[int]:
+    """The nodal diameters, each once."""
+    return list(dict.fromkeys(wave.diameter for wave in found.waves))

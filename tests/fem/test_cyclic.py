@@ -1,0 +1,211 @@
+"""Modes of a disk from one sector are those of the whole disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("meshio")
+pytest.importorskip("dolfinx")
+import meshio
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+from fenicsrom import build_solid, make_scene, modes
+from fenicsrom.assess.rotation.disk_modes import WaveMode, counts, disk_modes
+from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.solid.disk import Disk
+from fenicsrom.post.studies.disk_report import disk_report
+from tests.support import refusal
+
+N = 6
+STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0}
+
+
+def turned(points: Any, j: float) -> Any:
+    """Points in space after j sectors."""
+    return Rotation.from_rotvec([0.0, 0.0, 2.0 * np.pi * j / N]).apply(points)
+
+
+def copied(points: Any, cells: Any, copies: int) -> tuple[Any, Any]:
+    """Some neighbouring sectors with common nodes."""
+    every = np.concatenate([turned(points, j) for j in range(copies)])
+    found, of = np.unique(every.round(9), axis=0, return_inverse=True)
+    return found, np.concatenate([of[cells + j * len(points)] for j in range(copies)])
+
+
+def ring() -> tuple[Any, Any]:
+    """A plane sector of quadrilaterals, r = 0.1 to 0.3 m."""
+    angle, radius = np.linspace(0.0, 2.0 * np.pi / N, 3), np.linspace(0.1, 0.3, 3)
+    at = np.array([(x * np.cos(a), x * np.sin(a), 0.0) for a in angle for x in radius])
+    number = np.arange(len(at)).reshape(3, -1)
+    cells = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
+    return at, np.stack([part.ravel() for part in cells], axis=1)
+
+
+def hub() -> tuple[Any, Any]:
+    """A sector of a hexagonal plate as three tetrahedra, with nodes on the axis."""
+    flat = np.array([(0.0, 0.0), (0.3, 0.0), (0.15, 0.15 * np.sqrt(3.0))])
+    points = np.array([(*x, z) for z in (0.0, 0.05) for x in flat])
+    return points, np.array([(0, 1, 2, 5), (0, 4, 1, 5), (0, 3, 4, 5)])
+
+
+def scene_of(path: Path, points: Any, cells: Any, **more: Any) -> Any:
+    """The scene of a mesh with the node sets left, right, bore and rim."""
+    d = 2 if cells.shape[1] == 4 and not points[:, 2].any() else 3
+    angle = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
+    radius = np.hypot(points[:, 0], points[:, 1])
+    on_axis = radius < 1e-9
+    sets = {
+        "right": (np.abs(angle) < 1e-6) | on_axis,
+        "left": (np.abs(angle - 2.0 * np.pi / N) < 1e-6) | on_axis,
+        "bore": radius < 0.11,
+        "rim": radius > 0.29,
+    }
+    kind = "quad" if d == 2 else "tetra"
+    data = {name: marks.astype(int) for name, marks in sets.items()}
+    meshio.Mesh(points, [(kind, cells)], point_data=data).write(path / "disk.vtk")
+    thick = {"thickness": 0.02} if d == 2 else {}
+    tables: dict[str, Any] = {
+        "geometry": {"mesh": "disk.vtk", "dimension": d, "degree": 2, **thick},
+        "material": STEEL,
+        "supports": [{"group": "bore" if d == 2 else "rim"}],
+        "probe": {"nearest": [0.2, 0.1] if d == 2 else [0.0, 0.0, 0.05]},
+    }
+    return make_scene(folder=path, **(tables | more))
+
+
+def spinning(d: int, coriolis: bool = True) -> dict[str, Any]:
+    """The table of a rotation about z."""
+    axis = {"axis": [0.0, 0.0, 1.0]} if d == 3 else {}
+    return {"speed_rpm": 20_000.0, "coriolis": coriolis, **axis}
+
+
+CYCLIC = {"sectors": N, "left": "left", "right": "right"}
+
+
+@pytest.mark.parametrize("coriolis", [False, True])
+@pytest.mark.parametrize("part", [ring, hub])
+def test_waves_of_a_sector_are_the_modes_of_the_disk(
+    tmp_path: Path, part: Any, coriolis: bool
+) -> None:
+    """Equilibrium at speed, softening, tension, nodes on the axis, in the plane and in space."""
+    points, cells = part()
+    d = 2 if part is ring else 3
+    more = {"rotation": spinning(d, coriolis)}
+    sector = build_solid(scene_of(tmp_path, points, cells, cyclic=CYCLIC, **more), MPI.COMM_SELF)
+    whole = build_solid(scene_of(tmp_path, *copied(points, cells, N), **more), MPI.COMM_SELF)
+    assert sector.largest(sector.equilibrium[:, None]) == pytest.approx(
+        whole.largest(whole.equilibrium[:, None]), rel=1e-9
+    )
+    disk = Disk(sector, range(N // 2 + 1))
+    squares, alike = disk_modes(disk, 5)[0], not coriolis
+    both = [1 + (alike and wave.double) for wave in disk.waves]
+    found = np.sort(np.repeat(squares, np.repeat(both, counts(disk, 5))))[:12]
+    np.testing.assert_allclose(found, modes_at_speed(whole, 18)[0][:12], rtol=1e-8)
+    disk.destroy()
+
+
+UNEVEN = """
+h = {size}; a = Pi / 3;
+Point(1) = {{0.1, 0, 0, h}}; Point(2) = {{0.3, 0, 0, h}};
+Point(3) = {{0.3 * Cos(a), 0.3 * Sin(a), 0, h}}; Point(4) = {{0.1 * Cos(a), 0.1 * Sin(a), 0, h}};
+Line(1) = {{1, 2}}; Line(2) = {{2, 3}}; Line(3) = {{3, 4}}; Line(4) = {{4, 1}};
+Transfinite Curve {{1}} = {right}; Transfinite Curve {{3}} = {left};
+Curve Loop(1) = {{1, 2, 3, 4}}; Plane Surface(1) = {{1}};
+Physical Curve("right") = {{1}}; Physical Curve("left") = {{3}}; Physical Curve("bore") = {{4}};
+Physical Surface("body") = {{1}};
+"""
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "says"), [(5, 9, "'right' follow 9"), (9, 5, "of 'left'")]
+)
+def test_uneven_cut_faces_are_almost_as_good_as_matching_ones(
+    tmp_path: Path, left: int, right: int, says: str
+) -> None:
+    """The finer face follows the coarser one, so the disk is a little too stiff."""
+    lowest = []
+    for name, size, ends in (("fine", 0.012, (17, 17)), ("uneven", 0.03, (left, right))):
+        text = UNEVEN.format(size=size, left=ends[0], right=ends[1])
+        (tmp_path / f"{name}.geo").write_text(text)
+        scene = make_scene(
+            folder=tmp_path,
+            geometry={"mesh": f"{name}.geo", "dimension": 2, "cells": "simplex", "thickness": 0.02},
+            material=STEEL,
+            supports=[{"group": "bore"}],
+            cyclic=CYCLIC,
+            probe={"nearest": [0.2, 0.1]},
+        )
+        solid = build_solid(scene, MPI.COMM_SELF)
+        lowest.append(disk_modes(Disk(solid, range(4)), 1)[0])
+    assert says in solid.cut.sentence
+    errors = np.sqrt(lowest[1] / lowest[0]) - 1.0
+    assert np.all(errors > 0.0) and np.all(errors < 0.01)
+
+
+def test_left_and_right_may_be_exchanged(tmp_path: Path) -> None:
+    points, cells = ring()
+    squares = []
+    for cyclic in (CYCLIC, CYCLIC | {"left": "right", "right": "left"}):
+        scene = scene_of(tmp_path, points, cells, cyclic=cyclic, rotation=spinning(2))
+        disk = Disk(build_solid(scene, MPI.COMM_SELF), [1])
+        squares.append(disk_modes(disk, 4)[0])
+    np.testing.assert_allclose(*squares, rtol=1e-9)
+
+
+def test_engine_orders_excite_one_wave_each() -> None:
+    """24 sectors: order 3 is the backward wave of 3 diameters, order 21 the forward one."""
+    waves = [WaveMode(24, h, 1, way, 1) for h, way in ((3, -1), (3, 1), (0, 0), (12, 0))]
+    met = {k: [j for j, wave in enumerate(waves) if wave.meets(k)] for k in (3, 21, 24, 27, 12, 5)}
+    assert met == {3: [0], 21: [1], 24: [2], 27: [0], 12: [3], 5: []}
+    assert [k for k in range(1, 50) if WaveMode(24, 3, 1, 0, 1).meets(k)] == [3, 21, 27, 45]
+
+
+def test_sector_with_another_angle_is_refused(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"sectors": 7})
+    with refusal(ErrorKind.PLACE, key="cyclic.sectors", names="6 sectors"):
+        build_solid(scene, MPI.COMM_SELF)
+
+
+def test_faces_that_are_no_turn_of_each_other_are_refused(tmp_path: Path) -> None:
+    points, cells = ring()
+    points[:, 2] = 0.0
+    moved = points[:, 0] > 0.29
+    points[moved & (np.abs(points[:, 1]) < 1e-9), 0] += 0.05
+    with refusal(ErrorKind.PLACE, key="cyclic.right", names="1 of 5 nodes lie beside it"):
+        build_solid(scene_of(tmp_path, points, cells, cyclic=CYCLIC), MPI.COMM_SELF)
+
+
+def test_supports_that_differ_from_sector_to_sector_are_refused(tmp_path: Path) -> None:
+    held = [{"group": "bore", "components": ["x"]}, {"group": "rim"}]
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC, supports=held)
+    with refusal(ErrorKind.SUPPORT, key="supports", names="alike"):
+        build_solid(scene, MPI.COMM_SELF)
+
+
+def test_commands_without_sectors_refuse_one(tmp_path: Path) -> None:
+    import fenicsrom
+
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC)
+    with refusal(ErrorKind.CONFLICT, key="cyclic", names="modes, campbell"):
+        fenicsrom.run(scene)
+
+
+def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:
+    scene = scene_of(
+        tmp_path,
+        *ring(),
+        cyclic=CYCLIC,
+        rotation=spinning(2),
+        basis={"modes": 2},
+        output={"pictures": False},
+    )
+    found = modes(scene, MPI.COMM_SELF, folder=tmp_path / "out")
+    text = disk_report(found).text()
+    assert found.labels[:3] == ["0: 1", "0: 2", "1: 1f"] and "with the rotation" in text
+    assert (tmp_path / "out" / "disk.vtu").exists() and (tmp_path / "out" / "modes.csv").exists()
