@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.checks.checks import require_no_pairs, require_no_sector
 
-COMMANDS = {"interaction_map": "map"}
+COMMANDS = {"interaction_map": "map", "integrate": "run"}
 """The commands whose functions have another name."""
 
 F = TypeVar("F", bound=Callable[..., Any])

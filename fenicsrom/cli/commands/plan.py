@@ -42,8 +42,9 @@ def plan(options: argparse.Namespace) -> int:
         if path.suffix.lower() != ".png":
             raise refused("--picture", path, "must end in .png", ErrorKind.FORMAT)
     scene = read_scene(options.scene, options.overrides, unloaded=options.picture is not None)
-    print(f"fenicsrom run {options.scene}:")
-    for item in study.plan(scene):
+    command, items = ("run", study.plan(scene)) if scene.cyclic is None else ("modes", [])
+    print(f"fenicsrom {command} {options.scene}:")
+    for item in items:
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
         print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
     given = {key.split(".")[0] for key in given_keys(options)}
