@@ -147,8 +147,8 @@ def _draw_folded_line(axis: Axes, found: Campbell, margins: Array, top: float) -
     orders = np.arange(int(top / turn) + 2)
     corners = np.unique([0, *orders[np.isin(orders % n, (0, n // 2, -(-n // 2)))], orders[-1]])
     fold = np.minimum(corners % n, -corners % n)
-    look = {"color": "#A6ABB0", "linewidth": 1.0, "zorder": 1}
-    axis.plot(fold, corners * turn, label="engine orders (margin)", **look)
+    grey: dict[str, Any] = {"color": "#A6ABB0", "linewidth": 1.0, "zorder": 1}
+    axis.plot(fold, corners * turn, label="engine orders (margin)", **grey)
     for k, order in enumerate(found.scene.campbell.engine_orders):
         h = min(order % n, -order % n)
         if order * turn > top or h not in _diameters(found):
