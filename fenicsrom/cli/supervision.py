@@ -6,6 +6,7 @@ process passes each signal on to the child, and kills a child that does not end 
 """
 
 import ctypes
+import io
 import os
 import signal
 import sys
@@ -27,7 +28,8 @@ def run() -> int:
     encoding of the terminal lacks become question marks.
     """
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+        if isinstance(stream, io.TextIOWrapper):  # not of a caller that collects the text
+            stream.reconfigure(errors="replace")
     if "mpi4py.MPI" in sys.modules or not hasattr(os, "fork"):
         return main()
     signal.pthread_sigmask(signal.SIG_BLOCK, WORDS)  # until both processes have their handlers

@@ -20,7 +20,7 @@ from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.solid.disk import Disk
 from fenicsrom.post.studies.disk_report import disk_report
-from tests.support import refusal
+from tests.support import on_ranks, refusal
 
 N = 6
 STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0}
@@ -194,6 +194,34 @@ def test_commands_without_sectors_refuse_one(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC)
     with refusal(ErrorKind.CONFLICT, key="cyclic", names="modes, campbell"):
         fenicsrom.run(scene)
+
+
+def test_rollers_on_a_cut_face_are_refused(tmp_path: Path) -> None:
+    held = [{"group": "bore"}, {"group": "right", "normal": [1.0, 1.0]}]
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC, supports=held)
+    with refusal(ErrorKind.SUPPORT, key="supports", names="alike"):
+        build_solid(scene, MPI.COMM_SELF)
+
+
+@pytest.mark.slow
+def test_two_ranks_give_the_waves_of_one(tmp_path: Path) -> None:
+    scene_of(tmp_path, *hub(), cyclic=CYCLIC | {"axis": [0.0, 0.0, 1.0]})  # writes the mesh
+    (tmp_path / "disk.toml").write_text(
+        '[geometry]\nmesh = "disk.vtk"\ndimension = 3\n[material]\nyoung = 2.1e11\n'
+        'poisson = 0.3\ndensity = 7800.0\n[[supports]]\ngroup = "rim"\n[cyclic]\n'
+        'sectors = 6\nleft = "left"\nright = "right"\naxis = [0, 0, 1]\n'
+        "[rotation]\nspeed_rpm = 2e4\naxis = [0, 0, 1]\ncoriolis = true\n"
+        "[output]\npictures = false\nparaview = false\n[basis]\nmodes = 3\n"
+    )
+    command = "-m", "fenicsrom", "modes", str(tmp_path / "disk.toml"), "--output"
+    tables = []
+    for ranks in (1, 2):
+        on_ranks(ranks, *command, str(tmp_path / f"on{ranks}"))
+        tables.append(
+            np.genfromtxt(tmp_path / f"on{ranks}" / "modes.csv", delimiter=",", names=True)
+        )
+    assert len(tables[0]) > 12
+    np.testing.assert_allclose(tables[1]["frequency_hz"], tables[0]["frequency_hz"], rtol=1e-9)
 
 
 def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ class CutFaces:
         away = np.linalg.norm(np.cross(self._nodes - self._point, self._axis), axis=1)
         self._central = np.flatnonzero(away < ON_AXIS * body.extent)
         names = cyclic.left, cyclic.right
-        sides = [self._side(name, key) for name, key in zip(names, ("left", "right"), strict=True)]
+        sides = [self._side(name) for name in names]
         angle = self._angle(*sides)
         sizes = [len(np.unique(side.nodes)) for side in sides]
         if sizes[0] > sizes[1]:  # the left face follows: it is the right one turned back
@@ -140,7 +140,7 @@ class CutFaces:
     def _refused(self, key: str, value: object, allowed: str) -> SceneError:
         return Where(self._body.source, f"cyclic.{key}").refuse(value, allowed, ErrorKind.PLACE)
 
-    def _side(self, name: str, key: str) -> Side:
+    def _side(self, name: str) -> Side:
         """The facets of a cut face on all ranks, with the global numbers of their nodes."""
         body, comm = self._body, self._body.comm
         own = Side(body, Region(group=name))
@@ -214,6 +214,8 @@ class CutFaces:
         led = np.einsum("sk,skj->sj", self._weights, led)
         own = self._held[self._followers]
         wrong |= bool(np.any(own & (led < 0.5)) or np.any(~own & (led > 1.0 - ROUNDING)))
+        if self._body.slanted is not None:
+            wrong |= bool(self.marks[self._body.slanted.nodes].any())
         if any(comm.allgather(wrong)):
             reason = (
                 f"must hold {names[0]!r} and {names[1]!r} alike, in directions that the turn "
