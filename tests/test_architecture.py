@@ -252,3 +252,16 @@ def test_light_packages_import_without_mesh_and_picture_modules() -> None:
     code = LIGHT.format(blocked=sorted(MESH | PICTURES), modules=light)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_modules_of_the_commands_of_stored_models_need_no_dolfinx() -> None:
+    modules = (
+        *("assess.curves.backbone", "assess.curves.checks", "assess.curves.response"),
+        *("assess.studies.interaction", "exchange.export", "post.reports", "post.run.pictures"),
+        *("study", "study.curves", "study.sweeps", "study.stored"),
+    )
+    program = (
+        f"import importlib, sys; sys.modules.update(dict.fromkeys({sorted(MESH)}))\n"
+        f"for name in {modules}: importlib.import_module('fenicsrom.' + name)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=PACKAGE.parent)

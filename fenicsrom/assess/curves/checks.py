@@ -38,10 +38,8 @@ from fenicsrom.assess.curves.trust import (
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import candidate_energies, growing, unreached
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
-from fenicsrom.assess.full.full_motions import full_periodic_motion
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
-from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.notes import AMPLITUDES, Note, NoteKind
 from fenicsrom.online.curves.continuation import Continuation, climb
 from fenicsrom.online.curves.curve import CurvePoint
@@ -366,7 +364,7 @@ def _in_words(verdict: str) -> str:
 REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
 
 
-def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: Array) -> None:
+def add_full_points(found: Response, stored: StoredModel, solid: Any, basis: Array) -> None:
     """Compute the motions of the full model that a scene asks for, and add them to its curves.
 
     At each value of `response.full` the reduced motion is taken from the curve: the stable motion
@@ -379,6 +377,8 @@ def add_full_points(found: Response, stored: StoredModel, solid: Solid, basis: A
         solid: the solid it was made from.
         basis: (local, n) vectors of its basis.
     """
+    from fenicsrom.assess.full.full_motions import full_periodic_motion  # needs dolfinx
+
     families = found.table.families
     try:
         for curve in found.curves:
