@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import STEEL, beam_scene, random_model, refusal
+from support import STEEL, beam_scene, linear_model, random_model, refusal
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
@@ -584,6 +584,64 @@ def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) ->
     assert coarse / fine == pytest.approx(4.0, abs=0.1)  # the scheme is of second order
     limit = (4.0 * ends[1] - ends[0]) / 3.0
     np.testing.assert_allclose(limit, theirs, rtol=0, atol=1e-6 * np.linalg.norm(theirs))
+
+
+def test_stored_linear_model_moves_in_exudyn_as_here(tmp_path: Path) -> None:
+    """Reference: motion of the arrays of a stored linear model | exudyn 1.13.6, trapezoidal rule |
+    its motion | agrees | 1e-9
+    """
+    exudyn = pytest.importorskip("exudyn", reason="exudyn is not installed; .ci/wheel installs it")
+    from exudyn.itemInterface import NodeGenericODE2, ObjectGenericODE2
+
+    time = {"scheme": "average-acceleration", "periods": 2, "steps_per_period": 50}
+    material, load = {**STEEL, "mass_damping": 0.7}, {"group": "load", "direction": [0.0, 1.0]}
+    scene = beam_scene(
+        2,
+        ("geometrically_nonlinear=false",),
+        material=material,
+        contacts=None,
+        loads=[{**load, "force": 4.0, "frequency": 3.2}],
+        probe={"group": "tip"},
+        time={**time, "steady": "march"},
+    )
+    stiffness, loads = [[500.0, 90.0, 0], [90.0, 900.0, 0], [0, 0, 4e3]], [[1.0], [0.3], [0.2]]
+    histories, turn = load_histories(scene), np.array([[0, 2.0, 0], [-2.0, 0.1, 1.0], [0, -1.0, 0]])
+    model = linear_model(
+        np.diag([1.0, 2.0, 3.0]), stiffness, damping=0.7, loads=loads, load_histories=histories
+    )
+    model = model._replace(velocity_matrix=turn)
+    stored = StoredModel(model, scene, "rubin", ("1V", "2V", "3V"), 9, np.array([3.0]), {})
+    save_model(tmp_path / "model.npz", stored)
+    read = load_model(tmp_path / "model.npz")
+    motion, arrays, n = read.simulate(), model_arrays(read), read.size
+
+    system = exudyn.SystemContainer().AddSystem()
+    node = NodeGenericODE2(
+        referenceCoordinates=[0.0] * n,
+        initialCoordinates=[0.0] * n,
+        initialCoordinates_t=[0.0] * n,
+        numberOfODE2Coordinates=n,
+    )
+    body = ObjectGenericODE2(
+        nodeNumbers=[system.AddNode(node)],
+        massMatrix=arrays.mass,
+        stiffnessMatrix=arrays.stiffness,
+        dampingMatrix=arrays.damping + arrays.gyroscopic,
+        forceVector=[0.0] * n,
+        forceUserFunction=lambda system, t, number, q, v: list(
+            arrays.loads[:, 0] * 4.0 * np.sin(2.0 * np.pi * 3.2 * t)
+        ),
+    )
+    system.AddObject(body)
+    system.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.endTime = motion.time[-1]
+    settings.timeIntegration.numberOfSteps = motion.time.size - 1
+    settings.solution.file.write = False
+    system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
+    theirs = arrays.probe_rows @ system.systemData.GetODE2Coordinates()
+    ours = motion.displacement[-1, 0]
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.linalg.norm(theirs))
 
 
 def test_commands_export_and_import_a_model(
