@@ -89,8 +89,9 @@ class Side:
         family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
         self.element = basix.create_element(family, self.kind, body.geometry.degree, variant)
         dofs, places = body.space.dofmap, body.space.tabulate_dof_coordinates()[:, : below + 1]
-        on = [dofs.dof_layout.entity_closure_dofs(below, number) for number in numbers]
-        self.nodes = np.take_along_axis(dofs.list[cells], np.array(on), axis=1)
+        layout, ways = dofs.dof_layout, range(int(np.max(numbers, initial=0)) + 1)
+        on = np.array([layout.entity_closure_dofs(below, k) for k in ways])[numbers]
+        self.nodes = np.take_along_axis(dofs.list[cells], on, axis=1)
         self.x = places[self.nodes]
         self.size = np.linalg.norm(np.ptp(self.x, axis=1), axis=1)
         self.middle = self.x.mean(axis=1)
