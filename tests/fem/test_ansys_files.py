@@ -25,8 +25,8 @@ TETRA = [1, 2, 4, 4, 5, 5, 5, 5, 9, 21, 4, 12, 5, 5, 5, 5, 17, 22, 23, 23]
 def archive(elements: list[tuple[int, list[int]]], more: str = "") -> str:
     """An archive with the nodes of a cube of 20 nodes, and elements of these types."""
     extra = [(0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5)]
-    text = "/PREP7\nET,1,186\nET,2,187\nET,3,185\nET,4,181\nET,5,14\nNBLOCK,6,SOLID,23,23\n"
-    text += "(3i9,6e21.13e3)\n"
+    text = "/PREP7\nET,1,186\nET,2,187\nET,3,185\nET,4,181\nET,5,14\nET,6,183\n"
+    text += "NBLOCK,6,SOLID,23,23\n(3i9,6e21.13e3)\n"
     for k, place in enumerate([*PLACES, *extra]):
         shown = "".join(f"{value:21.13E}" for value in place)
         text += f"{k + 1:9d}{0:9d}{0:9d}{shown.rstrip()}\n"
@@ -55,9 +55,10 @@ def model(tmp_path: Path, text: str, suffix: str = ".cdb") -> MeshFile:
         (1, [*CUBE[:8], 0, *CUBE[9:]], 17),
         (1, TETRA, 11),
         (2, [1, 2, 4, 5, 9, 21, 12, 17, 22, 23], 11),
+        (6, [1, 2, 3, 4, 9, 10, 11, 12], 16),
     ],
 )
-def test_solids_have_their_nodes_on_their_edges(
+def test_cells_have_their_nodes_on_their_edges(
     tmp_path: Path, type_: int, nodes: list[int], kind: int
 ) -> None:
     mesh = model(tmp_path, archive([(type_, nodes)]), ".dat" if type_ == 2 else ".cdb")
