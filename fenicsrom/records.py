@@ -198,6 +198,37 @@ class Study:
         return np.zeros(0) if self.modes is None else self.modes.frequencies_hz
 
     @property
+    def stored(self) -> StoredModel:
+        """The content of `reduced_model.npz`.
+
+        Raises:
+            SceneError: the model has no such `basis.size`.
+        """
+        from fenicsrom.online.store.archive import StoredModel
+        from fenicsrom.online.store.store import provenance
+
+        assert self.basis is not None and self.modes is not None
+        found = StoredModel(
+            self.model,
+            self.scene,
+            self.basis.method,
+            self.basis.labels,
+            self.solid.free,
+            self.modes.frequencies_hz,
+            provenance(),
+            self.tables,
+            self.candidates,
+            self.deformation,
+            further=self.further,
+            finer=self.finer,
+            finer_labels=self.finer_labels,
+            finer_frequencies_hz=self.finer_frequencies_hz,
+            unjudged="" if self.mesh_check is None else self.mesh_check.missing,
+        )
+        found.require_size()
+        return found
+
+    @property
     def recovery(self) -> Recovery | None:
         """The tables of the stresses and reactions for the basis."""
         if self.tables is None or self.basis is None:

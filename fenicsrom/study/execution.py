@@ -134,8 +134,6 @@ def build_model(
         >>> stored.frequencies_hz.round(2).tolist()
         [3.28, 20.59, 57.78]
     """
-    from fenicsrom.post.run.summary import stored_model
-
     if scene.static_only:
         reason = "all loads are static, so there is no reduced model to integrate"
         raise refuse(scene.source, reason, ErrorKind.CONFLICT)
@@ -144,7 +142,7 @@ def build_model(
         raise _projected(scene.source, reason)
     if scene.speeds_rpm is not None:
         return build_range(scene, mesh, comm or all_ranks())
-    return stored_model(offline(scene, comm, Stopwatch(), mesh, fresh=fresh))
+    return offline(scene, comm, Stopwatch(), mesh, fresh=fresh).stored
 
 
 def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) -> None:

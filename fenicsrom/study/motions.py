@@ -168,10 +168,9 @@ def see_residual(run: Run) -> None:
 
     from fenicsrom.assess.errors import judge
     from fenicsrom.assess.errors.sizing import accuracy_limit, candidate_motion, unreached
-    from fenicsrom.post.run.summary import stored_model
 
     study, motion, sized = run.study, run.study.motions["reduced"], run.study.sized
-    stored, known = stored_model(study), study.judge
+    stored, known = study.stored, study.judge
     other = candidate_motion(stored, motion) if sized is None else sized.other
     if other is None:
         return
@@ -194,9 +193,8 @@ def fit_size(run: Run) -> None:
     from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
-    from fenicsrom.post.run.summary import stored_model
 
-    study, stored = run.study, stored_model(run.study)
+    study, stored = run.study, run.study.stored
     motion = study.motions["reduced"]
     study.sized = found = fitted(stored, motion, run.stop, study.warnings)
     if found is not None and found.stored is not stored:
@@ -262,13 +260,13 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     from fenicsrom.online.store.archive import load_model, save_model
     from fenicsrom.online.store.store import keeper, load_start
     from fenicsrom.post.base.origin import MODEL
-    from fenicsrom.post.run.summary import CHECKPOINT, stored_model
+    from fenicsrom.post.run.summary import CHECKPOINT
 
     study = run.study
     if not isinstance(study.model, ReducedModel):
         return {}
     options: dict[str, Any] = {}
-    stored = stored_model(study)
+    stored = study.stored
     if run.resume is not None:
         beside = run.resume.parent / MODEL  # it says which coordinates joined the first ones
         if beside.exists():
@@ -277,7 +275,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
                 resize(study, stored.resized(labels))
         options["resume"] = load_start(run.resume, study.model, study.scene)
     if run.folder is not None and run.comm.rank == 0:
-        save_model(run.folder / MODEL, stored_model(study))
+        save_model(run.folder / MODEL, study.stored)
         study.files.append(run.folder / MODEL)
         keep = keeper(run.folder / CHECKPOINT, study.model, study.scene)
         options["checkpoint"] = keep
@@ -286,9 +284,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.post.run.summary import stored_model
-
-    meshes = None if study.finer is None else stored_model(study).meshes
+    meshes = None if study.finer is None else study.stored.meshes
     study.unfinished = checked(study, meshes)
     study.warnings.extend([*_untrained(study), *slower_than_solid(study)])
 
@@ -345,12 +341,11 @@ def stresses(run: Run) -> None:
 
     from fenicsrom.assess.errors.plausibility import state_warnings
     from fenicsrom.online.stress.reactions import find_stresses, modal_peaks
-    from fenicsrom.post.run.summary import stored_model
 
     study = run.study
     assert study.recovery is not None
     motion = study.motions.get("reduced")
-    known = {} if study.basis is None else stored_model(study).normal_modes
+    known = {} if study.basis is None else study.stored.normal_modes
     found = find_stresses(study.recovery, study.scene, study.model, motion, known)
     if study.basis is None and study.modes is not None:
         count = study.modes.normal.shape[1]

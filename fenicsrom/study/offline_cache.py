@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,10 @@ from fenicsrom.online.store.store import (
     cache_folder,
     key_of,
     mesh_digest,
+    pack,
     read_results,
+    unpack,
+    without,
     write_results,
 )
 from fenicsrom.progress import log
@@ -173,9 +176,11 @@ BODY = MODES_STAGES[:2]
 Contents = tuple[dict[str, Any], dict[str, Any]]
 
 WHAT = "the offline results"
-SOLID = ("free", "extent", "loaded", "unstable")
-MODES = ("omega", "normal", "static", "masters", "rows")
-"""Attributes of the solid and of its component modes that the first archive holds."""
+SOLID = ("free", "extent", "loaded", "unstable", "equilibrium", "interface", "points")
+EQUILIBRIUM = ("deflection", "deformation", "trained")
+"""Attributes of the solid and of the record that the first archive holds."""
+
+FINER = ("finer", "finer_labels", "finer_frequencies_hz")
 
 
 class Late:
@@ -274,88 +279,63 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
 
 def _modes_contents(run: Run) -> Contents:
     """The archive of the equilibrium and the modes."""
-    study, modes, solid = run.study, run.study.modes, run.study.solid
-    assert modes is not None
-    header = {
+    study, solid = run.study, run.study.solid
+    # the notes on fast loads depend on loads that may change
+    notes = (note for note in study.warnings if not has_kind([note], NoteKind.BASIS))
+    kept = {
         "solid": {name: getattr(solid, name) for name in SOLID},
-        # those on fast loads depend on loads that may change
-        "warnings": packed(note for note in study.warnings if not has_kind([note], NoteKind.BASIS)),
+        "modes": study.modes,
+        "equilibrium": {name: getattr(study, name) for name in EQUILIBRIUM},
         "body": _fingerprint(solid),
-        "method": modes.method,
-        "labels": modes.labels,
-        "condition": modes.flexibility_condition,
-        "load_labels": modes.loads.labels,
-        "load_shares": modes.loads.shares,
-        "trained": study.trained,
+        "warnings": packed(notes),
     }
-    arrays = {name: getattr(modes, name) for name in MODES}
-    arrays["loads"] = modes.loads.vectors
-    arrays |= {f"point_{name}": value for name, value in solid.points._asdict().items()}
-    arrays["equilibrium"] = solid.equilibrium
-    if solid.interface is not None:
-        arrays["interface"] = solid.interface
-    if study.deflection is not None:
-        arrays["deflection"] = study.deflection
-    if study.deformation is not None:
-        arrays["deformation"] = study.deformation.as_array()
-    return header, arrays
+    tree, arrays = pack(kept, {"ComponentModes": without("inverse")}, named=True)
+    return {"tree": tree}, arrays
 
 
 def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     """Read the equilibrium and the modes into the record."""
-    from fenicsrom.online.contact.points import stored_points
+    from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
 
-    scene, body = run.study.scene, str(header["body"])
+    classes = {kind.__name__: kind for kind in (ContactPoints, Deformation, LoadVectors)}
+    kept = unpack(header["tree"], arrays, {**classes, "ComponentModes": dict})
+    scene, body, modes = run.study.scene, kept["body"], kept["modes"]
     solid: Any = Late(
         lambda: _build(run, scene, body),
-        **header["solid"],
+        **kept["solid"],
         comm=run.comm,
-        equilibrium=arrays["equilibrium"],
-        interface=arrays.get("interface"),
-        points=stored_points(arrays),
-        warnings=unpacked(header["warnings"]),
+        warnings=unpacked(kept["warnings"]),
     )
     inverse: Any = Late(lambda: solid.factor)
-    if header["method"] == "craig-bampton" and arrays["rows"].shape[0]:
-        inverse = ConstrainedInverse(inverse, arrays["rows"], arrays["masters"], solid)
-    found = ComponentModes(
-        method=header["method"],
-        labels=tuple(header["labels"]),
-        flexibility_condition=header["condition"],
-        inverse=inverse,
-        loads=LoadVectors(tuple(header["load_labels"]), arrays["loads"], header["load_shares"]),
-        **{name: arrays[name] for name in MODES},
-    )
-    run.study.solid, run.study.deflection = solid, arrays.get("deflection")
-    run.study.trained = header["trained"]
-    if "deformation" in arrays:
-        run.study.deformation = Deformation.of_array(arrays["deformation"])
+    if modes["method"] == "craig-bampton" and modes["rows"].shape[0]:
+        inverse = ConstrainedInverse(inverse, modes["rows"], modes["masters"], solid)
+    found = ComponentModes(inverse=inverse, **modes)
+    run.study.solid = solid
+    for name in EQUILIBRIUM:
+        setattr(run.study, name, kept["equilibrium"][name])
     building.set_modes(run, found)
 
 
 def _model_contents(run: Run, warned: int) -> Contents:
     """The archive of the stages after the modes, which added warnings to the first ones."""
     from fenicsrom.online.store.archive import model_contents
-    from fenicsrom.post.run.summary import stored_model
 
     study = run.study
-    assert study.derivatives is not None and study.basis is not None
-    assert study.extended is not None
-    model, arrays = model_contents(stored_model(study))
-    basis = study.basis
-    header = {
-        "model": model,
+    assert study.basis is not None
+    model, arrays = model_contents(study.stored)
+    kept = {
+        "selection": study.selection,
+        "mesh_check": study.mesh_check,
+        "derivatives": study.derivatives,
+        "extended": study.extended,
+        "basis": {key: getattr(study.basis, key) for key in ("masters", "dropped", "condition")},
         "warnings": packed(study.warnings[warned:]),
-        "selection": asdict(replace(study.selection, principal=None)),
-        "mesh_check": study.mesh_check and asdict(study.mesh_check),
-        "derivatives": study.derivatives.labels,
-        "sizes": study.derivatives.sizes,
-        "basis": {"masters": basis.masters, "dropped": basis.dropped, "condition": basis.condition},
     }
-    more = {"derivatives": study.derivatives.vectors, "basis": study.extended.vectors}
-    return header, arrays | {f"offline_{name}": value for name, value in more.items()}
+    forms = {"Selection": without("principal"), "Derivatives": without("further")}
+    tree, more = pack(kept, forms, named=True)
+    return {"model": model, "tree": tree}, arrays | more
 
 
 def _read_model(run: Run, header: Any, arrays: Any) -> None:
@@ -366,27 +346,21 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
     from fenicsrom.reduction.derivatives import Selection
     from fenicsrom.reduction.stages import Derivatives
 
-    study, chosen = run.study, header["selection"]
-    derivatives, vectors = arrays.pop("offline_derivatives"), arrays.pop("offline_basis")
+    study = run.study
+    classes = {kind.__name__: kind for kind in (MeshCheck, ReducedBasis, Selection, Derivatives)}
+    kept = unpack(header["tree"], arrays, classes)
     open_size = replace(study.scene, basis=replace(study.scene.basis, size=None))
     stored = model_of_contents(Path(study.scene.source), header["model"], arrays)
     stored = stored.with_scene(open_size)  # `restore` checks the size
-    labels = {name: tuple(chosen[name]) for name in ("modes", "derivatives")}
-    selection = Selection(**chosen | labels)
-    extended = ReducedBasis(
-        stored.method, vectors, (*stored.labels, *stored.further), **header["basis"]
-    )
-    basis = replace(extended, vectors=vectors[:, : stored.size], labels=stored.labels)
-    kept = tuple(header["derivatives"])
+    vectors = kept["extended"].vectors[:, : stored.size]
+    basis = ReducedBasis(stored.method, vectors, stored.labels, **kept["basis"])
     # nothing raises from here on: the record has all or nothing
-    study.selection, study.basis, study.extended = selection, basis, extended
-    study.derivatives = Derivatives(kept, derivatives, sizes=header["sizes"])
-    study.model, study.candidates = stored.model, stored.candidates
-    study.tables, study.further = stored.tables, stored.further
-    study.finer, study.finer_labels = stored.finer, stored.finer_labels
-    study.finer_frequencies_hz = stored.finer_frequencies_hz
-    study.mesh_check = MeshCheck(**header["mesh_check"])
-    study.warnings.extend(unpacked(header["warnings"]))
+    study.basis = basis
+    for name in ("selection", "mesh_check", "derivatives", "extended"):
+        setattr(study, name, kept[name])
+    for name in ("model", "candidates", "tables", "further", *FINER):
+        setattr(study, name, getattr(stored, name))
+    study.warnings.extend(unpacked(kept["warnings"]))
     building.note_selection(study)
 
 

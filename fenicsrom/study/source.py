@@ -77,7 +77,6 @@ def source_of(
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.report import range_warnings
-    from fenicsrom.post.run.summary import stored_model
 
     if not isinstance(given, Scene):
         warnings = [*equilibrium_warnings(given.deformation), *range_warnings(given)]
@@ -88,7 +87,7 @@ def source_of(
             save_model(folder / MODEL, stored)
         return Source(stored, range_warnings(stored), None)
     built = offline(given, comm, watch, stop=stop, fresh=fresh)
-    found = Source(stored_model(built), built.warnings, built)
+    found = Source(built.stored, built.warnings, built)
     if folder is not None and found.first:
         save_model(folder / MODEL, found.stored)
     return found

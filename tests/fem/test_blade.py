@@ -41,7 +41,6 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.step.statics import _Statics
 from fenicsrom.online.store.archive import StoredModel, changed_key, load_model, save_model
-from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
@@ -480,8 +479,8 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, 
         found.model,
     )
     path = tmp_path_factory.mktemp("stored") / "reduced_model.npz"
-    save_model(path, stored_model(study))
-    return solid, stored_model(study), path
+    save_model(path, study.stored)
+    return solid, study.stored, path
 
 
 def test_equilibrium_in_overlapping_casing_is_found_by_load_steps(

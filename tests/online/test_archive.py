@@ -201,8 +201,8 @@ def test_deformation_of_the_equilibrium_is_stored_with_the_model(
     save_model(path, replace(stored, deformation=CRUSHED))
     found = load_model(path).deformation
     assert found is not None
-    np.testing.assert_array_equal(found.as_array(), CRUSHED.as_array())
-    assert found.smallest_stretch == 0.85 and found.position.tolist() == [0.25, 0.0]
+    assert found.position.tolist() == CRUSHED.position.tolist()
+    assert vars(found) == vars(CRUSHED) | {"position": found.position}
 
 
 def test_run_of_a_stored_model_warns_of_its_crushed_equilibrium(

@@ -22,7 +22,6 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.files import reads_other_files
 from fenicsrom.online.store import store as result_cache
 from fenicsrom.online.store.scene_changes import changed_key
-from fenicsrom.post.run.summary import stored_model
 from fenicsrom.records import Study
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study.offline_cache import keys_of
@@ -316,7 +315,7 @@ def test_run_from_the_cache_warns_of_a_crushed_equilibrium_again(folder: Path) -
     assert "solid" not in second.seconds and first.warnings == second.warnings
     assert len([text for text in second.warnings if "24." in text and "strain" in text]) == 1
     for found in (first, second):
-        kept = stored_model(found).deformation
+        kept = found.stored.deformation
         assert kept is not None and kept.smallest_stretch == pytest.approx(0.753, abs=0.002)
 
 

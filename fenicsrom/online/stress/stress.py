@@ -485,16 +485,6 @@ class Deformation:
         """Whether the material is turned inside out somewhere."""
         return self.volume_ratio <= 0.0
 
-    def as_array(self) -> Array:
-        """(3 + d,) smallest det F, smallest and largest stretch, place of det F, for archives."""
-        stretches = self.volume_ratio, self.smallest_stretch, self.largest_stretch
-        return np.array([*stretches, *self.position])
-
-    @classmethod
-    def of_array(cls, array: Array) -> Deformation:
-        """The extremes of an array of `as_array`."""
-        return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
-
 
 NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
 """The extremes over no points."""

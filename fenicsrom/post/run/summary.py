@@ -568,34 +568,6 @@ def write_checkpoint(
     return [path] if save_end(path, model, scene, motion, whole=whole) else []
 
 
-def stored_model(study: Study) -> StoredModel:
-    """Collect the contents of `reduced_model.npz`.
-
-    Raises:
-        SceneError: the model has no such `basis.size`.
-    """
-    assert study.basis is not None and study.modes is not None
-    found = StoredModel(
-        study.model,
-        study.scene,
-        study.basis.method,
-        study.basis.labels,
-        study.solid.free,
-        study.modes.frequencies_hz,
-        provenance(),
-        study.tables,
-        study.candidates,
-        study.deformation,
-        further=study.further,
-        finer=study.finer,
-        finer_labels=study.finer_labels,
-        finer_frequencies_hz=study.finer_frequencies_hz,
-        unjudged="" if study.mesh_check is None else study.mesh_check.missing,
-    )
-    found.require_size()
-    return found
-
-
 def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> list[Path]:
     """Write the summary, the history, the checkpoint and the stresses that a run has.
 
