@@ -244,6 +244,15 @@ def test_results_of_another_scene_are_replaced_by_force_only(results, tmp_path, 
     assert (folder / "summary.json").read_bytes() != before
 
 
+@pytest.mark.parametrize("command", ["response", "backbone", "statics", "campbell", "map"])
+def test_scene_is_refused_before_the_output_folder_is_opened(command, monkeypatch, tmp_path):
+    def opened(*args, **settings):
+        raise AssertionError("with --force, opening removes the results of another scene")
+
+    monkeypatch.setattr("fenicsrom.study.output_folder", opened)
+    assert main([command, str(SCENE), "--output", str(tmp_path), "--force"]) == 2
+
+
 def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, monkeypatch):
     from fenicsrom.cli import output
 
