@@ -79,6 +79,7 @@ ONLINE = {
     "campbell",
     "map",
     "backbone",
+    "ringdown",
     "basis.accuracy",
     "basis.size",
 }

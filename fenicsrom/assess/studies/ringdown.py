@@ -158,6 +158,7 @@ def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], A
     time = settings.changed(duration=table.periods * length, **stepping)
     free = refined(_loaded(scene, time, (0.0, 0.0), (1.0, 0.0)), shorter)
     motion = simulate(stored, free, start=(q, 0.0 * v, sliders), keep_coordinates=True, stop=stop)
+    assert motion.coordinates is not None
     shape = mode.shape.real / np.sqrt(mode.shape.real @ model.mass @ mode.shape.real)
     moved = unit * ((motion.coordinates - mode.equilibrium) @ (model.mass @ shape))
     periods = periods_of(motion, moved)
@@ -175,7 +176,7 @@ def _loaded(scene: Scene, time: Time, *rows: tuple[float, float]) -> Scene:
 
 def periods_of(motion: Motion, moved: Array) -> list[Period]:
     """The periods (1) of a motion whose modal coordinate moves the probe by `moved` (ns,), m."""
-    (times, values), found = turning_points(motion.time, moved), []
+    (times, values), found = turning_points(motion.time, moved), list[Period]()
     swings = np.abs(np.diff(values))
     lost = motion.friction_dissipation, motion.damping_dissipation
     for j in range(0, times.size - 2, 2):
@@ -201,6 +202,7 @@ def turning_points(time: Array, values: Array) -> Array:
     for k in kept[1:]:
         near = np.arange(NODES) + np.clip(k - NODES // 2, 0, time.size - NODES)
         curve = np.polynomial.Polynomial.fit(time[near], values[near], NODES - 1)
-        at = min(curve.deriv().roots(), key=lambda root, k=k: abs(root - time[k])).real
+        roots = curve.deriv().roots()
+        at = roots[np.argmin(np.abs(roots - time[k]))].real
         found.append((at, curve(at)))
     return np.array(found, dtype=np.float64).T
