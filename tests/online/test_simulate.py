@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from support import beam_scene, linear_model, refusal, touching
+import pytest
+from support import beam_scene, linear_model, refusal, touching, uncoupled
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.run.march import Instant
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
@@ -57,3 +59,22 @@ def test_static_loads_without_duration_are_refused() -> None:
     )
     with refusal(ErrorKind.MISSING, "time.duration"):
         simulate(model, scene, compiled=False)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_look_sees_each_step_and_changes_nothing(compiled: bool) -> None:
+    scene = beam_scene(
+        2,
+        ("time.periods=3", "time.steps_per_period=20", "geometrically_nonlinear=false"),
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    model, seen = uncoupled(scene, 500.0, 900.0), list[Instant]()
+    plain = simulate(model, scene, keep_coordinates=True, compiled=compiled)
+    motion = simulate(model, scene, keep_coordinates=True, compiled=compiled, look=seen.append)
+    np.testing.assert_array_equal(motion.displacement, plain.displacement)
+    np.testing.assert_array_equal([each.time for each in seen], motion.time[1:])
+    np.testing.assert_array_equal([each.probe for each in seen], motion.displacement[1:, 0])
+    assert motion.coordinates is not None and motion.velocity is not None
+    np.testing.assert_array_equal(seen[-1].coordinates, motion.coordinates[-1])
+    np.testing.assert_array_equal(seen[-1].velocity, motion.velocity[-1])

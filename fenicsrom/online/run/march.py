@@ -29,8 +29,10 @@ The loop over the steps is in `fenicsrom.online.step.step`.
 
 import copy
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
@@ -81,6 +83,28 @@ from fenicsrom.online.step.step import (
     write,
 )
 from fenicsrom.progress import listening, tell, working_time
+
+
+class Instant(NamedTuple):
+    """Where a run is after a step. The arrays belong to the caller.
+
+    Attributes:
+        time: s.
+        coordinates: (n,) q of a reduced model, or the unknowns of a full one on this rank.
+        velocity: (n,) their velocity.
+        displacement: (P, d) of the contact points, m.
+        probe: (d,) displacement of the probe, m.
+        force: (P, d) contact forces, normal and tangential, N.
+        state: (P,) of the contact points: -1 open, 0 slip, 1 stick.
+    """
+
+    time: float
+    coordinates: Array
+    velocity: Array
+    displacement: Array
+    probe: Array
+    force: Array
+    state: NDArray[np.int8]
 
 
 def copied_rows(record: Record, count: int) -> Record:
@@ -182,8 +206,10 @@ class MarchRun:
         progress: as `integrate`.
         keep: `checkpoint` of `integrate`.
         stop: as `integrate`.
+        look: as `integrate`.
     """
 
+    look: Callable[[Instant], None] | None
     progress: Callable[[float, float], None]
     keep: Callable[[Checkpoint], None]
     stop: Callable[[], bool]
@@ -196,8 +222,12 @@ class MarchRun:
         start: tuple[Array, ...] | None,
         resume: Checkpoint | None,
         keep_coordinates: bool,
+        most_rows: int,
     ):
-        """Set up the run before its first step; arguments as those of `integrate`."""
+        """Set up the run before its first step; arguments as those of `integrate`.
+
+        `advance` returns after each `most_rows` steps.
+        """
         model, contacts, settings, period = problem[:4]
         self.problem, self.plan, self.advance = problem, plan, advance
         self.horizon = float(period if period is not None else settings.duration)
@@ -233,7 +263,7 @@ class MarchRun:
             size = self.state.scalars[SIZE]
             if tolerance:
                 size = max(size, static_size(problem, start[0]))
-        rows, width = ROWS, 3 * self.state.q.size if keep_coordinates else 0
+        rows, width = most_rows, 3 * self.state.q.size if keep_coordinates else 0
         if keep_coordinates and not tolerance:
             rows = min(rows, round(self.horizon / step) + 1)
         sizes = rows, self.state.contact.x.shape[0], problem.dimension, width
@@ -249,6 +279,12 @@ class MarchRun:
         self.wearing = resume is not None and resume.wearing
         self.seconds, self.span, self.status = 0.0, self.done, DONE
         self.steady = self.stopped = False
+
+    def instant(self) -> Instant:
+        """Where the run is, of which the record has one row."""
+        row, state = self.record, self.state
+        seen = [rows[0].copy() for rows in (row.displacement, row.probe, row.force, row.state)]
+        return Instant(float(row.time[0]), state.q.copy(), state.v.copy(), *seen)
 
     @property
     def found(self) -> bool:
@@ -300,6 +336,7 @@ def integrate(
     progress: Callable[[float, float], None] = lambda fraction, change: None,
     checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
     stop: Callable[[], bool] = lambda: False,
+    look: Callable[[Instant], None] | None = None,
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
 
@@ -325,6 +362,8 @@ def integrate(
             `ROWS` steps. Its arrays are overwritten afterwards.
         stop: called at the same instants, and while Newton's method marches; the run ends when it
             returns True.
+        look: called after each step. The last period of a motion of Newton's method is marched;
+            the periods before it, which Newton's method saves, are not seen.
 
     Returns:
         The motion, steady or at the end of the periods (`Motion.steady` says which); the motion of
@@ -340,8 +379,8 @@ def integrate(
     problem = problem.with_own_wear(None if resume is None else resume.worn)
     plan = scheme(problem.time.scheme, problem.model, problem.time.spectral_radius)
     advance = compiled_march if compiled and isinstance(problem.model, ReducedModel) else march
-    run = MarchRun(problem, plan, advance, start, resume, keep_coordinates)
-    run.near, run.progress, run.keep, run.stop = near, progress, checkpoint, stop
+    run = MarchRun(problem, plan, advance, start, resume, keep_coordinates, 1 if look else ROWS)
+    run.near, run.progress, run.keep, run.stop, run.look = near, progress, checkpoint, stop, look
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(problem.model, problem.contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     begin = working_time()
@@ -423,6 +462,8 @@ def _run_span(run: MarchRun, spans: int) -> None:
             )
             pieces.append(copied_rows(run.record, count))
             counts.append(count)
+            if run.look is not None and count:
+                run.look(run.instant())
             tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
             if run.problem.period is None and count:
                 run.keep(run.checkpoint(0, joined_rows(pieces[-1:], [count])))

@@ -41,8 +41,8 @@ def simulate(
         scene: the scene.
         start: a motion whose end is the state at t = 0, or this state as displacement and velocity
             (n,) and sliders (P, d); by default the run starts at rest in the equilibrium.
-        options: `near`, `resume`, `keep_coordinates`, `progress` and `checkpoint` of
-            `fenicsrom.online.run.march.integrate`.
+        options: `near`, `resume`, `keep_coordinates`, `progress`, `checkpoint`, `stop` and `look`
+            of `fenicsrom.online.run.march.integrate`.
 
     Raises:
         SceneError: the model does not belong to the scene; all loads are static, and there is no
@@ -50,6 +50,18 @@ def simulate(
             undeformed body.
         ConvergenceError: the smallest step did not converge.
         AccuracyError: the energy balance is off.
+
+    Example:
+        `look` sees each step of the march, of a full model too:
+
+        >>> import fenicsrom as fr
+        >>> stored = fr.load_model("out/beam.npz").with_overrides("time.steady='march'")
+        >>> seen = []
+        >>> motion = fr.simulate(stored, stored.scene, look=seen.append)
+        >>> len(seen) == motion.steps and seen[-1].time == motion.time[-1]
+        True
+        >>> seen[-1].coordinates.shape, seen[-1].displacement.shape
+        ((9,), (1, 2))
     """
     if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
