@@ -72,6 +72,7 @@ def run(
         _require_resumable(resume, scene)
     comm = comm or all_ranks()
     run = Run(Study(scene), comm, Stopwatch(), folder, resume, stop, mesh)
+    run.fresh, run.cached = fresh, mesh is None
     guarded = (
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -90,15 +91,17 @@ def integrate(run: Run, name: str) -> None:
         study.warnings.extend(found)
         for text in found:  # said now, because a wrong scene may run for long
             log.info(f"  warning: {text}")
-    options = _checkpoints(run) if name == "reduced" else {}
-    options |= {"keep_coordinates": name == "reduced", "stop": run.stop}
-    motion, error = integrated(_model(study, name), scene, **options)
+    if name == "reduced":
+        options = _checkpoints(run) | {"keep_coordinates": True, "stop": run.stop}
+        motion, error = integrated(study.model, scene, **options)
+    else:
+        motion, error = attempted(lambda: _full_motion(run, name))
     if error is not None:
         study.unfinished = (name, error)
     if motion is None:
         return
     if name == "full" and not study.unfinished:
-        motion = _settled(study, motion)
+        motion = _settled(run, motion)
     study.motions[name] = motion
     if study.unfinished or name != "reduced" or not scene.basis.adapts:
         _describe(study, name)  # of a motion that the size stage may replace, that stage does it
@@ -121,8 +124,15 @@ def integrated(model: Any, scene: Scene, **options: Any) -> tuple[Motion | None,
 
     if isinstance(options.get("resume"), Motion):
         return options["resume"], None
+    return attempted(lambda: simulate(model, scene, **options))
+
+
+def attempted(march: Callable[[], Motion]) -> tuple[Motion | None, Failure | None]:
+    """The motion of a march, up to its failure if there was one, and the failure."""
+    from fenicsrom.online.motion.motion import Motion
+
     try:
-        return simulate(model, scene, **options), None
+        return march(), None
     except (AccuracyError, ConvergenceError) as error:
         return error.partial if isinstance(error.partial, Motion) else None, error
 
@@ -150,14 +160,34 @@ def _describe(study: Study, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
-def _settled(study: Study, full: Motion) -> Motion:
+def _full_motion(run: Run, name: str) -> Motion:
+    """The motion of the full model, or of the beam; from the cache if the surface does not wear.
+
+    A motion of the cache has no worn surface at its end.
+    """
+    from fenicsrom.assess.full.full_motions import full_motion
+    from fenicsrom.reduction.beam import beam_structure
+
+    study, scene = run.study, run.study.scene
+    body = study.solid if name == "full" else beam_structure(scene)
+    cached = run.cached and not scene.wears
+    motion, note = full_motion(body, scene, name, run.fresh, cached, stop=run.stop)
+    if note["cached"]:
+        reason = f"taken from a run at {note['date']}; --fresh computes it again"
+        study.left_out.append(Note(NoteKind.LEFT_OUT, reason, f"{name} motion"))
+    return motion
+
+
+def _settled(run: Run, full: Motion) -> Motion:
     """The periodic motion of the full model where its march has not settled. Collective."""
     from fenicsrom.assess.full.full_motions import settled_full_motion
 
+    study = run.study
     if study.basis is None:
         return full
     vectors, motion = study.basis.vectors, study.motions["reduced"]
-    found, said = settled_full_motion(study.solid, vectors, study.model, study.scene, motion, full)
+    models = study.solid, vectors, study.model
+    found, said = settled_full_motion(*models, study.scene, motion, full, run.fresh, run.cached)
     study.warnings.extend([Note(NoteKind.UNSETTLED, said)] if said else [])
     return found
 
@@ -233,19 +263,6 @@ def compare_modes(study: Study) -> None:
     except (AccuracyError, ConvergenceError) as error:
         text = f"the modes of the full model were not compared: {error}"
         study.warnings.append(Note(NoteKind.LEFT_OUT, text))
-
-
-def _model(study: Study, name: str) -> Any:
-    """Make the model with the given name."""
-    if name == "full":
-        from fenicsrom.fem.full.full import full_model
-
-        return full_model(study.solid)
-    if name == "beam":
-        from fenicsrom.reduction.beam import beam_model
-
-        return beam_model(study.scene)
-    return study.model
 
 
 def _checkpoints(run: Run) -> dict[str, Any]:

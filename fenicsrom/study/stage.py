@@ -57,6 +57,8 @@ class Run:
         resume: checkpoint from which the reduced model continues.
         stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None until it is made.
+        fresh: whether to compute all results, also those that the cache has.
+        cached: whether the cache may have results: the mesh is that of the scene.
         snapshots: the deflections by which modes and derivatives are selected.
         reduction: the stages from the modes to the reduced model.
     """
@@ -68,6 +70,8 @@ class Run:
     resume: Path | None = None
     stop: Callable[[], bool] = never
     mesh: Mesh | None = None
+    fresh: bool = False
+    cached: bool = True
     snapshots: Snapshots = field(init=False)
     reduction: Reduction = field(init=False)
 

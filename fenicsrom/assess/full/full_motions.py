@@ -22,7 +22,7 @@ import os
 import platform
 import re
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -110,7 +110,14 @@ def full_distances(vectors: Array, solid: Any, scene: Scene, motion: Motion) -> 
 
 
 def settled_full_motion(
-    solid: Any, vectors: Array, model: ReducedModel, scene: Scene, motion: Motion, full: Motion
+    solid: Any,
+    vectors: Array,
+    model: ReducedModel,
+    scene: Scene,
+    motion: Motion,
+    full: Motion,
+    fresh: bool = False,
+    cached: bool = True,
 ) -> tuple[Motion, str]:
     """The periodic motion of a full model whose march did not settle, and a sentence on it.
 
@@ -125,6 +132,8 @@ def settled_full_motion(
         scene: the scene of both motions.
         motion: the motion of the reduced model.
         full: the marched motion of the full model.
+        fresh: as in `full_motion`.
+        cached: as in `full_motion`.
 
     Returns:
         The motion, and a sentence. The motion is the marched one, and the sentence is empty, if the
@@ -136,19 +145,25 @@ def settled_full_motion(
     assert motion.search is not None
     shooting = Shooting(Problem.of(model, scene).settled(), motion.search.periods)
     begin = f"the march of the full model did not settle within {counted(full.periods, 'period')}"
-    try:
-        reduced = solve(shooting, shooting.scaled(start_variables(shooting, motion.end)))
-        found = full_periodic_motion(solid, vectors, shooting, reduced)
-    except ConvergenceError as error:
-        return full, f"{begin}; Newton's method did not find its periodic motion either: {error}"
-    seconds, periods = full.seconds + found.seconds, full.periods + found.periods
-    periodic = motion_of(found.record, reduced.period)
-    periodic = replace(periodic, seconds=seconds, periods=periods)
-    return periodic, (
-        f"{begin}; its periodic motion was found by Newton's method in "
-        f"{counted(found.periods, 'period')} from that of the reduced model, and its stability was "
-        "not examined"
-    )
+
+    def make() -> Kept:
+        try:
+            reduced = solve(shooting, shooting.scaled(start_variables(shooting, motion.end)))
+            found = full_periodic_motion(solid, vectors, shooting, reduced)
+        except ConvergenceError as error:
+            return full, {
+                "said": f"{begin}; Newton's method did not find its periodic motion either: {error}"
+            }
+        seconds, periods = full.seconds + found.seconds, full.periods + found.periods
+        periodic = motion_of(found.record, reduced.period)
+        return replace(periodic, seconds=seconds, periods=periods), {
+            "said": f"{begin}; its periodic motion was found by Newton's method in "
+            f"{counted(found.periods, 'period')} from that of the reduced model, and its stability "
+            "was not examined"
+        }
+
+    found, note = _kept(solid.comm, cache_key(scene, "periodic") if cached else None, make, fresh)
+    return found, note["said"]
 
 
 def missed(error: float, estimate: float) -> str:
@@ -166,6 +181,7 @@ are smaller than the residual by the ratio of their frequency to that of the loa
 """
 
 MOST_PERIODS = 40
+STALLED = 3  # periods in a row without a smaller residual, after which no motion is found
 GOOD_RATE = 0.1  # a step that reduces the residual less asks for derivatives of the full model
 RELAXATION = 0.5
 """Part of the residual outside of D that a step with derivatives takes.
@@ -250,6 +266,8 @@ def full_periodic_motion(
             raise _lost(residuals, str(error)) from error
         derived += block is not None
         residuals.append(problem.norm(end.z - z) / max(problem.norm(z), 1e-300))
+        if len(residuals) > STALLED and min(residuals[-STALLED:]) >= min(residuals[:-STALLED]):
+            raise _lost(residuals, f"{STALLED} periods in a row brought it no nearer")
         log.info(f"  full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
         return end
 
@@ -403,26 +421,33 @@ def _least_squares(matrix: Array, right: Array) -> Array:
 WHAT = "the motion of the full model"
 
 
-def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
+Kept = tuple[Motion, dict[str, Any]]
+"""A motion, and when and where it ran."""
+
+
+def full_motion(
+    body: Structure,
+    scene: Scene,
+    name: str = "full",
+    fresh: bool = False,
+    cached: bool = True,
+    **options: Any,
+) -> Kept:
     """The motion of the full model, from the cache if an equal scene ran before.
 
     Args:
         body: the solid or the beam.
         scene: its scene.
+        name: the model, "full" or "beam".
+        fresh: whether to compute a motion that the cache has.
+        cached: False for a body of another mesh than that of its scene.
+        options: of `simulate`.
 
     Returns:
         The motion; when and where it ran, and whether it came from the cache.
     """
-    comm, folder, key = body.comm, cache_folder(), cache_key(scene)
-    if folder is not None and key is not None:
-        found = read_results(folder, key, WHAT, _motion_of) if comm.rank == 0 else None
-        found = comm.bcast(found)
-        if found is not None:
-            log.info(f"full model: taken from {folder}")
-            return found[0], found[1] | {"cached": True}
     from fenicsrom.fem.full.full import full_model  # slow to import
 
-    log.info("full model ..")
     last = clock.perf_counter()
 
     def progress(fraction: float, change: float) -> None:
@@ -430,13 +455,30 @@ def full_motion(body: Structure, scene: Scene) -> tuple[Motion, dict[str, Any]]:
         if clock.perf_counter() - last > 5.0:
             last = clock.perf_counter()
             limit = f"at most {scene.time.periods} periods"
-            log.info(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
+            log.info(f"  {name} model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
-    model = full_model(body)
-    motion = simulate(model, scene, progress=progress)
-    date = datetime.now(UTC).isoformat(timespec="seconds")
-    note = {"date": date, "machine": machine(), "ranks": comm.size}
-    if folder is not None and key is not None and comm.rank == 0:
+    def make() -> Kept:
+        log.info(f"{name} model ..")
+        motion = simulate(full_model(body), scene, progress=progress, **options)
+        date = datetime.now(UTC).isoformat(timespec="seconds")
+        return motion, {"date": date, "machine": machine(), "ranks": body.comm.size}
+
+    return _kept(body.comm, cache_key(scene, name) if cached else None, make, fresh)
+
+
+def _kept(comm: Any, key: str | None, make: Callable[[], Kept], fresh: bool) -> Kept:
+    """What `make` gives, or the cache holds under a key. Collective."""
+    folder = cache_folder()
+    if folder is None or key is None:
+        motion, note = make()
+        return motion, note | {"cached": False}
+    found = read_results(folder, key, WHAT, _motion_of) if comm.rank == 0 and not fresh else None
+    found = comm.bcast(found)
+    if found is not None:
+        log.info(f"{WHAT}: taken from {folder}")
+        return found[0], found[1] | {"cached": True}
+    motion, note = make()
+    if comm.rank == 0:
         tree, arrays = pack(replace(motion, end=None))
         write_results(folder, key, WHAT, {"note": note, "motion": tree}, arrays)
     return motion, note | {"cached": False}
@@ -447,13 +489,18 @@ def _motion_of(header: Any, arrays: Any) -> tuple[Motion, dict[str, Any]]:
     return unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
 
 
-def cache_key(scene: Scene) -> str | None:
-    """A hash of all that the motion depends on; None if the mesh file reads other files."""
+DEPENDS = {"full": (), "beam": ("reference",), "periodic": ("basis",)}
+"""The tables on which one motion alone depends: of the solid, of the beam, or the periodic one that
+starts from that of the reduced model."""
+
+
+def cache_key(scene: Scene, name: str = "full") -> str | None:
+    """A hash of all that a motion of `DEPENDS` depends on; None if the mesh reads other files."""
     table = scene_table(scene)
-    for name in ("title", "basis", "reference", "output", "compare"):
-        table.pop(name, None)
+    for key in {"title", "basis", "reference", "output", "compare"} - {*DEPENDS[name]}:
+        table.pop(key, None)
     mesh = table["geometry"]["mesh"] = mesh_digest(scene.geometry.mesh)
-    return None if mesh is None else key_of(table)
+    return None if mesh is None else key_of([name, table])
 
 
 def machine() -> dict[str, Any]:
