@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -179,6 +179,13 @@ class MotionErrors(NamedTuple):
         """
         return max(self.amplitude, *self.directions, 2.0 * self.shift)
 
+    def combined(self, rule: Callable[..., float], *others: MotionErrors) -> MotionErrors:
+        """A rule applied to each error, but to the shift, and to those of other estimates."""
+        rows = zip(self.directions, *(other.directions for other in others), strict=True)
+        names = "amplitude", "peak_force", "dissipation", "worn", "probe"
+        found = {name: rule(*(getattr(one, name) for one in (self, *others))) for name in names}
+        return self._replace(directions=tuple(rule(*row) for row in rows), **found)
+
 
 def with_range(
     found: MotionErrors, factor: float, model: Any, scene: Scene, motion: Motion
@@ -205,7 +212,9 @@ def with_range(
     return found._replace(from_rest=_times_distance(factor, motion, other))
 
 
-def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
+def step_errors(
+    model: Any, scene: Scene, motion: Motion, twin: Motion | None = None
+) -> MotionErrors:
     """Estimate the errors of a motion due to its time step, from a run with twice the step.
 
     The estimate is twice the distance of the two motions. That is six times the error of a scheme
@@ -227,6 +236,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
         model: the model that was integrated.
         scene: the scene of the motion.
         motion: the motion.
+        twin: the motion with twice the step, if it is known.
     """
     dimension = motion.displacement.shape[2]
     unknown = _unknown(dimension)
@@ -234,7 +244,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     if coarse.time == scene.time and not at_rest(motion):
         return unknown  # a single step cannot be made longer
     try:
-        other = check_motion(model, coarse, motion)
+        other = twin or check_motion(model, coarse, motion)
     except (ConvergenceError, AccuracyError):
         return unknown
     if at_rest(motion) and at_rest(other):
@@ -507,6 +517,40 @@ def nested_motion(
     return None if has_settled(motion) and not has_settled(other) else other
 
 
+class Beside(NamedTuple):
+    """What the motions of other models are compared with, to judge a motion.
+
+    Attributes:
+        scene: the scene under which they run.
+        motion: the motion of the model itself under this scene.
+    """
+
+    scene: Scene
+    motion: Motion
+
+
+def beside(model: Any, scene: Scene, motion: Motion) -> Beside:
+    """The motion itself, or of a march its coarser twin with twice the step.
+
+    A march of a larger model costs many times the march that it judges. What a basis or a mesh
+    lacks hardly depends on the step, so that both sides of the comparison take the longer one. The
+    check of the time step needs this twin anyway. A motion that does not settle is compared with
+    its own step, because its root mean squares scatter.
+
+    Args:
+        model: the model that was integrated.
+        scene: the scene of the motion.
+        motion: the motion.
+    """
+    coarse = coarser(scene)
+    is_march = motion.newton_from is None or scene.wears
+    if is_march and not is_unsteady(motion) and coarse.time != scene.time:
+        twin = nested_motion(model, coarse, motion)
+        if twin is not None:
+            return Beside(coarse, twin)
+    return Beside(scene, motion)
+
+
 def marched(scene: Scene) -> Scene:
     """A scene with a period whose motion is marched, without Newton's method."""
     return replace(scene, time=scene.time.changed(steady="march"))
@@ -529,15 +573,7 @@ def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
 
 def together(first: MotionErrors, second: MotionErrors) -> MotionErrors:
     """The errors due to different directions that a basis lacks: roots of sums of squares."""
-    pairs = zip(first.directions, second.directions, strict=True)
-    return first._replace(
-        amplitude=math.hypot(first.amplitude, second.amplitude),
-        peak_force=math.hypot(first.peak_force, second.peak_force),
-        directions=tuple(math.hypot(one, other) for one, other in pairs),
-        dissipation=math.hypot(first.dissipation, second.dissipation),
-        worn=math.hypot(first.worn, second.worn),
-        probe=math.hypot(first.probe, second.probe),
-    )
+    return first.combined(math.hypot, second)
 
 
 def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
@@ -557,9 +593,7 @@ def _times_distance(factor: float, motion: Motion, other: Motion | None) -> Moti
     """A factor times the distances of a motion from a better one; infinite without this one."""
     if other is None:
         return _unknown(motion.displacement.shape[2])
-    found = distances(motion, other)
-    each = tuple(factor * value for value in found.directions)
-    scaled = MotionErrors(factor * found.amplitude, factor * found.peak_force, each)
+    scaled = distances(motion, other).combined(lambda error: factor * error)
     return with_further(scaled, motion, other, factor)
 
 

@@ -98,14 +98,10 @@ def near_resonance(
         return errors
     if errors.amplitude < factor * STEEP * abs(shift):
         return errors
-    found = distances(motion, other)
-    near = MotionErrors(
-        factor * found.amplitude,
-        max(factor * found.peak_force, errors.peak_force if np.isinf(errors.peak_force) else 0.0),
-        tuple(factor * value for value in found.directions),
-        factor * abs(shift),
-        errors.amplitude,
-    )
+    near = distances(motion, other).combined(lambda error: factor * error)
+    near = near._replace(shift=factor * abs(shift), at_frequency=errors.amplitude)
+    if np.isinf(errors.peak_force):
+        near = near._replace(peak_force=np.inf)
     return with_further(near, motion, other, factor)
 
 

@@ -22,7 +22,13 @@ from functools import cached_property
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
+from fenicsrom.assess.errors.estimates import (
+    Beside,
+    MotionErrors,
+    basis_errors,
+    beside,
+    nested_motion,
+)
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import Note, NoteKind
@@ -32,7 +38,6 @@ from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
-from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import counted
 
@@ -78,6 +83,7 @@ class Sized:
     Attributes:
         stored: the model.
         motion: its motion.
+        beside: what the motions of other sizes are compared with.
         other: the motion of all coordinates of the stored model; None if there is none.
         errors: estimated errors due to the basis.
         energies: square roots of (1) of the coordinates that joined, by their labels.
@@ -86,6 +92,7 @@ class Sized:
 
     stored: StoredModel
     motion: Motion
+    beside: Beside
     other: Motion | None
     errors: MotionErrors
     energies: dict[str, float]
@@ -98,10 +105,10 @@ class Sized:
         Each has its motion near that of the run. Without a period each runs like the run. A motion
         that does not settle has none: each size would run as long again.
         """
-        stored, motion, other = self.stored, self.motion, self.other
+        stored, (scene, motion), other = self.stored, self.beside, self.other
         if other is None or motion.end is None or stored.model.linear or is_unsteady(motion):
             return []
-        known, scene = (*stored.labels, *stored.further), stored.scene
+        known = (*stored.labels, *stored.further)
         least = stored.least_size
         most = min((stored.size + len(known)) // 2, int(LARGEST_SIZE * stored.size))
         sizes = np.linspace(least, most, SIZES).round().astype(int)
@@ -114,7 +121,7 @@ class Sized:
                 near = nested_motion(part.model, scene, motion, chosen, near=other)
             error = np.inf if near is None else basis_errors(near, other).amplitude
             if near is not None and np.isfinite(error):
-                rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
+                rows.append(NestedSize(n, _seconds(part, self.motion, near), error))
         return rows
 
 
@@ -141,24 +148,38 @@ def sized(stored: StoredModel, motion: Motion, run: Run) -> Sized | None:
     """
     if stored.candidates is None or not stored.scene.basis.adapts:
         return None
+    scene, same = beside(stored.model, stored.scene, motion)
+    if same is motion:
+        return _sized(stored, motion, run)
+    found = _sized(replace(stored, scene=scene), same, run)
+    # the size was found with twice the step; the motion has its own step
+    chosen = stored
+    if found.stored.labels != stored.labels:
+        chosen = stored.resized(found.stored.labels)
+        motion = run(chosen, None)
+    return replace(found, stored=chosen, motion=motion)
+
+
+def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
+    """As `sized`, of a model and its motion under the scene in which they are compared."""
     if stored.scene.basis.size is not None:
         return _of_size(stored, motion, run, stored.scene.basis.size)
     energies = dict[str, float]()
-    spare = spare_coordinates(stored)
+    most = len(stored.further) - spare_coordinates(stored)
     other = candidate_motion(stored, motion)
     while True:
         limit = accuracy_limit(stored, motion)
-        errors = basis_errors(motion, other)
+        errors, here = basis_errors(motion, other), Beside(stored.scene, motion)
         if errors.amplitude <= limit:
-            return Sized(stored, motion, other, errors, energies)
+            return Sized(stored, motion, here, other, errors, energies)
         larger = None
         if other is not None:
             found = candidate_energies(stored, other)
-            most = len(stored.further) - spare
-            larger, near = _enlarged(stored, motion, other, list(found)[: max(most, 0)], limit)
+            left = list(found)[: max(most - len(energies), 0)]
+            larger, near = _enlarged(stored, motion, other, left, limit)
         if larger is None:
             warning = unreached(stored, errors.amplitude, limit)
-            return Sized(stored, motion, other, errors, energies, warning)
+            return Sized(stored, motion, here, other, errors, energies, warning)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         motion, other = _again(stored, larger, motion, other, run, near)
         stored = larger
@@ -212,7 +233,8 @@ def _of_size(stored: StoredModel, motion: Motion, run: Run, size: int) -> Sized:
     if chosen is not stored:
         motion, other = _again(stored, chosen, motion, other, run)
     joined = {label: energies[label] for label in chosen.labels if label in energies}
-    return Sized(chosen, motion, other, basis_errors(motion, other), joined)
+    here = Beside(stored.scene, motion)
+    return Sized(chosen, motion, here, other, basis_errors(motion, other), joined)
 
 
 def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredModel:
@@ -319,6 +341,34 @@ def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:
         yield labels[:count]
 
 
+def grown(
+    stored: StoredModel,
+    labels: Sequence[str],
+    error: Callable[[StoredModel], float],
+    limit: float,
+) -> StoredModel | None:
+    """The smallest larger model that is accurate enough; else that with the least error.
+
+    Args:
+        stored: the model.
+        labels: of the coordinates that can join, the most important first.
+        error: gives the error of a larger model.
+        limit: largest accepted error.
+
+    Returns:
+        The larger model; None if no coordinate can join.
+    """
+    best, least = None, np.inf
+    for joining in growing(labels):
+        trial = stored.resized((*stored.labels, *joining))
+        found = error(trial)
+        if found <= least:
+            best, least = trial, found
+        if found <= limit:
+            break
+    return best
+
+
 def _enlarged(
     stored: StoredModel, motion: Motion, other: Motion, labels: list[str], limit: float
 ) -> tuple[StoredModel | None, tuple[Array, ...] | None]:
@@ -339,18 +389,17 @@ def _enlarged(
         return None, None
     if is_unsteady(motion):  # each trial would run as long as the run
         return stored.resized((*stored.labels, *labels)), None
-    best, begin, least = None, None, np.inf
     known = (*stored.labels, *stored.further)
-    for joining in growing(labels):
-        trial = stored.resized((*stored.labels, *joining))
+    begin: dict[tuple[str, ...], tuple[Array, ...] | None] = {}
+
+    def error(trial: StoredModel) -> float:
         chosen = [known.index(label) for label in trial.labels]
         near = nested_motion(trial.model, stored.scene, motion, chosen, near=other)
-        error = np.inf if near is None else basis_errors(near, other).amplitude
-        if error <= least:
-            best, begin, least = trial, _start(near, motion), error
-        if error <= limit:
-            break
-    return best, begin
+        begin[trial.labels] = _start(near, motion)
+        return np.inf if near is None else basis_errors(near, other).amplitude
+
+    best = grown(stored, labels, error, limit)
+    return best, None if best is None else begin[best.labels]
 
 
 def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:
@@ -361,9 +410,9 @@ def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:
     return near.coordinates[-1], near.velocity[-1], end_of(motion)[2]
 
 
-def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:
-    """Run time of the steps of a motion with a part of its model, s."""
-    if scene.period is None:
-        return near.seconds
-    timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
+def _seconds(part: StoredModel, motion: Motion, near: Motion) -> float:
+    """Run time of a part of a model, s, with as many steps as a motion has; `near` is its own."""
+    timed, scene = near, part.scene
+    if scene.period is not None:
+        timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
     return timed.seconds * motion.steps / timed.steps

@@ -110,7 +110,7 @@ class StoredModel:
         """
         finer, labels = self.finer, self.finer_labels
         if self.whole is not None and self.whole.finer is not None:
-            found = replace(self, whole=self.whole.finer, labels=()).at_speed()
+            found = replace(self, whole=self.whole.finer).at_speed()
             known = {*self.labels, *self.further}
             found = found.resized([label for label in found.labels if label in known])
             finer, labels = found.model, found.labels
