@@ -13,6 +13,7 @@ from support import beam_scene, enriched, heard, make_solid
 pytest.importorskip("dolfinx")
 
 from fenicsrom.assess.full.full_motions import (
+    STALLED,
     FullPeriodicMotion,
     _Problem,
     full_periodic_motion,
@@ -173,3 +174,11 @@ def test_motion_that_is_not_found_keeps_its_residuals(dissipative: Case) -> None
         dissipative.find(tolerance=0.0, most_periods=2)
     assert len(caught.value.partial) == len(lines) == 2
     assert all(0.0 < residual < 1.0 for residual in caught.value.partial)
+
+
+def test_search_that_comes_no_nearer_ends_early(dissipative: Case) -> None:
+    with pytest.raises(ConvergenceError) as caught:
+        dissipative.find(tolerance=0.0, most_periods=40)
+    residuals = caught.value.partial
+    assert STALLED < len(residuals) < 40
+    assert min(residuals[-STALLED:]) >= min(residuals[:-STALLED])

@@ -354,6 +354,18 @@ def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
 
 
 @pytest.mark.slow
+def test_full_motion_of_a_second_run_comes_from_the_cache(folder: Path) -> None:
+    scene = loaded_scene("basis.derivatives='none'", "time.periods=1", "reference.full=true")
+    first, second = run(scene), run(scene)
+    again = run(scene, fresh=True)
+    one, two, three = (found.motions["full"] for found in (first, second, again))
+    np.testing.assert_array_equal(two.displacement, one.displacement)
+    assert two.seconds == one.seconds != three.seconds
+    told = [{note.key for note in found.left_out} for found in (first, second, again)]
+    assert ["full motion" in keys for keys in told] == [False, True, False]
+
+
+@pytest.mark.slow
 def test_damaged_archive_is_computed_again(folder: Path) -> None:
     scene = loaded_scene()
     first = run(scene)

@@ -111,6 +111,8 @@ class Sized:
         known = (*stored.labels, *stored.further)
         least = stored.least_size
         most = min((stored.size + len(known)) // 2, int(LARGEST_SIZE * stored.size))
+        if motion is not self.motion:  # each size of a march runs as long as the run
+            most = stored.size
         sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
