@@ -58,7 +58,7 @@ def simulate(
         >>> stored = fr.load_model("out/beam.npz").with_overrides("time.steady='march'")
         >>> seen = []
         >>> motion = fr.simulate(stored, stored.scene, look=seen.append)
-        >>> len(seen) == motion.steps and seen[-1].time == motion.time[-1]
+        >>> len(seen) == motion.steps and bool(seen[-1].time == motion.time[-1])
         True
         >>> seen[-1].coordinates.shape, seen[-1].displacement.shape
         ((9,), (1, 2))

@@ -266,6 +266,11 @@ def mass_norm(model: Any, vector: Array) -> float:
     return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
 
 
+def _unit(model: Any, vector: Array) -> Array:
+    """A vector (n,) of size 1 in the mass norm."""
+    return np.asarray(vector / mass_norm(model, vector), np.float64)
+
+
 class _Statics:
     """The equations of equilibrium of a model and its contacts."""
 
@@ -415,13 +420,12 @@ class _Statics:
         """The independent directions (n,) of a block, M-orthonormal."""
         kept: list[Array] = []
         for vector in block:
-            x = vector / mass_norm(self.model, vector)
+            x = _unit(self.model, vector)
             for _ in range(2):  # the second pass removes the rounding errors of the first
                 for y in kept:
                     x = x - y * self.model.dot(y, self.model.mass_times(x))
-            size = mass_norm(self.model, x)
-            if size > DEPENDENT:
-                kept.append(x / size)
+            if mass_norm(self.model, x) > DEPENDENT:
+                kept.append(_unit(self.model, x))
         return kept
 
     def _inverse(self, q: Array) -> Callable[[Array], Array]:
@@ -458,11 +462,11 @@ class _Statics:
         model, solve = self.model, self._inverse(q)
         rate = 0.0
         for _ in range(INVERSE_ITERATIONS):
-            shape = shape / mass_norm(model, shape)
+            shape = _unit(model, shape)
             inertia = model.mass_times(shape).copy()
             shape = solve(inertia)
             rate = 1.0 / model.dot(inertia, shape)
-        return shape / mass_norm(model, shape), rate
+        return _unit(model, shape), rate
 
     def downhill(self, q: Array) -> Array:
         """A stable equilibrium with less energy than an unstable one."""
