@@ -209,7 +209,7 @@ class MarchRun:
         look: as `integrate`.
     """
 
-    look: Callable[[Instant], None] | None
+    look: Callable[[Instant], None] | None = None
     progress: Callable[[float, float], None]
     keep: Callable[[Checkpoint], None]
     stop: Callable[[], bool]
@@ -222,7 +222,7 @@ class MarchRun:
         start: tuple[Array, ...] | None,
         resume: Checkpoint | None,
         keep_coordinates: bool,
-        most_rows: int,
+        most_rows: int = ROWS,
     ):
         """Set up the run before its first step; arguments as those of `integrate`.
 
