@@ -458,7 +458,7 @@ def full_motion(
             log.info(f"  {name} model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
     def make() -> Kept:
-        log.info(f"{name} model ..")
+        log.info(f"  integrating the {name} model")
         motion = simulate(full_model(body), scene, progress=progress, **options)
         date = datetime.now(UTC).isoformat(timespec="seconds")
         return motion, {"date": date, "machine": machine(), "ranks": body.comm.size}
