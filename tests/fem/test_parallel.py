@@ -94,7 +94,10 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
         folder = tmp_path / str(ranks)
         command = ["-m", "fenicsrom", "compare", SCENE, "--output", str(folder), *overrides]
         done = on_ranks(ranks, *command)
-        assert done.stdout.count("files:") == 1 and done.stderr.count("integrating the full model") == 1
+        assert (
+            done.stdout.count("files:") == 1
+            and done.stderr.count("integrating the full model") == 1
+        )
         found.append(json.loads((folder / "comparison.json").read_text()))
     one, two = found
     assert (one["full"]["ranks"], two["full"]["ranks"]) == (1, 2) and not two["full"]["cached"]
