@@ -156,7 +156,8 @@ def path_of(module: str) -> Path:
 
 def is_compiled(module: str) -> bool:
     """Whether a module holds kernels, which run as plain Python here."""
-    return re.search(r"^@(kernel|compiled)", path_of(module).read_text(), re.MULTILINE) is not None
+    text = path_of(module).read_text()
+    return re.search(r"^@(kernel|compiled|part)$", text, re.MULTILINE) is not None
 
 
 def tree_of(module: str) -> ast.Module:

@@ -78,7 +78,7 @@ def step(
     sums = np.zeros(2)
     made = ContactStep(contacts, interval, start, end, found)
     for p in range(points):
-        contact_force(made, p, True)
+        contact_force(made, p)
         sums += commit_contact_state(made, p)[:2]
     return end, found, *sums
 

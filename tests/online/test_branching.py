@@ -26,6 +26,7 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.periodic.shooting import (
     Family,
     Shooting,
+    family_of,
     force_family,
     frequency_family,
     solve,
@@ -214,11 +215,7 @@ def test_isolated_curve_closes() -> None:
     down = path.run(start, -1.0, points=300, largest_step=0.03)
     fold = next(point for point in down.special if point.kind == "fold").parameter
 
-    def window(p: float) -> Any:
-        problem = by_force(fold + 0.02 - (p - 0.5) ** 2)
-        slope = -2.0 * (p - 0.5)
-        return problem._replace(drift=problem.drift._replace(sines=problem.drift.sines * slope))
-
+    window = family_of(lambda p: by_force(fold + 0.02 - (p - 0.5) ** 2))
     near = min(down.points, key=lambda point: abs(point.parameter - fold - 0.02))
     path, start = path_at(near.z, window, 0.5, (0.0, 1.0))
     curve = path.run(start, 1.0, points=300, largest_step=0.03)

@@ -6,40 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_cases import RUB, SURFACES, casing
+from contact_cases import RUB, SURFACES, casing, worn_casing
 
 from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.state import STICK, contact_scratch, zero_contact_state
-from fenicsrom.online.contact.surfaces import Contacts, planes
+from fenicsrom.online.contact.state import STICK, Interval, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.surfaces import planes
 from fenicsrom.online.derivative.contact_sensitivity import (
-    PARAMETERS,
-    ComplexInterval,
+    contact_data,
     differentiate_along,
     differentiate_law,
-    is_constant,
     law_derivative,
-    perturb,
     state_of,
 )
-from fenicsrom.online.kernels.dense import STEP, as_complex
-
-
-def no_change(base: Contacts) -> Contacts:
-    """Derivatives of the parameters of contacts that are zero."""
-    return base._replace(**{name: np.zeros_like(getattr(base, name)) for name in PARAMETERS})
-
-
-def test_every_parameter_of_a_contact_is_perturbed() -> None:
-    base = casing(3, waves=True, spin=0.7)
-    changes = {
-        name: np.full_like(getattr(base, name), 2.0 + k) for k, name in enumerate(PARAMETERS)
-    }
-    found = as_complex(
-        casing(3, waves=True, preload=7.0)._replace(phase=base.phase + 1.0), PARAMETERS
-    )
-    perturb(found, 0, base, base._replace(**changes), 0.5)
-    for name, change in changes.items():
-        np.testing.assert_array_equal(getattr(found, name), getattr(base, name) + 0.5j * change)
+from fenicsrom.online.kernels.numbers import STEP, vector
 
 
 @pytest.mark.slow
@@ -48,33 +27,42 @@ def test_every_parameter_of_a_contact_is_perturbed() -> None:
 def test_state_of_sticking_point_is_that_of_a_point_at_rest(surface: Any, d: int) -> None:
     contacts, rng = surface(d), np.random.default_rng(6)
     for _ in range(10):
-        rest, found = zero_contact_state(1, d), zero_contact_state(1, d)
+        rest = zero_contact_state(1, d)
         x = rng.uniform(1e-3, 3e-3, (1, d))
         slider = x + rng.uniform(-1e-4, 1e-4, (1, d))
         at_rest(contacts, x, slider, 0.1, rest, contact_scratch(1, d))
         assert rest.state[0] == STICK
-        found.x[:], found.slider[:] = x, rest.slider
-        state_of(contacts, 0, 0.1, found, contact_scratch(1, d))
-        np.testing.assert_allclose(found.trial_normal_force, rest.trial_normal_force, rtol=1e-12)
-        np.testing.assert_allclose(found.normal, rest.normal, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(found.friction, rest.friction, rtol=1e-9, atol=1e-12)
+        found = state_of(contacts, 0, vector(x[0]), vector(rest.slider[0]), 0.1)
+        np.testing.assert_allclose(found.trial, rest.trial_normal_force[0], rtol=1e-12)
+        np.testing.assert_allclose(found.normal[:d], rest.normal[0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found.friction[:d], rest.friction[0], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+FIELDS = (*("preload", "normal_stiffness", "tangential_stiffness", "friction", "radius", "spin"),)
+FIELDS += (*("turns", "axes", "centre", "approach", "height", "phase", "times", "order"),)
+
+
+@pytest.mark.parametrize("name", FIELDS)
 def test_law_depends_on_each_parameter_that_changes(name: str) -> None:
-    base = casing(3, waves=True)._replace(times=np.zeros(0), approach=np.zeros((1, 0)))
-    nothing = no_change(base)
-    assert is_constant(base, nothing, 0)
-    changed = nothing._replace(**{name: np.ones_like(getattr(base, name))})
-    assert is_constant(base, changed, 0) == (name == "approach")  # there is none
+    base = casing(3, waves=True)
+    assert not contact_data(base, base).varies[0]
+    moved = base._replace(**{name: getattr(base, name) + 1j * STEP})
+    assert contact_data(base, moved).varies[0]
+
+
+def test_law_of_a_layer_depends_on_its_yield_stress() -> None:
+    base = worn_casing(3)
+    coating = base.coating._replace(yield_force=base.coating.yield_force + 1j * STEP)
+    assert contact_data(base, base._replace(coating=coating)).varies[0]
 
 
 def test_law_of_a_surface_that_moves_depends_on_the_period() -> None:
-    nothing = no_change(RUB)
-    assert is_constant(RUB, nothing, 0)
-    assert not is_constant(RUB._replace(spin=np.ones(1)), nothing, 0)
+    assert not contact_data(RUB, RUB, retimed=True).varies[0]
+    turning = RUB._replace(spin=np.ones(1))
     approaching = RUB._replace(times=np.array([0.0]), approach=np.array([[1e-3]]))
-    assert not is_constant(approaching, nothing._replace(approach=np.zeros((1, 1))), 0)
+    for contacts in (turning, approaching):
+        assert contact_data(contacts, contacts, retimed=True).varies[0]
+        assert not contact_data(contacts, contacts).varies[0]
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -85,21 +73,19 @@ def test_law_before_a_plane_has_the_derivatives_of_complex_steps(
 ) -> None:
     preload, kn, kt, mu = (np.array([value]) for value in (3.0, 2e5, 1e5, 0.3))
     contacts = planes(preload, np.zeros(1), kn, kt, mu, d)
-    nothing = contacts._replace(
-        **{name: np.zeros_like(getattr(contacts, name)) for name in PARAMETERS}
-    )
-    law, along, rng = law_derivative(contacts, 1, d), [], np.random.default_rng(3)
+    data, law, along = contact_data(contacts, contacts), law_derivative(1, d), []
+    rng = np.random.default_rng(3)
     blending = complex(0.2, STEP) if discrete_gradient else 0j
-    step = ComplexInterval(0j, 1e-4 + 0j, 0.5 if discrete_gradient else 0.3, discrete_gradient)
+    times: Any = 0j, 1e-4 + 0j
+    step = Interval(*times, 0.5 if discrete_gradient else 0.3, discrete_gradient)
     w0, x0, x1 = (rng.uniform(-1e-6, 1e-6, d) for _ in range(3))
     x0[1:] += 0.5 * stretch
     x1[1:] += stretch
-    perturb(law.contacts, 0, contacts, nothing, 0.0)
     for c in range(3 * d + 1):
         if c != 2 * d:  # the normal component of the slider, which has no effect
-            differentiate_along(law, step, 0, c, x0, x1, w0, blending, False)
+            differentiate_along(law, data.still, step, 0, c, x0, x1, w0, blending, False)
         along.append((law.force[0, :, c].copy(), law.slider[0, :, c].copy()))
-    assert differentiate_law(law, contacts, nothing, step, 0, x0, x1, w0, blending, False) == sticks
+    assert differentiate_law(law, data, step, 0, x0, x1, w0, blending, False) == sticks
     for c, (force, slider) in enumerate(along):
         np.testing.assert_allclose(law.force[0, :, c], force, rtol=1e-12, atol=1e-10)
         np.testing.assert_allclose(law.slider[0, :, c], slider, rtol=1e-12, atol=1e-14)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -13,9 +14,13 @@ from support import linear_model, one_contact, random_model
 from fenicsrom.online.contact.law import implicit_blending
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.online.contact.surfaces import CYLINDER, PLANE, SPHERE, Contacts
-from fenicsrom.online.derivative.contact_sensitivity import no_drift, no_sensitivity
-from fenicsrom.online.derivative.period_sensitivity import differentiate_blending
-from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.derivative.period_sensitivity import (
+    differentiate_blending,
+    drift_of,
+    no_sensitivity,
+)
+from fenicsrom.online.kernels.numbers import STEP
+from fenicsrom.online.model.loads import PHASE, harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.turning import Turning, rest_row
 from fenicsrom.online.periodic.period_map import PeriodMap
@@ -23,6 +28,7 @@ from fenicsrom.online.periodic.shooting import (
     Family,
     contact_family,
     damping_family,
+    family_of,
     force_family,
     frequency_family,
     speed_family,
@@ -132,7 +138,7 @@ def test_derivatives_are_compiled_once_for_two_and_three_dimensions() -> None:
     for dimension in (2, 3):
         model, contacts = shaken(dimension), one_contact(dimension, **RUB)
         pmap = period_map(model, contacts, "discrete-gradient")
-        drift = no_drift(contacts, model.load_histories)
+        drift = drift_of(Problem(model, contacts, None, PERIOD))
         arguments = model, contacts, pmap.plan, drift, pmap._record, pmap._sensitivity
         signatures.append([numba.typeof(value) for value in arguments])
     assert signatures[0] == signatures[1]
@@ -290,6 +296,63 @@ def test_derivative_by_parameter_matches_differences(name: str, parameter: str) 
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
 
 
+def numbers(name: str) -> tuple[Callable[[Any], Problem], float]:
+    """Problems by a number of the online stage that has no family of its own, and its value."""
+    model, contacts = shaken(nonlinear=False), curved(one_contact(**RUB), CYLINDER, 0.7)
+    problem, histories, elastic = (
+        Problem(model, contacts, None, PERIOD),
+        model.load_histories,
+        model.elastic,
+    )
+    skew = np.diag(np.arange(4.0))
+    problem = problem._replace(model=model._replace(velocity_matrix=0.1 * skew))
+
+    def at(value: Any) -> Problem:
+        changed, moved = problem.model, contacts
+        if name == "phase":
+            sines = histories.sines.astype(np.result_type(histories.sines, value))
+            sines[:, PHASE] = value
+            changed = changed._replace(load_histories=histories._replace(sines=sines))
+        elif name == "stiffness":
+            stiffness = elastic.stiffness + value * np.eye(4)
+            changed = changed._replace(elastic=elastic._replace(stiffness=stiffness))
+        elif name == "dashpot":
+            changed = changed._replace(velocity_matrix=value * skew)
+        else:
+            moved = contacts._replace(**{name: value + 0.0 * getattr(contacts, name)})
+        return problem._replace(model=changed, contacts=moved)
+
+    return at, {"phase": 0.3, "stiffness": 0.1, "dashpot": 0.1}.get(name, 0.05)
+
+
+@pytest.mark.parametrize("name", ["discrete-gradient", "generalised-alpha"])
+@pytest.mark.parametrize("number", ["phase", "stiffness", "dashpot", "height", "turns", "spin"])
+def test_derivative_by_any_number_of_the_problem_matches_differences(
+    name: str, number: str
+) -> None:
+    build, value = numbers(number)
+    at, h = family_of(build), 1e-6
+    problem = at(value)
+    pmap = period_map(problem.model, problem.contacts, name)
+    z = run_in(pmap, problem.model, problem.contacts)
+    ahead, behind = (pmap(at(value + k), z, derive=False)[1].z for k in (h, -h))
+    differences, found = (ahead - behind) / (2.0 * h), pmap(problem, z)[1].by_parameter
+    assert (np.abs(differences).max() > 0.0) == (number != "turns")  # of a varying speed only
+    assert np.abs(found - differences).max() <= 3e-6 * np.abs(differences).max()
+
+
+@pytest.mark.parametrize("name", ["mass", "cubic"])
+def test_number_that_belongs_to_the_basis_is_no_parameter_of_a_curve(name: str) -> None:
+    model = shaken()
+    if name == "mass":
+        other = model._replace(mass=model.mass + 0j)
+    else:
+        other = model._replace(elastic=model.elastic._replace(cubic=model.elastic.cubic + 0j))
+    problem = Problem(model, one_contact(**RUB), None, PERIOD)
+    with pytest.raises(ValueError, match=f"{name}.* the modes"):
+        drift_of(problem._replace(varied=problem._replace(model=other)))
+
+
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("stiff", [False, True])
 def test_derivative_by_speed_matches_differences(name: str, stiff: bool) -> None:
@@ -377,26 +440,26 @@ def test_derivative_by_parameter_on_stiff_contact_matches_differences(
 def test_derivative_of_blending_weights_matches_differences(by: str) -> None:
     model, rng = random_model(5, masters=4), np.random.default_rng(7)
     contacts = one_contact(normal_stiffness=[20.0, 200.0])
-    drift, h, root = no_drift(contacts, model.load_histories), 0.4, rng.standard_normal((5, 5))
-    changed = drift.contacts._replace(normal_stiffness=np.array([3.0, 20.0]))
-    drift = {
-        "step": drift._replace(period=0.7),
-        "stiffness of the contacts": drift._replace(contacts=changed),
-        "stiffness of the model": drift._replace(stiffness=root + root.T, force=np.zeros(5)),
-    }[by]
+    h, root = 0.4, rng.standard_normal((5, 5))
+
+    def at(moved: Any) -> Problem:
+        elastic, stiffness = model.elastic, contacts.normal_stiffness
+        period = 2.0 * (1.0 + (0.7 * moved if by == "step" else 0.0))
+        if by == "stiffness of the model":
+            elastic = elastic._replace(stiffness=elastic.stiffness + moved * (root + root.T))
+        if by == "stiffness of the contacts":
+            stiffness = stiffness + moved * np.array([3.0, 20.0])
+        changed = contacts._replace(normal_stiffness=stiffness)
+        return Problem(model._replace(elastic=elastic), changed, None, period)
 
     def weights(moved: float) -> Array:
-        found = np.zeros(2)
-        elastic = model.elastic
-        if drift.force.size:
-            elastic = elastic._replace(stiffness=elastic.stiffness + moved * drift.stiffness)
-        along = contacts.normal_stiffness + moved * drift.contacts.normal_stiffness
-        at = model._replace(elastic=elastic)
-        at.write_normal_flexibility(h * (1.0 + moved * drift.period), found)
-        implicit_blending(contacts._replace(normal_stiffness=along), found)
+        problem, found = at(moved), np.zeros(2)
+        problem.model.write_normal_flexibility(h * problem.period / 2.0, found)
+        implicit_blending(problem.contacts, found)
         return found
 
     assert np.all((0.05 < weights(0.0)) & (weights(0.0) < 0.999))
-    s = no_sensitivity(5, 8, contacts, model.load_histories, 2)
+    s = no_sensitivity(5, 8, 2, 2)
+    drift = drift_of(at(0.0)._replace(varied=at(1j * STEP)))
     differentiate_blending(model, contacts, drift, h, s)
     np.testing.assert_allclose(s.blending, (weights(1e-6) - weights(-1e-6)) / 2e-6, rtol=1e-6)

@@ -133,7 +133,7 @@ def prescribed(
     *,
     mass: float = 1e9,
     shift: float = 0.0,
-    drift: Any = None,
+    varied: Any = None,
 ) -> Loop:
     """A contact point that moves on an ellipse, x + i v / omega = start exp(-2 pi i (t + shift h)).
 
@@ -147,12 +147,12 @@ def prescribed(
         steps: N, of size h = 1/N.
         mass: of each direction, kg.
         shift: of the grid, in steps.
-        drift: see `Problem`.
+        varied: see `Problem`.
     """
     d = contacts.centre.shape[1]
     omega = 2.0 * steps * np.tan(np.pi / steps)
     model = linear_model(mass * np.eye(d), mass * omega**2 * np.eye(d), masters=d, probes=d)
-    problem = Problem(model, contacts, None, 1.0, drift)
+    problem = Problem(model, contacts, None, 1.0, varied)
     grid = np.linspace(0.0, 1.0, steps + 1)
     pmap = PeriodMap(problem, scheme("discrete-gradient", model), grid)
     u = np.asarray(start, dtype=np.complex128) * np.exp(-2j * np.pi * shift / steps)
@@ -217,7 +217,7 @@ def varying(n0: float, n1: float, phi: float, steps: int, **options: Any) -> Loo
         Problem(linear_model(np.eye(2), np.eye(2), masters=2), contacts, None, 1.0), "preload"
     )
     start = [n1 * np.exp(-1j * phi), 2.0]
-    return prescribed(contacts, start, steps, drift=at(n0).drift, **options)
+    return prescribed(contacts, start, steps, varied=at(n0).varied, **options)
 
 
 @pytest.mark.parametrize(("n0", "n1", "phi", "loss", "harmonic_of_friction"), YANG_MENQ)

@@ -358,7 +358,7 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         state.v[:] = vectors @ motion.velocity[k]
         state.a[:] = vectors @ motion.acceleration[k]
         trial.dq[:] = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
-        at = step_coefficients(plan, time[k + 1] - time[k])
+        at = step_coefficients(plan, plan.damping, time[k + 1] - time[k])
         trial.inertia_offset[:] = at.inertia_v * state.v + at.inertia_a * state.a
         trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
         trial.external_force[:] += plan.alpha_f * model.load(time[k])

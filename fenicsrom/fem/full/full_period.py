@@ -15,20 +15,21 @@ Woodbury formula.
 import copy
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.state import OPEN, ContactState
+from fenicsrom.online.contact.state import OPEN, ContactState, Interval
 from fenicsrom.online.contact.surfaces import PLANE
 from fenicsrom.online.derivative.contact_sensitivity import (
-    ComplexInterval,
+    REST,
+    contact_data,
     differentiate_law,
     law_derivative,
-    no_drift,
 )
-from fenicsrom.online.derivative.period_sensitivity import REST, end_coefficients
+from fenicsrom.online.derivative.period_sensitivity import end_coefficients
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.run.march import copied_rows, initial_state, joined_rows
 from fenicsrom.online.step.state import (
@@ -103,9 +104,9 @@ class FullPeriodMap:
         self.memory = np.flatnonzero((np.repeat(contacts.kind, d) != PLANE) | (axis > 0))
         self.size = self.blocks * self.local + self.memory.size
         self._dimension, self._points = d, points
-        self._law = law_derivative(contacts, points, d)
-        drift = no_drift(contacts, model.load_histories).contacts
-        self._differentiate = partial(differentiate_law, self._law, contacts, drift)
+        self._law = law_derivative(points, d)
+        data = contact_data(contacts, contacts)
+        self._differentiate = partial(differentiate_law, self._law, data)
         self._guess: tuple[Array, Array, float] | None = None
 
     def __call__(self, z: Array, block: Array | None = None) -> FullPeriodEnd:
@@ -203,15 +204,14 @@ class FullPeriodMap:
         """
         model, plan, d = self.model, self.plan, self._dimension
         h = float(state.scalars[TIME]) - begin
-        f, e = step_coefficients(plan, h), end_coefficients(plan, h)
+        f, e = step_coefficients(plan, plan.damping, h), end_coefficients(plan, h)
         moved = model.mass_times(f.inertia_v * columns.v + f.inertia_a * columns.a)
         moved += model.elastic_by_start(q, state.q - q, plan, columns.q)
         if plan.velocity_forces:
             moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
         m = self._points * d
-        step_times = ComplexInterval(
-            complex(begin), complex(begin + h), plan.alpha_f, plan.discrete_gradient
-        )
+        times: Any = complex(begin), complex(begin + h)
+        step_times = Interval(*times, plan.alpha_f, plan.discrete_gradient)
         force, by_end = np.zeros((m, columns.q.shape[1])), np.zeros((m, m))
         for p in range(self._points):
             if state.trial.scratch.mode[p] == OPEN:

@@ -16,7 +16,7 @@ A surface that turns has a ring of nodes, between which w is linear, at each pos
 where there are contact points. In a step a point sweeps the ring from one angle to another, while
 its depth d goes linearly from d0 to d1. Its normal force is the mean of (2) over this arc. Between
 two nodes both terms of (2) are positive parts of linear functions, whose mean is a closed form
-(`fenicsrom.online.contact.friction.mean_normal_force`). For a surface at rest, w is a number of the
+(`fenicsrom.online.contact.friction.mean_of_positive`). For a surface at rest, w is a number of the
 point, and the same formula is the discrete gradient of the energy. The angle of a point on its ring
 is that of its place on the undeformed body: its displacement along the surface is neglected.
 
@@ -34,10 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.friction import mean_normal_force, positive
+from fenicsrom.online.contact.friction import mean_of_positive
 from fenicsrom.online.contact.state import Interval
 from fenicsrom.online.contact.surfaces import Coating, Contacts, penetration, surface_turn
 from fenicsrom.online.kernels.compilation import kernel, part
+from fenicsrom.online.kernels.numbers import Number, Vector, constant, positive
 from fenicsrom.scene.base.rules import Where
 
 SAME_PLACE = 1e-9
@@ -228,14 +229,14 @@ def is_coated(contacts: Contacts, p: int) -> bool:
 
 
 @part
-def ring_place(contacts: Contacts, p: int, time: float) -> float:
+def ring_place(contacts: Contacts, p: int, time: Number) -> Number:
     """Where point p is on its ring at a time, in cells: the nodes are at the integers."""
     angle = contacts.coating.angle[p] - surface_turn(contacts, p, 0.0, time)
     return angle * contacts.coating.cells[p] / (2.0 * np.pi)
 
 
 @part
-def worn_depth(contacts: Contacts, p: int, place: float) -> float:
+def worn_depth(contacts: Contacts, p: int, place: Number) -> Number:
     """The worn depth w at a place of the ring of point p, m."""
     coating, below = contacts.coating, int(np.floor(place.real))
     first, cells = coating.first[p], coating.cells[p]
@@ -244,16 +245,19 @@ def worn_depth(contacts: Contacts, p: int, place: float) -> float:
 
 
 @part
-def depth(contacts: Contacts, p: int, x: Array, time: float) -> float:
-    """Depth of point p at x (d,) in its surface, which may be worn; negative outside of it, m."""
+def depth(contacts: Contacts, p: int, x: Vector, time: Number) -> Number:
+    """Depth of point p at x, a vector or (d,), in its surface, which may be worn, m.
+
+    It is negative outside of the surface.
+    """
     found = penetration(contacts, p, x, time)
     if is_coated(contacts, p):
-        found -= worn_depth(contacts, p, ring_place(contacts, p, time))
+        found = found - worn_depth(contacts, p, ring_place(contacts, p, time))
     return found
 
 
 @part
-def softening(contacts: Contacts, interval: Interval, p: int) -> float:
+def softening(contacts: Contacts, interval: Interval, p: int) -> Number:
     """The factor c of (2)."""
     coating, k = contacts.coating, contacts.normal_stiffness[p]
     viscous = coating.viscosity[p] / (interval.end - interval.begin)
@@ -261,76 +265,61 @@ def softening(contacts: Contacts, interval: Interval, p: int) -> float:
 
 
 @part
-def force_beyond_yield(contacts: Contacts, p: int, y: float, worn: float) -> float:
+def force_beyond_yield(contacts: Contacts, p: int, y: Number, worn: Number) -> Number:
     """Y - F(w), N."""
     return y - contacts.coating.yield_force[p] - contacts.coating.hardening[p] * worn
 
 
 @part
-def coated_end_force(
-    contacts: Contacts, interval: Interval, p: int, after: float
-) -> tuple[float, float]:
-    """The force y - c max(y - F, 0) of (2) at the end of a step, negative if the point is open.
+def coated_end_force(contacts: Contacts, interval: Interval, p: int, after: Number) -> Number:
+    """The force y - c max(y - F, 0) of (2) at the end of a step, negative if the point is open, N.
 
     Args:
         contacts: the parameters.
         interval: the step.
         p: the point.
         after: y at the end, N.
-
-    Returns:
-        The force in N, and its derivative by `after`.
     """
     worn = worn_depth(contacts, p, ring_place(contacts, p, interval.end))
-    beyond = force_beyond_yield(contacts, p, after, worn)
-    c = softening(contacts, interval, p)
-    if beyond > 0.0:
-        return after - c * beyond, 1.0 - c
-    return after, 1.0 + 0.0 * c
+    beyond = positive(force_beyond_yield(contacts, p, after, worn))
+    return after - softening(contacts, interval, p) * beyond
 
 
 @kernel
 def coated_mean_force(
-    contacts: Contacts, interval: Interval, p: int, x0: Array, after: float
-) -> tuple[float, float]:
-    """Mean normal force of point p over a step that starts at x0 (d,): (2) along the arc.
+    contacts: Contacts, interval: Interval, p: int, x0: Vector, after: Number
+) -> Number:
+    """Mean normal force of point p over a step that starts at x0: (2) along the arc, N.
 
     Args:
         contacts: the parameters.
         interval: the step.
         p: the point.
-        x0: (d,) displacement at the start, m.
+        x0: displacement at the start, m.
         after: y at the end of the step, N.
-
-    Returns:
-        The mean force in N, and its derivative by `after`.
     """
     coating, k = contacts.coating, contacts.normal_stiffness[p]
     c, first, cells = softening(contacts, interval, p), coating.first[p], coating.cells[p]
     behind = ring_place(contacts, p, interval.begin)
     ahead = ring_place(contacts, p, interval.end)
     w, last = worn_depth(contacts, p, behind), worn_depth(contacts, p, ahead)
-    virgin0 = contacts.preload[p] + k * penetration(contacts, p, x0, interval.begin)
-    virgin1 = after + k * last
+    virgin = contacts.preload[p] + k * penetration(contacts, p, x0, interval.begin)
+    rise = after + k * last - virgin
     way = 1 if ahead.real >= behind.real else -1
     node = int(np.floor(behind.real)) + 1 if way > 0 else int(np.ceil(behind.real)) - 1
-    s, y, mean, by_end = 0.0 * behind, virgin0 - k * w, 0.0 * virgin0, 0.0 * virgin0
+    zero = constant(rise, 0.0)
+    s, y, mean = constant(behind, 0.0), virgin + zero - k * w, zero
     while s.real < 1.0:  # from node to node; s is the part of the step that is done
-        s1, w1 = 1.0 + 0.0 * behind, last
+        s1, w1 = constant(behind, 1.0), last
         if way * (ahead.real - node) > 0.0:
             s1, w1 = (node - behind) / (ahead - behind), coating.worn[first + node % cells]
-        y1 = virgin0 + s1 * (virgin1 - virgin0) - k * w1
+        y1 = virgin + s1 * rise - k * w1
         beyond = force_beyond_yield(contacts, p, y, w)
         beyond1 = force_beyond_yield(contacts, p, y1, w1)
-        elastic, elastic_by_1 = mean_normal_force(y, y1)
-        plastic, plastic_by_1 = mean_normal_force(beyond, beyond1)
-        _, elastic_by_0 = mean_normal_force(y1, y)
-        _, plastic_by_0 = mean_normal_force(beyond1, beyond)
-        mean += (s1 - s) * (elastic - c * plastic)
-        by_0, by_1 = elastic_by_0 - c * plastic_by_0, elastic_by_1 - c * plastic_by_1
-        by_end += (s1 - s) * (s * by_0 + s1 * by_1)
+        plastic = c * mean_of_positive(beyond, beyond1)
+        mean = mean + (s1 - s) * (mean_of_positive(y, y1) - plastic)
         s, y, w, node = s1, y1, w1, node + way
-    return mean, by_end
+    return mean
 
 
 @kernel

@@ -29,13 +29,15 @@ the force at the middle of the slipping part, and dw the motion of the slider:
 
     T . dx - d(|T|^2 / 2 k_t) = T_s . dw + (what the law at the end takes from the spring) >= 0 (6)
 
-Functions read the last accepted state and write into arrays of the caller: a rejected step leaves
-no trace.
+The law is made of functions of a point: they return what they find, in the numbers of
+`fenicsrom.online.kernels.numbers`. With the displacement x1 as `Dual` numbers, the force comes with
+its derivative. Only `contact_force` and `commit_contact_state` write into arrays; a rejected step
+leaves no trace in the state.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.coating import (
@@ -45,17 +47,15 @@ from fenicsrom.online.contact.coating import (
     is_coated,
 )
 from fenicsrom.online.contact.friction import (
-    blended_normal_force,
-    friction_force,
-    mean_normal_force,
-    positive,
-    project_on_tangent_plane,
+    blended,
+    friction,
+    friction_limits,
+    mean_of_positive,
     return_mapping,
 )
 from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,
-    STICK,
     ContactScratch,
     ContactState,
     ContactStep,
@@ -69,34 +69,74 @@ from fenicsrom.online.contact.surfaces import (
     surface_turn,
 )
 from fenicsrom.online.kernels.compilation import compiled, kernel, part
+from fenicsrom.online.kernels.numbers import (
+    Dual,
+    Number,
+    Vector,
+    constant,
+    dot,
+    minus,
+    plus,
+    positive,
+    root,
+    times,
+    value,
+    vector,
+    write_vector,
+)
+
+
+class PointState(NamedTuple):
+    """The state of one contact point; the fields are those of `ContactState`."""
+
+    x: Vector
+    trial: Number
+    normal: Vector
+    friction: Vector
+    slider: Vector
+
+
+class PointForce(NamedTuple):
+    """The forces at one contact point over a step.
+
+    Attributes:
+        after: y1, N.
+        size: mean normal force, N.
+        normal: it as a vector, N.
+        friction: mean friction, N.
+        moved: motion of the slider relative to the surface, m.
+        mode: OPEN, SLIP or STICK.
+    """
+
+    after: Number
+    size: Number
+    normal: Vector
+    friction: Vector
+    moved: Vector
+    mode: int
 
 
 @part
-def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> float:
-    """Equation (1) for point p at x (d,), N."""
+def trial_normal_force(contacts: Contacts, p: int, x: Vector, time: Number) -> Number:
+    """Equation (1) for point p at x, a vector or (d,), N."""
     return contacts.preload[p] + contacts.normal_stiffness[p] * depth(contacts, p, x, time)
 
 
 @part
-def force_over_step(step: ContactStep, p: int, after: float) -> tuple[float, float]:
-    """Mean normal force of point p over a step of the discrete gradient, blended with the end's.
+def force_over_step(
+    contacts: Contacts, interval: Interval, p: int, start: PointState, after: Number, b: Number
+) -> Number:
+    """Mean normal force of point p over a step from its start to the trial force y1 `after`, N.
 
-    Args:
-        step: the step.
-        p: the point.
-        after: y1, N.
-
-    Returns:
-        The force in N, and its derivative by `after`.
+    `b` is the weight of the implicit blending.
     """
-    contacts, interval, blending = step.contacts, step.interval, step.scratch.blending[p]
+    if not interval.discrete_gradient:
+        a = interval.start_weight
+        return a * positive(start.trial) + (1.0 - a) * positive(after)
     if not is_coated(contacts, p):
-        return blended_normal_force(step.start.trial_normal_force[p], after, blending)
-    mean, mean_by_end = coated_mean_force(contacts, interval, p, step.start.x[p], after)
-    end, end_by_end = coated_end_force(contacts, interval, p, after)
-    if not end > 0.0:
-        end, end_by_end = 0.0 * end, 0.0 * end
-    return mean + blending * (end - mean), mean_by_end + blending * (end_by_end - mean_by_end)
+        return blended(start.trial, after, b)
+    mean = coated_mean_force(contacts, interval, p, start.x, after)
+    return mean + b * (positive(coated_end_force(contacts, interval, p, after)) - mean)
 
 
 @kernel
@@ -117,130 +157,196 @@ def implicit_blending(contacts: Contacts, blending: Array) -> None:
         blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
-@kernel
-def _add_normal_force(step: ContactStep, p: int, force: float, force_by_end: float) -> None:
-    """Write the mean normal force of point p as a vector, its derivative, and `point.gradient`."""
-    contacts, start, end = step.contacts, step.start, step.end
-    interval, scratch = step.interval, step.scratch
-    a, theta = interval.start_weight, 1.0 - interval.start_weight
-    kn, x1, d = contacts.normal_stiffness[p], end.x[p], len(scratch.space)
-    point, mean, derivative = scratch.point, scratch.mean_force[p], scratch.force_derivative[p]
-    gradient, bend = point.gradient, point.gradient_derivative
+@part
+def tangential(contacts: Contacts, p: int, n: Vector, e: Vector) -> Vector:
+    """The part P e of a vector at point p in the tangent plane of a normal n."""
     if contacts.kind[p] == PLANE:
-        for k in range(d):
-            gradient[k] = 0.0
-        gradient[0] = 1.0
-        mean[0] = force
-        derivative[0, 0] = force_by_end * kn
-        return
-    gap_discrete_gradient(contacts, p, x1, x1, interval.end, gradient, bend, point.work)
-    if interval.discrete_gradient:
-        n, n_derivative = point.mean_normal, point.mean_normal_derivative
-        middle = 0.5 * (interval.begin + interval.end)
-        gap_discrete_gradient(contacts, p, start.x[p], x1, middle, n, n_derivative, point.work)
-        for k in range(d):
-            mean[k] = force * n[k]
-            for j in range(d):
-                derivative[k, j] = (
-                    force_by_end * kn * n[k] * gradient[j] + force * n_derivative[k, j]
-                )
-        return
-    pressed = positive(end.trial_normal_force[p])
-    for k in range(d):
-        mean[k] = a * start.normal[p, k] + theta * pressed * gradient[k]
-        for j in range(d):
-            derivative[k, j] = (
-                force_by_end * kn * gradient[k] * gradient[j] + theta * pressed * 2.0 * bend[k, j]
-            )
+        return constant(e[0], 0.0), e[1], e[2]
+    return minus(e, times(dot(n, e) / dot(n, n), n))
+
+
+@part
+def lifted_vector(x: Number, u: Vector) -> Vector:
+    """A vector that does not depend on x, of numbers of the kind of x."""
+    return constant(x, u[0]), constant(x, u[1]), constant(x, u[2])
 
 
 @kernel
-def _tangential_stretch(step: ContactStep, p: int) -> None:
-    """Write the unit normal of point p and its tangential stretch at both ends, with derivatives.
+def point_force(
+    contacts: Contacts, interval: Interval, p: int, start: PointState, x1: Vector, b: Number
+) -> PointForce:
+    """The law of point p over a step from its start to the displacement x1; b as above."""
+    a, theta, line = interval.start_weight, 1.0 - interval.start_weight, interval.discrete_gradient
+    begin, end = interval.begin, interval.end
+    after = trial_normal_force(contacts, p, x1, end)
+    force = force_over_step(contacts, interval, p, start, after, b)
+    if not value(force) > 0.0:
+        none = lifted_vector(force, (0.0, 0.0, 0.0))
+        return PointForce(after, force, none, none, none, OPEN)
+    x0 = lifted_vector(x1[0], start.x)
+    if line:
+        n = gap_discrete_gradient(contacts, p, x0, x1, 0.5 * (begin + end))
+        normal = times(force, n)
+    else:
+        n = gap_discrete_gradient(contacts, p, x1, x1, end)
+        normal = plus(times(a, start.normal), times(theta * positive(after), n))
+    reach = 1.0 if line else theta
+    slider = lifted_vector(x1[0], start.slider)
+    ahead = advect_with_surface(contacts, p, begin, begin + reach * (end - begin), slider)
+    e0, e1 = minus(x0, slider), minus(plus(x0, times(reach, minus(x1, x0))), ahead)
+    if contacts.kind[p] != PLANE:  # the tangent plane is that of the weighted point
+        middle = plus(times(a, x0), times(theta, x1))
+        n = gap_discrete_gradient(contacts, p, middle, middle, a * begin + theta * end)
+    e0, e1 = tangential(contacts, p, n, e0), tangential(contacts, p, n, e1)
+    limit = contacts.friction[p] * force
+    fraction, first, last = constant(limit, 1.0), limit, limit
+    if line:
+        fraction, first, last = friction_limits(contacts.friction[p], start.trial, after, force, b)
+    stiffness = contacts.tangential_stiffness[p]
+    mean, moved, mode = friction(stiffness, first, last, fraction, e0, e1, theta, line)
+    return PointForce(after, force, normal, mean, moved, mode)
 
-    For the discrete gradient, the end is the end of the step; otherwise it is the weighted point.
-    The tangent plane is taken at the weighted point.
-    """
-    contacts, interval, start = step.contacts, step.interval, step.start
-    a, theta = interval.start_weight, 1.0 - interval.start_weight
-    x0, x1, d, point = start.x[p], step.end.x[p], len(step.scratch.space), step.scratch.point
-    n, bend, work = point.normal, point.normal_derivative, point.work
-    e0, e0_derivative = point.start_stretch, point.start_stretch_derivative
-    e1, e1_derivative = point.end_stretch, point.end_stretch_derivative
-    reach = 1.0 if interval.discrete_gradient else theta
-    until = interval.begin + reach * (interval.end - interval.begin)
-    advect_with_surface(contacts, p, interval.begin, until, start.slider[p], point.place)
-    for k in range(d):
-        n[k] = point.gradient[k]
-        e0[k] = x0[k] - start.slider[p, k]
-        e1[k] = x0[k] + reach * (x1[k] - x0[k]) - point.place[k]
-    if contacts.kind[p] == PLANE:
-        e0[0], e1[0] = 0.0, 0.0
-        for k in range(d):
-            for j in range(d):
-                e0_derivative[k, j] = 0.0
-                e1_derivative[k, j] = reach if k == j and k > 0 else 0.0
-        return
-    middle = point.place
-    for k in range(d):
-        middle[k] = a * x0[k] + theta * x1[k]
-    time = a * interval.begin + theta * interval.end
-    gap_discrete_gradient(contacts, p, middle, middle, time, n, bend, work)
-    size = 0.0
-    for k in range(d):
-        size += n[k] ** 2
-    size = np.sqrt(size)
-    for k in range(d):
-        n[k] /= size
-    for j in range(d):
-        work[j] = 0.0
-        for i in range(d):
-            work[j] += 2.0 * n[i] * bend[i, j]
-    for k in range(d):
-        for j in range(d):
-            bend[k, j] = theta * (2.0 * bend[k, j] - n[k] * work[j]) / size
-    project_on_tangent_plane(n, bend, 0.0, e0, e0_derivative, work)
-    project_on_tangent_plane(n, bend, reach, e1, e1_derivative, work)
+
+@part
+def start_of(state: ContactState, p: int) -> PointState:
+    """The state of point p."""
+    return PointState(
+        vector(state.x[p]),
+        state.trial_normal_force[p],
+        vector(state.normal[p]),
+        vector(state.friction[p]),
+        vector(state.slider[p]),
+    )
+
+
+@part
+def write_values(out: Array, u: Vector) -> None:
+    """Write the values of a vector of duals into an array (d,)."""
+    write_vector(out, (u[0].v, u[1].v, u[2].v))
 
 
 @kernel
-def contact_force(step: ContactStep, p: int, derive: bool) -> bool:
-    """Mean force of point p over a step to end.x[p], its derivative and its parts, in `scratch`.
-
-    Without `derive`, the derivative lacks the friction.
+def contact_force(step: ContactStep, p: int) -> bool:
+    """Write the mean force of point p over a step to end.x[p], and its derivative, to `scratch`.
 
     Returns:
         False if the point does not touch during the step.
     """
-    contacts, interval, scratch = step.contacts, step.interval, step.scratch
-    a, theta = interval.start_weight, 1.0 - interval.start_weight
-    d = len(scratch.space)
-    before = step.start.trial_normal_force[p]
-    after = trial_normal_force(contacts, p, step.end.x[p], interval.end)
-    step.end.trial_normal_force[p] = after
-    if interval.discrete_gradient:
-        force, force_by_end = force_over_step(step, p, after)
-    else:
-        force = a * positive(before) + theta * positive(after)
-        force_by_end = theta if after > 0.0 else 0.0
-    scratch.mean_normal_force[p] = force
-    for k in range(d):
-        scratch.mean_force[p, k] = 0.0
-        scratch.mean_friction[p, k] = 0.0
-        scratch.slider_motion[p, k] = 0.0
-        for j in range(d):
-            scratch.force_derivative[p, k, j] = 0.0
-    if not force > 0.0:
-        scratch.mode[p] = OPEN
-        return False
-    _add_normal_force(step, p, force, force_by_end)
-    _tangential_stretch(step, p)
-    for k in range(d):  # from the gradient of the penetration to the gradient of `after`
-        scratch.point.gradient[k] *= contacts.normal_stiffness[p]
-    friction_force(step, p, after, force, force_by_end, derive)
-    for k in range(d):
-        scratch.mean_force[p, k] += scratch.mean_friction[p, k]
-    return True
+    scratch, x = step.scratch, vector(step.end.x[p])
+    x1 = Dual(x[0], 1.0, 0.0, 0.0), Dual(x[1], 0.0, 1.0, 0.0), Dual(x[2], 0.0, 0.0, 1.0)
+    start, b = start_of(step.start, p), scratch.blending[p]
+    found = point_force(step.contacts, step.interval, p, start, x1, b)
+    step.end.trial_normal_force[p] = found.after.v
+    scratch.mean_normal_force[p], scratch.mode[p] = found.size.v, found.mode
+    whole, by = plus(found.normal, found.friction), scratch.force_derivative[p]
+    write_values(scratch.mean_force[p], whole)
+    write_values(scratch.mean_friction[p], found.friction)
+    write_values(scratch.slider_motion[p], found.moved)
+    write_vector(by[0], (whole[0].a, whole[0].b, whole[0].c))
+    write_vector(by[1], (whole[1].a, whole[1].b, whole[1].c))
+    if by.shape[0] > 2:
+        write_vector(by[2], (whole[2].a, whole[2].b, whole[2].c))
+    return found.mode != OPEN
+
+
+class PointEnd(NamedTuple):
+    """The state of one contact point at the end of a step, and the energies of the step.
+
+    Attributes:
+        state: the state.
+        mode: OPEN, SLIP or STICK.
+        dissipated: energy dissipated by friction, J.
+        surface: work of the moving surface on body and springs (of a coated surface, all work of
+            its normal force), J.
+        impact: energy of impacts that the step does not resolve (`implicit_blending`), J.
+    """
+
+    state: PointState
+    mode: int
+    dissipated: Number
+    surface: Number
+    impact: Number
+
+
+@kernel
+def end_of_step(
+    contacts: Contacts, interval: Interval, p: int, start: PointState, x1: Vector, mean: PointForce
+) -> PointEnd:
+    """Point p at the end x1 of a step, where the law is applied once more."""
+    begin, end, line = interval.begin, interval.end, interval.discrete_gradient
+    kn, kt, is_plane = (
+        contacts.normal_stiffness[p],
+        contacts.tangential_stiffness[p],
+        contacts.kind[p] == PLANE,
+    )
+    coated, trial = line and is_coated(contacts, p), mean.after
+    if coated:
+        trial = coated_end_force(contacts, interval, p, trial)
+    pressed = positive(trial)
+    n = gap_discrete_gradient(contacts, p, x1, x1, end)
+    # the slider moves to the end of the step, where the law is applied
+    slider = plus(advect_with_surface(contacts, p, begin, end, start.slider), mean.moved)
+    stretch = tangential(contacts, p, n, minus(x1, slider))
+    force, mode = return_mapping(kt, contacts.friction[p] * pressed, stretch)
+    dissipated, surface, part_kept = friction_energies(
+        contacts, interval, p, start, x1, mean.friction, force
+    )
+    force = times(part_kept, force)
+    if mode == SLIP or not is_plane:
+        slider = minus(x1, times(1.0 / kt, force))
+    if mode == SLIP or mean.mode == SLIP:
+        mode = SLIP
+    if value(pressed) == 0.0:
+        mode = OPEN
+    change = trial - start.trial
+    turned = surface_turn(contacts, p, begin, end)
+    if coated or contacts.times.size > 0 or (contacts.order.size > 0 and turned != 0.0):
+        if not coated:
+            surface = surface + mean.size * change / kn
+        surface = surface - dot(mean.normal, minus(x1, start.x))
+    impact = constant(change, 0.0)
+    if line and not coated:
+        impact = (mean.size - mean_of_positive(start.trial, trial)) * change / kn
+    state = PointState(x1, trial, times(pressed, n), force, slider)
+    return PointEnd(state, mode, dissipated, surface, impact)
+
+
+@part
+def friction_energies(
+    contacts: Contacts,
+    interval: Interval,
+    p: int,
+    start: PointState,
+    x1: Vector,
+    mean: Vector,
+    force: Vector,
+) -> tuple[Number, Number, Number]:
+    """Energy dissipated by friction in a step (6), and work of the moving surface, J.
+
+    On a curved surface the tangent plane turns in the step, and the friction spring could gain
+    energy. The friction at the end is therefore reduced until the spring holds no more energy than
+    it was given: the third number is the part of the force that remains.
+
+    Args:
+        contacts: the parameters.
+        interval: the step.
+        p: the point.
+        start: its state at the start.
+        x1: its displacement at the end, m.
+        mean: the mean friction of the step, N.
+        force: the friction at its end, N.
+    """
+    kt, line = contacts.tangential_stiffness[p], interval.discrete_gradient
+    advected = advect_with_surface(contacts, p, interval.begin, interval.end, start.x)
+    # the schemes that weight the ends compute work by the trapezoidal rule
+    acting = mean if line else times(0.5, plus(start.friction, force))
+    available = dot(acting, minus(x1, advected)) + 0.5 / kt * dot(start.friction, start.friction)
+    stored, kept = 0.5 / kt * dot(force, force), constant(available, 1.0)
+    surface = -1.0 * dot(acting, minus(advected, start.x))
+    most = positive(available)
+    if line and contacts.kind[p] != PLANE and value(stored) > value(most):
+        kept, stored = root(most / stored), most
+    return available - stored, surface, kept
 
 
 @kernel
@@ -248,87 +354,25 @@ def commit_contact_state(step: ContactStep, p: int) -> tuple[float, float, float
     """Write the state of point p at the end of a step; `contact_force` has found its mean force.
 
     Returns:
-        The energy dissipated by friction, the work of the moving surface on body and springs (of a
-        coated surface, all work of its normal force), and the energy of impacts that the step does
-        not resolve (`implicit_blending`), J.
+        `dissipated`, `surface` and `impact` of `PointEnd`, J.
     """
-    contacts, start, end = step.contacts, step.start, step.end
-    interval, scratch = step.interval, step.scratch
-    kt, d = contacts.tangential_stiffness[p], len(scratch.space)
-    x1, slider, force, point = end.x[p], end.slider[p], end.friction[p], scratch.point
-    n, stretch, bend, work = point.normal, point.slip_stretch, point.normal_derivative, point.work
-    coated = interval.discrete_gradient and is_coated(contacts, p)
-    if coated:
-        force_at_end, _ = coated_end_force(contacts, interval, p, end.trial_normal_force[p])
-        end.trial_normal_force[p] = force_at_end
-    pressed = positive(end.trial_normal_force[p])
-    gap_discrete_gradient(contacts, p, x1, x1, interval.end, n, bend, work)
-    size = 0.0
-    for k in range(d):
-        size += n[k] ** 2
-    size = np.sqrt(size)
-    for k in range(d):
-        end.normal[p, k] = pressed * n[k]
-        n[k] /= size
-    # the slider moves to the end of the step, where the law is applied
-    advect_with_surface(contacts, p, interval.begin, interval.end, start.slider[p], slider)
-    for k in range(d):
-        slider[k] += scratch.slider_motion[p, k]
-        stretch[k] = x1[k] - slider[k]
-    mode, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
-    slips = mode == SLIP or scratch.mode[p] == SLIP
-    end.state[p] = OPEN if pressed == 0.0 else SLIP if slips else STICK
-    dissipated, surface = _friction_energies(step, p)
-    if mode == SLIP or contacts.kind[p] != PLANE:
-        for k in range(d):
-            slider[k] = x1[k] - force[k] / kt
-    change = end.trial_normal_force[p] - start.trial_normal_force[p]
-    normal = scratch.mean_normal_force[p]
-    turned = surface_turn(contacts, p, interval.begin, interval.end)
-    moves = contacts.times.size > 0 or (contacts.order.size > 0 and turned != 0.0)
-    if moves or coated:
-        if not coated:
-            surface += normal * change / contacts.normal_stiffness[p]
-        for k in range(d):
-            surface -= (scratch.mean_force[p, k] - scratch.mean_friction[p, k]) * (
-                x1[k] - start.x[p, k]
-            )
-    impact = 0.0
-    if interval.discrete_gradient and not coated:
-        mean, _ = mean_normal_force(start.trial_normal_force[p], end.trial_normal_force[p])
-        impact = (normal - mean) * change / contacts.normal_stiffness[p]
-    return dissipated, surface, impact
-
-
-@kernel
-def _friction_energies(step: ContactStep, p: int) -> tuple[float, float]:
-    """Energy dissipated by friction in a step (6), and work of the moving surface.
-
-    On a curved surface the tangent plane turns in the step, and the friction spring could gain
-    energy. The friction at the end is therefore reduced until the spring holds no more energy than
-    it was given.
-    """
-    contacts, start, end = step.contacts, step.start, step.end
-    interval, scratch = step.interval, step.scratch
-    kt, d = contacts.tangential_stiffness[p], len(scratch.space)
-    x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place
-    advect_with_surface(contacts, p, interval.begin, interval.end, x0, advected)
-    available, stored, surface = 0.0, 0.0, 0.0
-    for k in range(d):  # the schemes that weight the ends compute work by the trapezoidal rule
-        mean = (
-            scratch.mean_friction[p, k]
-            if interval.discrete_gradient
-            else 0.5 * (start.friction[p, k] + force[k])
-        )
-        available += mean * (x1[k] - advected[k]) + 0.5 * start.friction[p, k] ** 2 / kt
-        stored += 0.5 * force[k] ** 2 / kt
-        surface -= mean * (advected[k] - x0[k])
-    if interval.discrete_gradient and contacts.kind[p] != PLANE and stored > available:
-        factor = np.sqrt(positive(available) / stored)
-        for k in range(d):
-            force[k] *= factor
-        stored = positive(available)
-    return available - stored, surface
+    scratch, end = step.scratch, step.end
+    rubbed = vector(scratch.mean_friction[p])
+    mean = PointForce(
+        end.trial_normal_force[p],
+        scratch.mean_normal_force[p],
+        minus(vector(scratch.mean_force[p]), rubbed),
+        rubbed,
+        vector(scratch.slider_motion[p]),
+        scratch.mode[p],
+    )
+    start, x1 = start_of(step.start, p), vector(end.x[p])
+    found = end_of_step(step.contacts, step.interval, p, start, x1, mean)
+    end.trial_normal_force[p], end.state[p] = found.state.trial, found.mode
+    write_vector(end.normal[p], found.state.normal)
+    write_vector(end.friction[p], found.state.friction)
+    write_vector(end.slider[p], found.state.slider)
+    return found.dissipated, found.surface, found.impact
 
 
 @kernel
@@ -361,5 +405,5 @@ def at_rest(
     for p in range(x.shape[0]):
         for k in range(x.shape[1]):
             here.x[p, k], here.slider[p, k], here.friction[p, k] = x[p, k], slider[p, k], 0.0
-        contact_force(step, p, True)
+        contact_force(step, p)
         commit_contact_state(step, p)

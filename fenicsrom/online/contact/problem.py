@@ -43,12 +43,28 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.coating import is_coated
-from fenicsrom.online.contact.friction import friction_limits, kept_part, positive
-from fenicsrom.online.contact.law import contact_force, force_over_step, trial_normal_force
+from fenicsrom.online.contact.friction import friction_limits, kept_part
+from fenicsrom.online.contact.law import (
+    contact_force,
+    force_over_step,
+    start_of,
+    tangential,
+    trial_normal_force,
+)
 from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, ContactStep
 from fenicsrom.online.contact.surfaces import advect_with_surface, gap_discrete_gradient
 from fenicsrom.online.kernels.compilation import kernel, part
 from fenicsrom.online.kernels.dense import add_combined_rows, lu_factor, lu_solve
+from fenicsrom.online.kernels.numbers import (
+    Vector,
+    dot,
+    minus,
+    plus,
+    positive,
+    times,
+    vector,
+    write_vector,
+)
 
 
 class Compliance(NamedTuple):
@@ -126,7 +142,12 @@ def add_response(
     compliance: Compliance, candidates: NDArray[np.int64], count: int, scratch: ContactScratch
 ) -> None:
     """Add G F to the residual of the candidates, from the forces at `count` touching points."""
-    rows, unit, z, d = compliance.rows, compliance.unit, compliance.change, len(scratch.space)
+    rows, unit, z, d = (
+        compliance.rows,
+        compliance.unit,
+        compliance.change,
+        len(scratch.space),
+    )
     for a in range(rows.shape[1]):
         z[a, 0] = 0.0
         for t in range(count):
@@ -145,7 +166,12 @@ def update_in_coordinates(
 ) -> bool:
     """Turn the residual of all candidates into Newton's update by (3); False if it has none."""
     rows, unit, jacobian = compliance.rows, compliance.unit, compliance.jacobian
-    weighted, dz, n, d = compliance.weighted, compliance.change, rows.shape[1], len(scratch.space)
+    weighted, dz, n, d = (
+        compliance.weighted,
+        compliance.change,
+        rows.shape[1],
+        len(scratch.space),
+    )
     for a in range(n):
         dz[a, 0] = 0.0
         for b in range(n):
@@ -302,7 +328,7 @@ def semismooth_newton(
     for _ in range(CONTACT_ITERATIONS):
         count = 0
         for place in range(candidates.size):
-            if contact_force(step, candidates[place], True):
+            if contact_force(step, candidates[place]):
                 scratch.touching[count] = place
                 count += 1
         scale = _write_residual(step, candidates, compliance, free, count)
@@ -374,7 +400,7 @@ def nonlinear_gauss_seidel(
         for k in range(d):
             end.x[p, k] = scratch.guess[p, k]
         if first:
-            contact_force(step, p, True)
+            contact_force(step, p)
             for k in range(d):
                 scratch.held_force[p, k] = scratch.mean_force[p, k]
                 scratch.held_friction[p, k] = scratch.mean_friction[p, k]
@@ -386,88 +412,85 @@ def nonlinear_gauss_seidel(
             scratch.guess[p, k] = end.x[p, k]
 
 
-@kernel
-def _bisect_normal_force(step: ContactStep, delassus: Array, p: int, row: int) -> float:
-    """Normal force of point p, N, with its friction and the forces of the others held.
+@part
+def block_times(matrix: Array, row: int, column: int, d: int, u: Vector) -> Vector:
+    """The product of the block (d, d) of a matrix that starts at an entry with a vector."""
+    x, y = vector(matrix[row, column : column + d]), vector(matrix[row + 1, column : column + d])
+    z = times(0.0, x)
+    if d > 2:
+        z = vector(matrix[row + 2, column : column + d])
+    return dot(x, u), dot(y, u), dot(z, u)
 
-    The displacement is x = rest - G (N n + T + start_weight N0 n0), with the rest in `point.place`,
-    n in `point.mean_normal` and the block of `delassus` at `row`. The solution N lies between zero
-    and the normal force that the law gives at N = 0.
+
+@kernel
+def _bisect_normal_force(
+    step: ContactStep, delassus: Array, place: int, p: int, n: Vector, rest: Vector, fixed: Vector
+) -> float:
+    """Normal force N of point p, in N, with its friction and the forces of the others held.
+
+    The displacement is x = rest - G (N n + fixed), with the block of `delassus` at the place of the
+    point. The solution N lies between zero and the normal force that the law gives at N = 0.
     """
-    interval, scratch, d = step.interval, step.scratch, len(step.scratch.space)
-    x, friction = step.end.x[p], scratch.held_friction[p]
-    n, rest = scratch.point.mean_normal, scratch.point.place
-    a = 0.0 if interval.discrete_gradient else interval.start_weight
-    theta = 1.0 - interval.start_weight
+    contacts, interval, d = step.contacts, step.interval, len(step.scratch.space)
+    start, b = start_of(step.start, p), step.scratch.blending[p]
     low, high, force = 0.0, 0.0, 0.0
     for bisection in range(1 + BISECTIONS):
         force = 0.0 if bisection == 0 else 0.5 * (low + high)
-        for k in range(d):
-            x[k] = rest[k]
-            for j in range(d):
-                total = force * n[j] + friction[j] + a * step.start.normal[p, j]
-                x[k] -= delassus[row + k, row + j] * total
-        after = trial_normal_force(step.contacts, p, x, interval.end)
+        whole = plus(times(force, n), fixed)
+        x = minus(rest, block_times(delassus, place * d, place * d, d, whole))
+        after = trial_normal_force(contacts, p, x, interval.end)
+        found = (1.0 - interval.start_weight) * positive(after)
         if interval.discrete_gradient:
-            found, _ = force_over_step(step, p, after)
-        else:
-            found = theta * positive(after)
+            found = force_over_step(contacts, interval, p, start, after, b)
         if bisection == 0:
             high = found
         elif found > force:
             low = force
         else:
             high = force
+    write_vector(step.end.x[p], x)
     return force
 
 
 @kernel
-def _project_friction(step: ContactStep, delassus: Array, p: int, row: int, force: float) -> None:
-    """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
+def _project_friction(
+    step: ContactStep, p: int, n: Vector, softness: float, force: float, before: Vector
+) -> Vector:
+    """Friction of point p at end.x[p], a force on the disc of radius mu `force`, N.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
     of contact of `online.contact.friction`. This friction is close to the mean along the path, so
     Newton's iteration then finds the solution.
+
+    Args:
+        step: the step.
+        p: the point.
+        n: its normal.
+        softness: trace of its block of G, an upper bound for every direction, m/N.
+        force: its normal force, N.
+        before: its friction of the last sweep, N.
     """
-    contacts, start, scratch = step.contacts, step.start, step.scratch
-    interval, point, d = step.interval, scratch.point, len(scratch.space)
-    x, x0, friction = step.end.x[p], start.x[p], scratch.held_friction[p]
-    kt, mu = contacts.tangential_stiffness[p], contacts.friction[p]
-    before = start.trial_normal_force[p]
+    contacts, interval, start = step.contacts, step.interval, start_of(step.start, p)
+    x, kt, mu = vector(step.end.x[p]), contacts.tangential_stiffness[p], contacts.friction[p]
     a, theta = interval.start_weight, 1.0 - interval.start_weight
-    n, trial = point.mean_normal, point.slip_force
-    stretch0, stretch = point.start_stretch, point.end_stretch
     until = interval.begin + theta * (interval.end - interval.begin)
-    advect_with_surface(contacts, p, interval.begin, until, start.slider[p], stretch)
-    softness, size, across, across0 = 0.0, 0.0, 0.0, 0.0
-    for k in range(d):
-        softness += delassus[row + k, row + k]  # an upper bound for every direction
-        stretch[k] = a * x0[k] + theta * x[k] - stretch[k]
-        size += n[k] ** 2
-    for k in range(d):
-        across += n[k] * stretch[k] / size
-        across0 += n[k] * (x0[k] - start.slider[p, k]) / size
-    for k in range(d):
-        stretch0[k] = x0[k] - start.slider[p, k] - across0 * n[k]
-        stretch[k] -= across * n[k]
+    ahead = advect_with_surface(contacts, p, interval.begin, until, start.slider)
+    stretch = tangential(contacts, p, n, minus(plus(times(a, start.x), times(theta, x)), ahead))
+    stretch0 = tangential(contacts, p, n, minus(start.x, start.slider))
     limit, fraction, kept = mu * force, 1.0, 1.0
     if not interval.discrete_gradient:
-        limit = mu * (force + a * positive(before))
+        limit = mu * (force + a * positive(start.trial))
     elif force > 0.0:
         after = trial_normal_force(contacts, p, x, interval.end)
-        limits = friction_limits(mu, before, after, force, 0.0, scratch.blending[p])
-        fraction = limits.fraction
-        kept, _ = kept_part(kt, stretch0, limits.first)
+        b = step.scratch.blending[p]
+        fraction, first, _ = friction_limits(mu, start.trial, after, force, b)
+        kept = kept_part(kt, stretch0, first)
     softness *= fraction * fraction * theta
-    total = 0.0
-    for k in range(d):
-        middle = kept * stretch0[k] + fraction * (stretch[k] - stretch0[k])
-        trial[k] = (fraction * middle + softness * friction[k]) / (1.0 / kt + softness)
-        total += trial[k] ** 2
-    total = np.sqrt(total)
-    factor = limit / total if total > limit else 1.0
-    for k in range(d):
-        friction[k] = factor * trial[k]
+    middle = plus(times(kept, stretch0), times(fraction, minus(stretch, stretch0)))
+    pulled = plus(times(fraction, middle), times(softness, before))
+    trial = times(1.0 / (1.0 / kt + softness), pulled)
+    size = np.sqrt(dot(trial, trial))
+    return times(limit / size if size > limit else 1.0, trial)
 
 
 @kernel
@@ -480,30 +503,26 @@ def solve_point(
     tangential force itself on the friction disc. A tangential force computed from the displacement
     could be far too large while the normal force is still wrong.
     """
-    interval, start, scratch = step.interval, step.start, step.scratch
+    contacts, interval, scratch = step.contacts, step.interval, step.scratch
     d, p = len(scratch.space), candidates[place]
-    x, held, point, row = step.end.x[p], scratch.held_force[p], scratch.point, place * d
-    n, bend, rest = point.mean_normal, point.mean_normal_derivative, point.place
+    row, x, rest, trace = place * d, vector(step.end.x[p]), vector(free[p]), 0.0
+    for other in range(candidates.size):
+        if other != place:
+            held = vector(scratch.held_force[candidates[other]])
+            rest = minus(rest, block_times(delassus, row, other * d, d, held))
     for k in range(d):
-        rest[k] = free[p, k]
-        for other in range(candidates.size):
-            if other != place:
-                for j in range(d):
-                    force = scratch.held_force[candidates[other], j]
-                    rest[k] -= delassus[row + k, other * d + j] * force
+        trace += delassus[row + k, row + k]
+    first, time, a = x, interval.end, interval.start_weight
     if interval.discrete_gradient:
-        first, time, a = start.x[p], 0.5 * (interval.begin + interval.end), 0.0
-    else:
-        first, time, a = x, interval.end, interval.start_weight
-    gap_discrete_gradient(step.contacts, p, first, x, time, n, bend, point.work)
-    force = _bisect_normal_force(step, delassus, p, row)
-    _project_friction(step, delassus, p, row, force)
-    for k in range(d):
-        held[k] = force * n[k] + scratch.held_friction[p, k] + a * start.normal[p, k]
-    for k in range(d):
-        x[k] = rest[k]
-        for j in range(d):
-            x[k] -= delassus[row + k, row + j] * held[j]
+        first, time, a = vector(step.start.x[p]), 0.5 * (interval.begin + interval.end), 0.0
+    n, rubbed = gap_discrete_gradient(contacts, p, first, x, time), vector(scratch.held_friction[p])
+    pressed = times(a, vector(step.start.normal[p]))
+    force = _bisect_normal_force(step, delassus, place, p, n, rest, plus(rubbed, pressed))
+    rubbed = _project_friction(step, p, n, trace, force, rubbed)
+    held = plus(plus(times(force, n), rubbed), pressed)
+    write_vector(scratch.held_friction[p], rubbed)
+    write_vector(scratch.held_force[p], held)
+    write_vector(step.end.x[p], minus(rest, block_times(delassus, row, row, d, held)))
 
 
 @part

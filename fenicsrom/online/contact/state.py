@@ -34,51 +34,6 @@ class ContactState(NamedTuple):
     state: NDArray[np.int8]
 
 
-class PointScratch(NamedTuple):
-    """Scratch arrays of one contact point: vectors (d,) and derivatives (d, d).
-
-    All derivatives are with respect to the displacement x1 at the end of the step.
-
-    Attributes:
-        normal: unit normal at the weighted point.
-        normal_derivative: derivative of the array above.
-        gradient: gradient of the penetration at x1; later, gradient of the trial normal force at
-            x1.
-        gradient_derivative: half its derivative.
-        mean_normal: discrete gradient of the penetration over the step.
-        mean_normal_derivative: derivative of the array above.
-        start_stretch: tangential stretch x - w of the friction spring at the start of the step.
-        start_stretch_derivative: derivative of the array above.
-        end_stretch: tangential stretch at the end of the step, or at the weighted point.
-        end_stretch_derivative: derivative of the array above.
-        stretch_change: change of the stretch while the point touches.
-        stretch_change_column: one column of the derivative of `stretch_change`.
-        slip_stretch: trial stretch at the point where the slipping part is evaluated.
-        slip_stretch_column: one column of the derivative of `slip_stretch`.
-        slip_force: friction force there.
-        place: a position on the path of the point, or of the surface.
-        work: scratch array; no content is kept between two calls.
-    """
-
-    normal: Array
-    normal_derivative: Array
-    gradient: Array
-    gradient_derivative: Array
-    mean_normal: Array
-    mean_normal_derivative: Array
-    start_stretch: Array
-    start_stretch_derivative: Array
-    end_stretch: Array
-    end_stretch_derivative: Array
-    stretch_change: Array
-    stretch_change_column: Array
-    slip_stretch: Array
-    slip_stretch_column: Array
-    slip_force: Array
-    place: Array
-    work: Array
-
-
 class ContactScratch(NamedTuple):
     """Scratch arrays and results of the contact problem of one step.
 
@@ -103,7 +58,6 @@ class ContactScratch(NamedTuple):
         jacobian: (m, m) of the touching points.
         update: (m, 1) of the touching points, m.
         pivots: (m,) of the factorised Jacobian.
-        point: scratch arrays of one point.
         space: d zeros; the compiler knows the length of a tuple and unrolls loops over it.
     """
 
@@ -127,7 +81,6 @@ class ContactScratch(NamedTuple):
     jacobian: Array
     update: Array
     pivots: NDArray[np.int64]
-    point: PointScratch
     space: tuple[int, ...]
 
 
@@ -197,11 +150,5 @@ def contact_scratch(points: int, d: int) -> ContactScratch:
         jacobian=np.zeros((m, m)),
         update=np.zeros((m, 1)),
         pivots=np.zeros(m, dtype=np.int64),
-        point=PointScratch(
-            **{
-                name: np.zeros((d, d) if name.endswith("_derivative") else d)
-                for name in PointScratch._fields
-            }
-        ),
         space=(0,) * d,
     )

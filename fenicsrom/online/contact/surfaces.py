@@ -17,6 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.kernels.compilation import kernel, part
+from fenicsrom.online.kernels.numbers import (
+    Number,
+    Vector,
+    angle_of,
+    constant,
+    cosine,
+    dot,
+    minus,
+    plus,
+    positive,
+    root,
+    sine,
+    times,
+    vector,
+)
 
 NO_HISTORY = np.zeros((0, 3))
 """The history of a body that turns at a constant speed."""
@@ -63,7 +78,7 @@ def row_before(history: Array, time: float) -> int:
     low, high = 0, history.shape[0]
     while high - low > 1:
         middle = (low + high) // 2
-        if history[middle, 0] <= time:
+        if history[middle, 0].real <= time.real:
             low = middle
         else:
             high = middle
@@ -233,165 +248,116 @@ def surface_turn(contacts: Contacts, p: int, begin: float, end: float) -> float:
 
 
 @part
-def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
-    """Depth of point p at x (d,) in its surface, negative outside of it, m."""
-    closed = 0.0
-    times = contacts.times
-    last = times.size - 1
-    if last >= 0:
-        k = 0
-        while k < last and times[k + 1] < time:
-            k += 1
-        closed = contacts.approach[p, k]
-        if k < last and time > times[k]:
-            share = min((time - times[k]) / (times[k + 1] - times[k]), 1.0)
-            closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
+def approached(contacts: Contacts, p: int, time: Number) -> Number:
+    """How far the surface of point p has moved towards the body at a time, m."""
+    instants, k = contacts.times, 0
+    last = instants.size - 1
+    if last < 0:
+        return constant(time, 0.0)
+    while k < last and instants[k + 1].real < time.real:
+        k += 1
+    closed = contacts.approach[p, k] + constant(time, 0.0)
+    if k < last and time.real > instants[k].real:
+        share = (time - instants[k]) / (instants[k + 1] - instants[k])
+        if share.real > 1.0:
+            share = constant(share, 1.0)
+        closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
+    return closed
+
+
+@part
+def across_axis(contacts: Contacts, p: int, x: Vector) -> Vector:
+    """E x, the coordinates of a vector across the axis of the surface of point p."""
+    first, second = dot(vector(contacts.axes[p, 0]), x), dot(vector(contacts.axes[p, 1]), x)
+    if contacts.kind[p] == SPHERE:
+        return first, second, dot(vector(contacts.axes[p, 2]), x)
+    return first, second, constant(first, 0.0)
+
+
+@part
+def in_frame(contacts: Contacts, p: int, z: Vector) -> Vector:
+    """E^T z, the inverse of `across_axis`."""
+    axes = contacts.axes
+    found = plus(times(z[0], vector(axes[p, 0])), times(z[1], vector(axes[p, 1])))
+    if contacts.kind[p] == SPHERE:
+        found = plus(found, times(z[2], vector(axes[p, 2])))
+    return found
+
+
+@part
+def has_waves(contacts: Contacts, p: int) -> bool:
+    """Whether the surface of point p has waves."""
+    return contacts.order.size > 0 and contacts.kind[p] == CYLINDER
+
+
+@kernel
+def penetration(contacts: Contacts, p: int, x: Vector, time: Number) -> Number:
+    """Depth of point p at x, a vector or (d,), in its surface, negative outside of it, m."""
+    place, closed, radius = vector(x), approached(contacts, p, time), contacts.radius[p]
     if contacts.kind[p] == PLANE:
-        return x[0] - contacts.radius[p] + closed
+        return place[0] - radius + closed
     # |z| - radius = (|z|^2 - radius^2)/(|z| + radius); |z|^2 is split so that a small x is not
     # lost in a large radius
-    square, added, first, second = 0.0, 0.0, 0.0, 0.0
-    for r in range(contacts.kind[p]):
-        there, moved = 0.0, 0.0
-        for k in range(x.size):
-            there -= contacts.axes[p, r, k] * contacts.centre[p, k]
-            moved += contacts.axes[p, r, k] * x[k]
-        square += there * there
-        added += moved * (2.0 * there + moved)
-        if r == 0:
-            first = there + moved
-        elif r == 1:
-            second = there + moved
-    radius = contacts.radius[p]
-    beyond = (square - radius * radius + added) / (np.sqrt(max(square + added, 0.0)) + radius)
-    if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
-        angle = np.arctan2(second, first) - surface_turn(contacts, p, 0.0, time)
+    there = across_axis(contacts, p, times(-1.0, vector(contacts.centre[p])))
+    moved = across_axis(contacts, p, place)
+    z, square = plus(there, moved), dot(there, there)
+    added = dot(moved, plus(there, z))
+    beyond = (square - radius * radius + added) / (root(positive(square + added)) + radius)
+    wave = constant(beyond, 0.0)
+    if has_waves(contacts, p):
+        angle = angle_of(z[0], z[1]) - surface_turn(contacts, p, 0.0, time)
         for k in range(contacts.order.size):
-            closed += contacts.height[p, k] * np.cos(
-                contacts.order[k] * angle - contacts.phase[p, k]
-            )
-    return contacts.side[p] * beyond + closed
+            phase = contacts.order[k] * angle - contacts.phase[p, k]
+            wave = wave + contacts.height[p, k] * cosine(phase)
+    return contacts.side[p] * beyond + wave + closed
 
 
 @kernel
 def gap_discrete_gradient(
-    contacts: Contacts,
-    p: int,
-    x0: Array,
-    x1: Array,
-    time: float,
-    n: Array,
-    derivative: Array,
-    work: Array,
-) -> None:
-    """The discrete gradient of the penetration between two points, and its derivative by x1.
+    contacts: Contacts, p: int, x0: Vector, x1: Vector, time: Number
+) -> Vector:
+    """The discrete gradient of the penetration of point p between two places, at a time in s.
 
     It satisfies n . (x1 - x0) = delta(x1) - delta(x0). This is exact for planes, cylinders and
     spheres, because |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|). For waves the error is of
-    third order in the distance. If both points are equal, the discrete gradient is the gradient,
-    and the derivative is half the second derivative of the penetration.
-
-    Args:
-        contacts: the parameters.
-        p: the contact point.
-        x0: (d,) m.
-        x1: (d,) m.
-        time: s.
-        n: (d,) out.
-        derivative: (d, d) out, 1/m.
-        work: (d,) scratch.
+    third order in the distance. If both places are equal, the discrete gradient is the gradient.
     """
-    d = n.size
-    for k in range(d):
-        n[k] = 0.0
-        work[k] = 0.0
-        for j in range(d):
-            derivative[k, j] = 0.0
     if contacts.kind[p] == PLANE:
-        n[0] = 1.0
-        return
-    axes, centre, side = contacts.axes[p], contacts.centre[p], contacts.side[p]
-    square0, square1, first, second = 0.0, 0.0, 0.0, 0.0
-    for r in range(contacts.kind[p]):
-        z0, z1 = 0.0, 0.0
-        for k in range(d):
-            z0 += axes[r, k] * (x0[k] - centre[k])
-            z1 += axes[r, k] * (x1[k] - centre[k])
-        square0 += z0 * z0
-        square1 += z1 * z1
-        for k in range(d):
-            n[k] += axes[r, k] * (z0 + z1)
-            work[k] += axes[r, k] * z1
-        if r == 0:
-            first = 0.5 * (z0 + z1)
-        elif r == 1:
-            second = 0.5 * (z0 + z1)
-    end = np.sqrt(square1)
-    total = np.sqrt(square0) + end
-    for k in range(d):
-        n[k] *= side / total
-    for k in range(d):
-        for j in range(d):
-            for r in range(contacts.kind[p]):
-                derivative[k, j] += side * axes[r, k] * axes[r, j] / total
-            derivative[k, j] -= n[k] * work[j] / (end * total)
-    if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
-        _add_waves(contacts, p, first, second, time, n, derivative)
-
-
-@kernel
-def _add_waves(
-    contacts: Contacts,
-    p: int,
-    first: float,
-    second: float,
-    time: float,
-    n: Array,
-    derivative: Array,
-) -> None:
-    """Add the gradient of the waves of a cylinder to n (d,), and half its derivative.
-
-    `first` and `second` are the coordinates of the point across the axis, m.
-    """
-    axes, d = contacts.axes[p], n.size
-    square = first * first + second * second
-    angle = np.arctan2(second, first) - surface_turn(contacts, p, 0.0, time)
-    once, twice = 0.0, 0.0  # the derivatives of the waves by the angle
-    for k in range(contacts.order.size):
-        order, height, phase = contacts.order[k], contacts.height[p, k], contacts.phase[p, k]
-        once -= height * order * np.sin(order * angle - phase)
-        twice -= height * order**2 * np.cos(order * angle - phase)
-    for k in range(d):
-        outward = (first * axes[0, k] + second * axes[1, k]) / square
-        turned = (first * axes[1, k] - second * axes[0, k]) / square  # the gradient of the angle
-        n[k] += once * turned
-        for j in range(d):
-            outward_j = (first * axes[0, j] + second * axes[1, j]) / square
-            turned_j = (first * axes[1, j] - second * axes[0, j]) / square
-            derivative[k, j] += 0.5 * (
-                twice * turned * turned_j - once * (outward * turned_j + turned * outward_j)
-            )
+        zero = constant(x0[0] + x1[0], 0.0)
+        return constant(zero, 1.0), zero, zero
+    centre = vector(contacts.centre[p])
+    z0, z1 = (
+        across_axis(contacts, p, minus(x0, centre)),
+        across_axis(contacts, p, minus(x1, centre)),
+    )
+    both = plus(z0, z1)
+    found = times(contacts.side[p] / (root(dot(z0, z0)) + root(dot(z1, z1))), both)
+    if has_waves(contacts, p):
+        angle = angle_of(both[0], both[1]) - surface_turn(contacts, p, 0.0, time)
+        slope = constant(angle, 0.0)  # the derivative of the waves by the angle
+        for k in range(contacts.order.size):
+            order = contacts.order[k]
+            height = contacts.height[p, k]
+            slope = slope - height * order * sine(order * angle - contacts.phase[p, k])
+        turned = 2.0 * slope / (both[0] * both[0] + both[1] * both[1])
+        found = plus(found, (-1.0 * turned * both[1], turned * both[0], constant(turned, 0.0)))
+    return in_frame(contacts, p, found)
 
 
 @part
 def advect_with_surface(
-    contacts: Contacts, p: int, begin: float, end: float, point: Array, out: Array
-) -> None:
-    """Write to out (d,) where a point (d,) of a turning surface at `begin` is at `end`, in s."""
-    d = point.size
-    for k in range(d):
-        out[k] = point[k]
+    contacts: Contacts, p: int, begin: Number, end: Number, place: Vector
+) -> Vector:
+    """Where a place on a turning surface at `begin` is at `end`, in s."""
     angle = surface_turn(contacts, p, begin, end)
     if angle == 0.0 or contacts.kind[p] == PLANE:
-        return
-    axes, centre = contacts.axes[p], contacts.centre[p]
-    first, second = 0.0, 0.0
-    for k in range(d):
-        first += axes[0, k] * (point[k] - centre[k])
-        second += axes[1, k] * (point[k] - centre[k])
-    c, s = np.cos(angle) - 1.0, np.sin(angle)
-    for k in range(d):
-        out[k] += axes[0, k] * (c * first - s * second) + axes[1, k] * (s * first + c * second)
+        return times(constant(angle, 1.0), place)
+    there = minus(place, vector(contacts.centre[p]))
+    first, second = dot(vector(contacts.axes[p, 0]), there), dot(vector(contacts.axes[p, 1]), there)
+    c, s = cosine(angle) - 1.0, sine(angle)
+    along = times(c * first - s * second, vector(contacts.axes[p, 0]))
+    across = times(s * first + c * second, vector(contacts.axes[p, 1]))
+    return plus(place, plus(along, across))
 
 
 def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
@@ -404,14 +370,10 @@ def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
     """
     found = np.zeros_like(x)
     found[:, :, 0] = 1.0
-    d = x.shape[2]
-    derivative, work = np.empty((d, d)), np.empty(d)
     for p in np.flatnonzero(contacts.kind != PLANE):
         for row in range(x.shape[0]):
-            here = x[row, p]
-            gap_discrete_gradient(
-                contacts, p, here, here, time[row], found[row, p], derivative, work
-            )
+            here = vector(x[row, p])
+            found[row, p] = gap_discrete_gradient(contacts, p, here, here, time[row])[: x.shape[2]]
     return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
 
 

@@ -281,7 +281,7 @@ def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list
         load exists, or if the motion was not found.
     """
     family = force_family(problem)
-    if not np.any(family(1.0).drift.sines):
+    if not np.any(family(1.0).varied.model.load_histories.sines.imag):
         return []
     found: list[CurvePoint] = []
     for direction in (1.0, -1.0):

@@ -19,6 +19,7 @@ the period map and its derivatives serve without change. A conservative system g
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
 from fenicsrom.online.curves.arc import Values
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.derivative.contact_sensitivity import no_drift
+from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.periodic.shooting import Shooting
@@ -153,7 +154,6 @@ class ModeContinuation(Continuation):
         problem = problem._replace(
             model=model,
             period=2.0 * np.pi / mode.omega,
-            drift=no_drift(problem.contacts, model.load_histories),
         )
         shooting = Shooting(problem)
         unit = np.eye(shooting.map.size + 2)[0]
@@ -194,8 +194,12 @@ class ModeContinuation(Continuation):
 
     def problem_at(self, s: Array, parameter: float) -> Problem:
         """The data of a motion: its period, and the damping C - 2 zeta omega M."""
-        model, omega = self.problem.model, self._omega(s)
-        damping = float(model.damping - 2.0 * s[-1] * omega)
+        return self._data_at(s[-2], s[-1])
+
+    def _data_at(self, tau: Any, zeta: Any) -> Problem:
+        """The data of a motion with these two unknowns, real or complex."""
+        model, omega = self.problem.model, self.mode.omega * np.exp(-tau)
+        damping = model.damping - 2.0 * zeta * omega
         return self.problem._replace(
             model=model._replace(damping=damping), period=2.0 * np.pi / omega
         )
@@ -214,19 +218,18 @@ class ModeContinuation(Continuation):
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
         """The equations (N + 2,) and their derivative; None if a step failed."""
-        a, sigma, zeta, omega = float(np.exp(parameter)), s[:-2], s[-1], self._omega(s)
-        start, drift = self._rest + a * sigma, self.problem.drift
-        problem = self.problem_at(s, parameter)
-        along_tau = drift._replace(period=1.0, damping=2.0 * zeta * omega)
-        found = self.shooting.march(start, problem._replace(drift=along_tau), derive=derive)
+        a, sigma, (tau, zeta) = float(np.exp(parameter)), s[:-2], s[-2:]
+        start, problem = self._rest + a * sigma, self._data_at(tau, zeta)
+        along_tau = problem._replace(varied=self._data_at(tau + 1j * STEP, zeta))
+        found = self.shooting.march(start, along_tau, derive=derive)
         if found is None:
             return None
         residual, matrix, by_tau, end = found
         whole = np.append(residual / a, self._rows @ sigma - np.array([0.0, 1.0]))
         if not derive:
             return Values(whole, matrix, end)
-        along_zeta = drift._replace(damping=-2.0 * omega)
-        again = self.shooting.march(start, problem._replace(drift=along_zeta))
+        along_zeta = problem._replace(varied=self._data_at(tau, zeta + 1j * STEP))
+        again = self.shooting.march(start, along_zeta)
         if again is None:
             return None
         n = sigma.size

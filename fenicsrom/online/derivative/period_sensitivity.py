@@ -22,34 +22,33 @@ S = mass M + velocity_dq D + df_mean/d(dq) + B dF/dx1 B^T
 
 One factorisation of S serves all columns. The end of the step follows from dq by the formulas of
 the scheme, and the sliders by the derivative of the contact law.
+
+The parameter p is any number of a problem: the data of the problem at p + i h, with h = `STEP`,
+hold the derivatives of all numbers that depend on it, and dR/dp is the imaginary part of R / h.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.problem import list_candidates
+from fenicsrom.online.contact.state import Interval
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.derivative.contact_sensitivity import (
-    ComplexInterval,
-    Drift,
-    Sensitivity,
+    ContactData,
+    LawDerivative,
+    contact_data,
     differentiate_law,
+    law_derivative,
 )
-from fenicsrom.online.kernels.compilation import kernel, part
-from fenicsrom.online.kernels.dense import (
-    STEP,
-    add_combined_columns,
-    add_combined_rows,
-    lu_factor,
-    lu_solve,
-)
-from fenicsrom.online.model.loads import write_factors, write_pressure
-from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.kernels.compilation import compiled, kernel, part
+from fenicsrom.online.kernels.dense import copy_vector, lu_factor, lu_solve
+from fenicsrom.online.kernels.numbers import STEP, as_complex
+from fenicsrom.online.model.loads import LoadHistories, write_factors, write_pressure
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import write_tangents
 from fenicsrom.online.step.state import Record, Scheme
 from fenicsrom.online.step.step import step_coefficients
@@ -59,6 +58,130 @@ BLENDING_RESOLVED = 1e-5
 
 They change a contact force by less than this part of it.
 """
+SAME_STEP = 1e-9  # relative difference of two steps of one size, which is rounding
+MODES = "it changes the mesh or the modes, which need a new model for each value"
+
+
+class Drift(NamedTuple):
+    """The data of a motion, with their derivatives by its parameter.
+
+    Attributes:
+        contacts: of the contacts.
+        histories: the load histories at p + i `STEP`.
+        damping: derivative of the mass-proportional damping alpha, 1/s.
+        period: that of the period relative to the period: every time of the motion t changes by t
+            times it.
+        force: (n,) that of the elastic force at q = 0; no size if the elastic force stays as it is.
+        stiffness: (n, n) that of its tangent, which is the same at all q; no size likewise.
+        velocity: (n, n) that of D; no size likewise.
+        rest: (n,) that of `Problem.rest`; no size if it stays.
+    """
+
+    contacts: ContactData
+    histories: LoadHistories
+    damping: float
+    period: float
+    force: Array
+    stiffness: Array
+    velocity: Array
+    rest: Array
+
+
+def drift_of(problem: Problem) -> Drift:
+    """The data of a problem, with their derivatives by its parameter from `Problem.varied`.
+
+    Raises:
+        ValueError: a number of the model depends on the parameter that belongs to its basis.
+    """
+    varied = problem if problem.varied is None else problem.varied
+    model, at = problem.model, varied.model
+    for name in ("mass", "loads", "contact_rows", "contact_offset", "probe", "probe_offset"):
+        if np.iscomplexobj(getattr(at, name)):
+            raise ValueError(f"the parameter of a curve must not change the {name}: {MODES}")
+    for name in ("quadratic", "cubic"):
+        if np.iscomplexobj(getattr(at.elastic, name)):
+            raise ValueError(f"the parameter of a curve must not change the {name} force: {MODES}")
+    n, relative = model.size, float(_by(varied.period)) / problem.period
+    force, stiffness = _by(at.elastic.force), _by(at.elastic.stiffness)
+    velocity = _by(at.velocity_matrix) if at.velocity_matrix.size else np.zeros((n, n))
+    rest = np.zeros(0) if varied.rest is None else _by(varied.rest)
+    if not (force.any() or stiffness.any() or velocity.any()):
+        force, stiffness, velocity = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    contacts = contact_data(problem.contacts, varied.contacts, retimed=relative != 0.0)
+    histories, damping = as_complex(at.load_histories), float(_by(at.damping))
+    return Drift(contacts, histories, damping, relative, force, stiffness, velocity, rest)
+
+
+def _by(number: Any) -> Any:
+    """The derivative of a number, or an array of numbers, at p + i `STEP`."""
+    return np.imag(number) / STEP
+
+
+class Sensitivity(NamedTuple):
+    """Derivatives of the state by the k columns: start values of the period, then the parameter.
+
+    Attributes:
+        q: (n, k) of the coordinates.
+        v: (n, k) of the velocities.
+        a: (n, k) of the accelerations.
+        w: (m, k) of the sliders of the points that touch.
+        before: (3, n) at the start of the step: q, v, a.
+        x0: (P, d) contact displacements at the start of the step.
+        w0: (P, d) sliders at its start.
+        normal_force: (P,) at its start, N.
+        is_open: (P,) whether a point is open during the whole step.
+        touching: (P,) the points that touch in the step come first.
+        rests: (P,) whether its slider rests, as it sticks to a plane during the whole step.
+        blending: (P,) derivatives of the weights of the implicit blending by the parameter.
+        load: (n,) that of the load vector at the start of the step.
+        rows: (m, n) the contact rows of the points that touch.
+        by_start: (m, n) derivative of their forces, or sliders, by q0.
+        by_step: (m, n) that by dq.
+        by_rest: (m, k) the rest of it.
+        pivots: (n,)
+        law: derivative of the contact law.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    w: Array
+    before: Array
+    x0: Array
+    w0: Array
+    normal_force: Array
+    is_open: NDArray[np.bool_]
+    touching: NDArray[np.int64]
+    rests: NDArray[np.bool_]
+    blending: Array
+    load: Array
+    rows: Array
+    by_start: Array
+    by_step: Array
+    by_rest: Array
+    pivots: NDArray[np.int64]
+    law: LawDerivative
+
+
+def no_sensitivity(n: int, columns: int, points: int, d: int) -> Sensitivity:
+    """A `Sensitivity` of zeros, of n coordinates and P points in d dimensions, k columns."""
+    m = points * d
+    return Sensitivity(
+        *np.zeros((3, n, columns)),
+        np.zeros((m, columns)),
+        np.zeros((3, n)),
+        *np.zeros((2, points, d)),
+        np.zeros(points),
+        np.zeros(points, dtype=np.bool_),
+        np.zeros(points, dtype=np.int64),
+        np.zeros(points, dtype=np.bool_),
+        np.zeros(points),
+        np.zeros(n),
+        *np.zeros((3, m, n)),
+        np.zeros((m, columns)),
+        np.zeros(n, dtype=np.int64),
+        law_derivative(points, d),
+    )
 
 
 class EndCoefficients(NamedTuple):
@@ -91,218 +214,165 @@ def end_coefficients(scheme: Scheme, h: float) -> EndCoefficients:
 
 
 @part
-def with_damping(scheme: Scheme, damping: complex) -> Scheme:
-    """The scheme with another damping, which may be complex."""
-    return Scheme(
-        scheme.alpha_m,
-        scheme.alpha_f,
-        scheme.beta,
-        scheme.gamma,
-        scheme.discrete_gradient,
-        scheme.start_weight,
-        scheme.points,
-        scheme.weights,
-        damping,
-        scheme.linear,
-        scheme.velocity_forces,
-        scheme.quadratic,
-        scheme.all_points,
-    )
+def add_to_last(out: Array, column: Array) -> None:
+    """Add a column (n,) to the last one of an array (n, k)."""
+    for i in range(column.size):
+        out[i, out.shape[1] - 1] += column[i]
 
 
-@kernel
-def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> None:
-    """Write the derivatives of the mean elastic force by q0 and by dq: by_start and by_step."""
-    q0, dq, elastic, work, shares = s.before[0], s.step, model.elastic, model.work, s.shares
-    n, count = q0.size, 0
+@compiled
+def combined(by_dq: complex, by_v: complex, by_a: complex, dq: Array, s: Sensitivity) -> Array:
+    """The derivative (n, k) of by_dq dq + by_v v0 + by_a a0 at fixed dq.
+
+    The imaginary parts of the factors are `STEP` times their derivatives by the parameter.
+
+    Args:
+        by_dq: factor.
+        by_v: factor.
+        by_a: factor.
+        dq: (n,) the step.
+        s: the derivatives of v0 and a0.
+    """
+    found = by_v.real * s.v
+    if by_a != 0.0:
+        found += by_a.real * s.a
+    moved = by_dq.imag * dq + by_v.imag * s.before[1] + by_a.imag * s.before[2]
+    add_to_last(found, moved / STEP)
+    return found
+
+
+@compiled
+def elastic_tangents(
+    model: ReducedModel, scheme: Scheme, q0: Array, dq: Array
+) -> tuple[Array, Array]:
+    """The derivatives (n, n) of the mean elastic force by q0 and by dq."""
+    elastic, work, shares, count = model.elastic, model.work, np.zeros((2, 2)), 0
+    found = np.empty((2, q0.size, q0.size))
     for g in range(-1, scheme.points.size):
         weight = scheme.start_weight if g < 0 else scheme.weights[g]
         if weight == 0.0:
             continue
         point = 0.0 if g < 0 else scheme.points[g]
         shares[0, count], shares[1, count] = weight, weight * point
-        for i in range(n):
-            work.points[count, i] = q0[i] + point * dq[i]
+        copy_vector(work.points[count], q0 + point * dq)
         count += 1
     q = work.points[:count]
-    write_tangents(elastic, work.columns, q, work.products, shares, s.by_start, s.by_step)
+    write_tangents(elastic, work.columns, q, work.products, shares, found[0], found[1])
+    return found[0], found[1]
 
 
-@kernel
+@compiled
 def add_pressure(
-    model: ReducedModel, scheme: Scheme, behind: complex, ahead: complex, s: Sensitivity
-) -> None:
-    """Add the follower pressures to by_start, by_step and the right-hand side of a step."""
-    q0, dq, pressure, work = s.before[0], s.step, model.pressure, model.work
-    n, last = q0.size, s.q.shape[1] - 1
-    q, force, tangent = s.vectors[0], s.vectors[1], s.tangents[0]
-    start, end = s.pressure_factors[0], s.pressure_factors[1]
-    write_factors(s.histories, behind, start)
-    write_factors(s.histories, ahead, end)
+    model: ReducedModel,
+    scheme: Scheme,
+    drift: Drift,
+    behind: complex,
+    ahead: complex,
+    q0: Array,
+    dq: Array,
+    by_start: Array,
+    by_step: Array,
+) -> Array:
+    """Add the follower pressures to by_start and by_step; returns their part (n,) of dR/dp."""
+    pressure, histories, n = model.pressure, drift.histories, q0.size
+    start = np.zeros(histories.spans.shape[0], dtype=np.complex128)
+    end = start.copy()
+    force, tangent, found = np.empty(n), np.empty((n, n)), np.zeros(n)
+    write_factors(histories, behind, start)
+    write_factors(histories, ahead, end)
     for k in range(pressure.numbers.size):
         number = pressure.numbers[k]
-        work.pressure_factors[0, k] = start[number].real
-        work.pressure_factors[1, k] = end[number].real
         for g in range(-1, scheme.points.size):
             weight = scheme.start_weight if g < 0 else scheme.weights[g]
             if weight == 0.0:
                 continue
             point = 0.0 if g < 0 else scheme.points[g]
             factor = weight * ((1.0 - point) * start[number] + point * end[number])
-            for i in range(n):
-                q[i] = q0[i] + point * dq[i]
-            write_pressure(pressure, k, q, force, tangent)
-            for i in range(n):
-                s.dq[i, last] -= factor.imag / STEP * force[i]
-                for j in range(n):
-                    s.by_start[i, j] -= factor.real * tangent[i, j]
-                    s.by_step[i, j] -= factor.real * point * tangent[i, j]
-
-
-@part
-def share_of_step(scheme: Scheme) -> float:
-    """The factor of a constant stiffness in the derivative of the mean elastic force by dq."""
-    found = 0.0
-    for g in range(scheme.points.size):
-        found += scheme.weights[g] * scheme.points[g]
+            write_pressure(pressure, k, q0 + point * dq, force, tangent)
+            found -= factor.imag / STEP * force
+            by_start -= factor.real * tangent
+            by_step -= factor.real * point * tangent
     return found
 
 
-@kernel
-def add_changed_forces(
-    scheme: Scheme, drift: Drift, by_dq: float, by_v: float, by_a: float, s: Sensitivity
-) -> None:
-    """Add the changes of the elastic force and of D by the parameter to the right-hand side.
-
-    Args:
-        scheme: the weights of the scheme; those of the elastic force add up to 1.
-        drift: the changes.
-        by_dq: factor of D dq.
-        by_v: factor of D v0.
-        by_a: factor of D a0.
-        s: the step.
-    """
-    n, last, share = s.step.size, s.q.shape[1] - 1, share_of_step(scheme)
-    q0, v0, a0 = s.before[0], s.before[1], s.before[2]
-    for i in range(n):
-        value = drift.force[i]
-        for j in range(n):
-            value += drift.stiffness[i, j] * (q0[j] + share * s.step[j])
-        if scheme.velocity_forces:
-            for j in range(n):
-                mean = by_dq * s.step[j] + by_v * v0[j] + by_a * a0[j]
-                value += drift.velocity[i, j] * mean
-        s.dq[i, last] += value
+@compiled
+def load_derivative(model: ReducedModel, drift: Drift, time: complex) -> Array:
+    """The derivative (n,) of the load vector by the parameter at a time."""
+    factors = np.zeros(model.loads.shape[1], dtype=np.complex128)
+    write_factors(drift.histories, time, factors)
+    return model.loads @ (factors.imag / STEP)
 
 
-@kernel
-def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, out: Array) -> None:
-    """Write the derivative (n,) of the load vector by the parameter at a time."""
-    write_factors(s.histories, time, s.factors)
-    for i in range(out.size):
-        value = 0.0
-        for k in range(s.factors.size):
-            value += model.loads[i, k] * s.factors[k].imag
-        out[i] = value / STEP
-
-
-@kernel
-def add_term(
-    matrix: Array, by_dq: complex, by_v: complex, by_a: complex, with_a: bool, s: Sensitivity
-) -> None:
-    """Add matrix (by_dq dq + by_v v0 + by_a a0) to S and to the right-hand side.
-
-    The imaginary parts of the factors are `STEP` times their derivatives by the parameter.
-    """
-    n, k = s.q.shape
-    last, v0, a0 = k - 1, s.before[1], s.before[2]
-    for i in range(n):
-        for c in range(k):
-            s.combined[i, c] = by_v.real * s.v[i, c]
-        if with_a:
-            for c in range(k):
-                s.combined[i, c] += by_a.real * s.a[i, c]
-        s.combined[i, last] += (
-            by_v.imag * v0[i] + by_a.imag * a0[i] + by_dq.imag * s.step[i]
-        ) / STEP
-        for j in range(n):
-            s.by_step[i, j] += by_dq.real * matrix[i, j]
-    add_combined_rows(matrix, s.combined, s.dq)
-
-
-@kernel
-def add_structure(
+@compiled
+def structure(
     model: ReducedModel,
     scheme: Scheme,
     drift: Drift,
     h: complex,
     behind: complex,
     ahead: complex,
+    dq: Array,
     s: Sensitivity,
-) -> None:
-    """Write S and the right-hand side of a step of size h, without the contact.
+) -> tuple[Array, Array, Array]:
+    """The derivatives (n, n) of R by q0 and by dq, and the rest (n, k), without the contact.
 
     Args:
         model: the model.
         scheme: the weights of the scheme.
         drift: derivatives of the data by the parameter.
-        h: s.
+        h: size of the step, s.
         behind: start of the step, s.
         ahead: end of the step, s.
-        s: in: the step; out: S and the right-hand side.
+        dq: (n,) the step.
+        s: the derivatives at its start.
     """
-    n, k = s.q.shape
+    q0 = s.before[0]
     damping = complex(scheme.damping, STEP * drift.damping)
-    g, with_a = step_coefficients(with_damping(scheme, damping), h), not scheme.discrete_gradient
-    elastic_tangents(model, scheme, s)
-    for i in range(n):
-        for c in range(k):
-            s.dq[i, c] = 0.0
-        for c in range(s.contact.shape[1]):
-            s.contact[i, c] = 0.0
-    if model.pressure.numbers.shape[0] > 0:
-        add_pressure(model, scheme, behind, ahead, s)
-    add_term(model.mass, g.mass, g.inertia_v, g.inertia_a, with_a, s)
+    g = step_coefficients(scheme, damping, h)
+    by_start, by_step = elastic_tangents(model, scheme, q0, dq)
+    rest = model.mass @ combined(g.mass, g.inertia_v, g.inertia_a, dq, s)
+    by_step += g.mass.real * model.mass
+    velocity_v = complex(g.velocity_v)
     if scheme.velocity_forces:
-        add_term(
-            model.velocity_matrix,
-            g.velocity_dq,
-            complex(g.velocity_v),
-            g.velocity_a,
-            with_a,
-            s,
-        )
+        moved = combined(g.velocity_dq, velocity_v, g.velocity_a, dq, s)
+        rest += model.velocity_matrix @ moved
+        by_step += g.velocity_dq.real * model.velocity_matrix
+    changed = s.load * (-scheme.alpha_f)
+    copy_vector(s.load, load_derivative(model, drift, ahead))
+    changed -= (1.0 - scheme.alpha_f) * s.load
+    if model.pressure.numbers.shape[0] > 0:
+        changed += add_pressure(model, scheme, drift, behind, ahead, q0, dq, by_start, by_step)
     if drift.force.shape[0] > 0:
-        by_v, by_a = g.velocity_v, g.velocity_a.real if with_a else 0.0
-        add_changed_forces(scheme, drift, g.velocity_dq.real, by_v, by_a, s)
-    for i in range(n):
-        s.load_derivative[0, i] = s.load_derivative[1, i]
-    write_load_derivative(model, s, ahead, s.load_derivative[1])
-    for i in range(n):
-        start, end = s.load_derivative[0, i], s.load_derivative[1, i]
-        s.dq[i, k - 1] -= scheme.alpha_f * start + (1.0 - scheme.alpha_f) * end
+        share = np.sum(scheme.weights * scheme.points)
+        changed += drift.force + drift.stiffness @ (q0 + share * dq)
+        mean = g.velocity_dq.real * dq + velocity_v.real * s.before[1]
+        changed += drift.velocity @ (mean + g.velocity_a.real * s.before[2])
+    add_to_last(rest, changed)
+    return by_start, by_step, rest
 
 
 @kernel
-def write_law(model: ReducedModel, by: Array, p: int, s: Sensitivity) -> None:
-    """Write what a force or a slider of point p takes from q0, dq and the columns to s.law_rows.
+def write_law(model: ReducedModel, by: Array, p: int, place: int, s: Sensitivity) -> None:
+    """Write what a force or a slider of point p takes from q0, dq and the columns.
 
     Args:
         model: the model.
         by: (d, 3 d + 1) `s.law.force[p]` or `s.law.slider[p]`.
         p: the point.
-        s: the arrays.
+        place: its place among the points that touch.
+        s: the arrays; out: `rows`, `by_start`, `by_step` and `by_rest`.
     """
     n, k = s.q.shape
     d = s.x0.shape[1]
     for i in range(d):
-        by_start, by_step = s.law_rows[i, :n], s.law_rows[i, n : 2 * n]
-        columns = s.law_rows[i, 2 * n :]
+        at = place * d + i
+        by_start, by_step, rest = s.by_start[at], s.by_step[at], s.by_rest[at]
         for a in range(n):
+            s.rows[at, a] = model.contact_rows[p * d + i, a]
             by_start[a], by_step[a] = 0.0, 0.0
         for c in range(k):
-            columns[c] = 0.0
-        columns[k - 1] = by[i, 3 * d]
+            rest[c] = 0.0
+        rest[k - 1] = by[i, 3 * d]
         for j in range(d):
             row = model.contact_rows[p * d + j]
             in_step, by_slider = by[i, d + j], by[i, 2 * d + j]
@@ -312,93 +382,25 @@ def write_law(model: ReducedModel, by: Array, p: int, s: Sensitivity) -> None:
                 by_step[a] += in_step * row[a]
             if by_slider != 0.0:
                 for c in range(k):
-                    columns[c] += by_slider * s.w[p * d + j, c]
+                    rest[c] += by_slider * s.w[p * d + j, c]
 
 
-@kernel
-def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
-    """Add the mean contact force of point p to s.contact."""
+@compiled
+def advance_sliders(
+    model: ReducedModel, points: NDArray[np.int64], dq: Array, s: Sensitivity
+) -> None:
+    """Carry the derivatives of the sliders of some points over a step with the derivatives dq."""
     d = s.x0.shape[1]
-    write_law(model, s.law.force[p], p, s)
-    add_combined_columns(model.contact_rows[p * d : (p + 1) * d], s.law_rows, s.contact)
+    m = points.size * d
+    for place in range(points.size):
+        write_law(model, s.law.slider[points[place]], points[place], place, s)
+    moved = s.by_rest[:m] + s.by_start[:m] @ s.q + s.by_step[:m] @ dq
+    for place in range(points.size):
+        p = points[place]
+        copy_vector(s.w[p * d : (p + 1) * d], moved[place * d : (place + 1) * d])
 
 
-@kernel
-def solve_step(s: Sensitivity) -> bool:
-    """Solve S d(dq) = -(s.by_start s.q + s.dq) with s.contact, in place; False if S is singular."""
-    n, k = s.q.shape
-    for i in range(n):
-        by_start, by_step, columns = (
-            s.contact[i, :n],
-            s.contact[i, n : 2 * n],
-            s.contact[i, 2 * n :],
-        )
-        for j in range(n):
-            s.by_start[i, j] += by_start[j]
-            s.by_step[i, j] += by_step[j]
-        for c in range(k):
-            s.dq[i, c] += columns[c]
-    add_combined_rows(s.by_start, s.q, s.dq)
-    for i in range(n):
-        for c in range(k):
-            s.dq[i, c] = -s.dq[i, c]
-    if not lu_factor(s.by_step, s.pivots, n):
-        return False
-    lu_solve(s.by_step, s.pivots, s.dq, n, k)
-    return True
-
-
-@kernel
-def advance_derivatives(scheme: Scheme, h: complex, s: Sensitivity) -> None:
-    """Add the step to the derivatives of coordinates, velocities and accelerations."""
-    g = end_coefficients(scheme, h)
-    n, k = s.q.shape
-    last, dq, v0, a0 = k - 1, s.step, s.before[1], s.before[2]
-    for i in range(n):
-        for c in range(k):
-            s.q[i, c] += s.dq[i, c]
-        if scheme.discrete_gradient:
-            for c in range(k):
-                s.v[i, c] = g.v_dq.real * s.dq[i, c] + g.v_v.real * s.v[i, c]
-        else:
-            for c in range(k):
-                v, a = s.v[i, c], s.a[i, c]
-                s.v[i, c] = g.v_dq.real * s.dq[i, c] + g.v_v.real * v + g.v_a.real * a
-                s.a[i, c] = g.a_dq.real * s.dq[i, c] + g.a_v.real * v + g.a_a.real * a
-            s.a[i, last] += (g.a_dq.imag * dq[i] + g.a_v.imag * v0[i] + g.a_a.imag * a0[i]) / STEP
-        s.v[i, last] += (g.v_dq.imag * dq[i] + g.v_v.imag * v0[i] + g.v_a.imag * a0[i]) / STEP
-
-
-@kernel
-def advance_slider(model: ReducedModel, s: Sensitivity, p: int) -> None:
-    """Carry the derivatives of the slider of a point that touches over the step of `s.dq`."""
-    n, k = s.q.shape
-    d = s.x0.shape[1]
-    write_law(model, s.law.slider[p], p, s)
-    for i in range(d):
-        columns = s.law_rows[i, 2 * n :]
-        for a in range(n):
-            at_start, in_step = s.law_rows[i, a], s.law_rows[i, n + a]
-            for c in range(k):
-                columns[c] += at_start * s.q[a, c] + in_step * s.dq[a, c]
-    for i in range(d):
-        columns = s.law_rows[i, 2 * n :]
-        for c in range(k):
-            s.w[p * d + i, c] = columns[c]
-
-
-@kernel
-def let_slider_follow(model: ReducedModel, s: Sensitivity, p: int) -> None:
-    """Write the derivatives of the displacement of point p, which is open, to its slider."""
-    d = s.x0.shape[1]
-    slider = s.w[p * d : (p + 1) * d]
-    for i in range(d):
-        for c in range(slider.shape[1]):
-            slider[i, c] = 0.0
-    add_combined_rows(model.contact_rows[p * d : (p + 1) * d], s.q, slider)
-
-
-@kernel
+@compiled
 def differentiate_blending(
     model: ReducedModel, contacts: Contacts, drift: Drift, h: float, s: Sensitivity
 ) -> None:
@@ -407,92 +409,120 @@ def differentiate_blending(
     With u = S^-1 b the flexibility b^T u of `ReducedModel.write_normal_flexibility` changes by
     -u^T dS u. The changes of weights below `BLENDING_RESOLVED` are neglected.
     """
-    n, unit, by_mass = model.mass.shape[0], model.work.compliance.unit, 4.0 / h**2 * drift.period
     model.write_normal_flexibility(h, s.blending)
+    unit, by_parameter = model.work.compliance.unit, 4.0 / h**2 * drift.period * model.mass
+    if drift.force.shape[0] > 0:
+        by_parameter = by_parameter - 0.5 * drift.stiffness
     for p in range(s.blending.size):
         flexibility, stiffness = s.blending[p], contacts.normal_stiffness[p]
-        ratio, change = stiffness * flexibility, drift.contacts.normal_stiffness[p] * flexibility
+        ratio = stiffness * flexibility
         s.blending[p] = 0.0
-        if not ratio**2 > BLENDING_RESOLVED:
-            continue
-        for i in range(n):
-            for j in range(n):
-                by_parameter = by_mass * model.mass[i, j]
-                if drift.force.shape[0] > 0:
-                    by_parameter -= 0.5 * drift.stiffness[i, j]
-                change += stiffness * unit[i, p] * by_parameter * unit[j, p]
-        s.blending[p] = 2.0 * ratio / (1.0 + ratio**2) ** 2 * change
+        if ratio**2 > BLENDING_RESOLVED:
+            u = unit[:, p].copy()
+            by_stiffness = drift.contacts.moved.normal_stiffness[p].imag / STEP
+            change = by_stiffness * flexibility + stiffness * np.sum(u * (by_parameter @ u))
+            s.blending[p] = 2.0 * ratio / (1.0 + ratio**2) ** 2 * change
 
 
-REST = ComplexInterval(0j, 0j, 0.0, False)
-"""The step of zero length in which the points are at rest."""
-SAME_STEP = 1e-9  # relative difference of two steps of one size, which is rounding
-
-
-@kernel
+@compiled
 def start_derivatives(
-    model: ReducedModel, s: Sensitivity, memory: NDArray[np.int64], with_a: bool
+    model: ReducedModel, drift: Drift, s: Sensitivity, memory: NDArray[np.int64], with_a: bool
 ) -> None:
     """Set the derivatives at the start of the period.
 
     Args:
         model: the model.
+        drift: derivatives of the data by the parameter.
         s: in: the derivative of the law of the points at rest; out: the derivatives.
         memory: slider components that are variables of the period.
         with_a: whether the accelerations are variables.
     """
-    n, k = s.q.shape
-    points, d = s.x0.shape
-    first = 3 * n if with_a else 2 * n
-    for c in range(k):
-        for i in range(n):
-            s.q[i, c] = 1.0 if c == i else 0.0
-            s.v[i, c] = 1.0 if c == n + i else 0.0
-            s.a[i, c] = 1.0 if with_a and c == 2 * n + i else 0.0
-            s.dq[i, c] = 0.0
-        for r in range(points * d):
-            s.w[r, c] = 0.0
+    n, points = s.q.shape[0], s.is_open.size
+    s.q[:], s.v[:], s.a[:], s.w[:] = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        s.q[i, i], s.v[i, n + i] = 1.0, 1.0
+        if with_a:
+            s.a[i, 2 * n + i] = 1.0
     for c in range(memory.size):
-        s.w[memory[c], first + c] = 1.0
-    for p in range(points):
-        advance_slider(model, s, p)
-    write_load_derivative(model, s, 0j, s.load_derivative[1])
+        s.w[memory[c], (3 * n if with_a else 2 * n) + c] = 1.0
+    advance_sliders(model, np.arange(points), np.zeros_like(s.q), s)
+    copy_vector(s.load, load_derivative(model, drift, 0j))
 
 
 @kernel
-def begin_step(record: Record, row: int, s: Sensitivity) -> int:
-    """Write the step of a row of the record into s.
-
-    Returns:
-        The number of points that touch in it; they are the candidates of `s.law.scratch`.
-    """
-    for i in range(s.step.size):
-        s.step[i] = record.coordinates[row, i] - s.before[0, i]
+def count_touching(record: Record, row: int, s: Sensitivity) -> int:
+    """Write `is_open` and `touching` in the step of a row of the record; returns their number."""
+    count = 0
     for p in range(s.is_open.size):
         s.is_open[p] = True
-        for i in range(s.x1.shape[1]):
-            s.x1[p, i] = record.displacement[row, p, i]
+        for i in range(s.x0.shape[1]):
             if record.mean_force[row, p, i] != 0.0:
                 s.is_open[p] = False
-        s.law.scratch.is_candidate[p] = not s.is_open[p]
-    return list_candidates(s.law.scratch)
+        if not s.is_open[p]:
+            s.touching[count] = p
+            count += 1
+    return count
 
 
-@kernel
-def end_step(record: Record, row: int, s: Sensitivity) -> None:
-    """Write the end of the step of a row of the record as the start of the next one."""
-    n = s.step.size
-    for i in range(n):
-        for k in range(3):
-            s.before[k, i] = record.coordinates[row, k * n + i]
+@compiled
+def carry_over_step(
+    model: ReducedModel,
+    contacts: Contacts,
+    scheme: Scheme,
+    drift: Drift,
+    record: Record,
+    row: int,
+    begin: float,
+    s: Sensitivity,
+) -> bool:
+    """Carry the derivatives in s over the step of a row of the record; arguments as below."""
+    d, times = s.x0.shape[1], complex(1.0, STEP * drift.period)
+    behind, ahead = begin * times, record.time[row] * times
+    h = (record.time[row] - begin) * times
+    step = Interval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
+    n, dq = s.q.shape[0], record.coordinates[row, : s.q.shape[0]] - s.before[0]
+    touching, x1 = s.touching[: count_touching(record, row, s)], record.displacement[row]
+    by_start, by_step, rest = structure(model, scheme, drift, h, behind, ahead, dq, s)
+    sliding, count = np.empty_like(touching), 0
+    for place in range(touching.size):
+        p = touching[place]
+        follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
+        b = complex(record.blending[row, p], STEP * s.blending[p])
+        if not differentiate_law(
+            s.law, drift.contacts, step, p, s.x0[p], x1[p], s.w0[p], b, follows
+        ):
+            sliding[count] = p
+            count += 1
+        write_law(model, s.law.force[p], p, place, s)
+    m = touching.size * d
+    if m > 0:
+        columns = np.ascontiguousarray(s.rows[:m].T)
+        by_start += columns @ s.by_start[:m]
+        by_step += columns @ s.by_step[:m]
+        rest += columns @ s.by_rest[:m]
+    change = -(rest + by_start @ s.q)
+    if not lu_factor(by_step, s.pivots, n):
+        return False
+    lu_solve(by_step, s.pivots, change, n, change.shape[1])
+    if count > 0:
+        advance_sliders(model, sliding[:count], change, s)
+    g = end_coefficients(scheme, h)
+    q, v = s.q, g.v_dq.real * change + combined(g.v_dq, g.v_v, g.v_a, dq, s)
+    q += change
+    if not scheme.discrete_gradient:  # it has no accelerations
+        a = combined(g.a_dq, g.a_v, g.a_a, dq, s)
+        copy_vector(s.a, a + g.a_dq.real * change)
+    copy_vector(s.v, v)
+    for k in range(3):
+        copy_vector(s.before[k], record.coordinates[row, k * n : (k + 1) * n])
     for p in range(s.is_open.size):
         s.normal_force[p] = record.force[row, p, 0]
-        for i in range(s.x0.shape[1]):
-            s.x0[p, i] = s.x1[p, i]
-            s.w0[p, i] = s.x1[p, i] if s.is_open[p] else s.law.end.slider[p, i].real
+        copy_vector(s.w0[p], x1[p] if s.is_open[p] else s.law.end[p])
+    copy_vector(s.x0, x1)
+    return True
 
 
-@kernel
+@compiled
 def carry_derivatives(
     model: ReducedModel,
     contacts: Contacts,
@@ -502,7 +532,7 @@ def carry_derivatives(
     first: int,
     last: int,
     rows: int,
-    rest: ComplexInterval,
+    rest: Interval,
     sliders: Array,
     memory: NDArray[np.int64],
     s: Sensitivity,
@@ -530,38 +560,22 @@ def carry_derivatives(
     Returns:
         False if the matrix of a step is singular.
     """
-    law, points, by, blended = s.law, s.is_open.size, drift.contacts, 0.0
+    points, blended, d = s.is_open.size, 0.0, s.x0.shape[1]
     if first == 0:
         for p in range(points):
             x, w = s.x0[p], sliders[p]
-            differentiate_law(law, contacts, by, rest, p, x, x, w, 0j, rest.discrete_gradient)
-        start_derivatives(model, s, memory, not scheme.discrete_gradient)
+            differentiate_law(s.law, drift.contacts, rest, p, x, x, w, 0j, rest.discrete_gradient)
+        start_derivatives(model, drift, s, memory, not scheme.discrete_gradient)
     begin = record.time[first - 1] if first > 0 else 0.0
     for row in range(first, last):
         h = record.time[row] - begin
-        times = complex(1.0, STEP * drift.period)
-        behind, ahead, moved = begin * times, record.time[row] * times, h * times
-        step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
         if scheme.discrete_gradient and points > 0 and abs(h - blended) > SAME_STEP * h:
             differentiate_blending(model, contacts, drift, h, s)
             blended = h
-        touching = law.scratch.candidates[: begin_step(record, row, s)]
-        add_structure(model, scheme, drift, moved, behind, ahead, s)
-        for p in touching:
-            follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
-            x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]
-            weight = complex(record.blending[row, p], STEP * s.blending[p])
-            s.rests[p] = differentiate_law(law, contacts, by, step, p, x0, x1, w0, weight, follows)
-            add_contact(model, s, p)
-        if not solve_step(s):
+        if not carry_over_step(model, contacts, scheme, drift, record, row, begin, s):
             return False
-        for p in touching:
-            if not s.rests[p]:
-                advance_slider(model, s, p)
-        advance_derivatives(scheme, moved, s)
-        end_step(record, row, s)
         begin = record.time[row]
     for p in range(points):
-        if last == rows and s.is_open[p]:
-            let_slider_follow(model, s, p)
+        if last == rows and s.is_open[p]:  # its slider follows it
+            copy_vector(s.w[p * d : (p + 1) * d], model.contact_rows[p * d : (p + 1) * d] @ s.q)
     return True

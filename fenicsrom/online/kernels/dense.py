@@ -10,26 +10,15 @@ rounding of an eigenvalue is that of the largest entry. A matrix is therefore fi
 diagonal, D A D. That keeps the signs of its eigenvalues (Sylvester's law of inertia), and leaves a
 positive definite matrix with almost the least condition number that a diagonal scaling gives (van
 der Sluis, Numerische Mathematik 14, 1969).
-
-Complex-step derivatives of compiled functions: what numba lacks to run them on complex numbers.
-
-A real function f evaluated at x + i h gives f(x) + i h f'(x) without cancellation, so that with
-h = 1e-30 the imaginary part divided by h is the derivative to rounding (Squire and Trapp 1998,
-SIAM Review 40, 110-112). A function with branches is differentiated on the branch that the real
-parts choose. Numba orders no complex numbers and has no arctan2 of them: here it gets both, for
-all compiled functions of this process, through its public extension interface.
 """
-
-import operator
-from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import lower_builtin, overload
+from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.compilation import KERNEL, PART, SHORT, kernel, part
+from fenicsrom.online.kernels.compilation import KERNEL, SHORT, kernel, part
 
 
 def scaled(matrix: Array) -> Array:
@@ -130,22 +119,6 @@ def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
     for r in range(whole, count):
         for c in range(k):
             factor = weights[c, r]
-            for j in range(n):
-                out[c, j] += factor * rows[r, j]
-
-
-@kernel
-def add_combined_columns(weights: Array, rows: Array, out: Array) -> None:
-    """Add weights^T @ rows to out; (r, k), (r, n), (k, n). Three rows are added at a time."""
-    count, n = rows.shape
-    whole = count - count % 3
-    for c in range(weights.shape[1]):
-        for r in range(0, whole, 3):
-            first, second, third = weights[r, c], weights[r + 1, c], weights[r + 2, c]
-            for j in range(n):
-                out[c, j] += first * rows[r, j] + second * rows[r + 1, j] + third * rows[r + 2, j]
-        for r in range(whole, count):
-            factor = weights[r, c]
             for j in range(n):
                 out[c, j] += factor * rows[r, j]
 
@@ -324,68 +297,3 @@ def _subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-d
             out[i] = value
 
     return subtract_entries
-
-
-STEP = 1e-30  # h
-
-
-def _numbers_with_complex(a: Any, b: Any) -> bool:
-    kinds = (a, b)
-    return all(isinstance(kind, types.Number) for kind in kinds) and any(
-        isinstance(kind, types.Complex) for kind in kinds
-    )
-
-
-def _order_by_real_part(compare: Any, sign: str) -> None:
-    """Let numba compare complex numbers by their real parts, also inside min and max."""
-
-    def choose(a, b):  # type: ignore[no-untyped-def]
-        return (lambda a, b: compare(a.real, b.real)) if _numbers_with_complex(a, b) else None
-
-    overload(compare, jit_options=PART)(choose)
-
-    def lower(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        first, second = (
-            context.make_complex(builder, kind, value).real
-            for kind, value in zip(signature.args, values, strict=True)
-        )
-        return builder.fcmp_ordered(sign, first, second)
-
-    lower_builtin(compare, types.Complex, types.Complex)(lower)
-
-
-for _compare, _sign in (
-    (operator.lt, "<"),
-    (operator.gt, ">"),
-    (operator.le, "<="),
-    (operator.ge, ">="),
-):
-    _order_by_real_part(_compare, _sign)
-
-
-@overload(np.arctan2, jit_options=PART)
-def _arctan2(y, x):  # type: ignore[no-untyped-def]
-    if not _numbers_with_complex(y, x):
-        return None
-
-    def arctan2(y, x):  # type: ignore[no-untyped-def]
-        change = (x.real * y.imag - y.real * x.imag) / (x.real * x.real + y.real * y.real)
-        return complex(np.arctan2(y.real, x.real), change)
-
-    return arctan2
-
-
-def as_complex(values: Any, fields: tuple[str, ...] | None = None) -> Any:
-    """A named tuple with its real arrays (or those of the named fields) copied as complex ones."""
-    return type(values)(
-        *(
-            as_complex(array)
-            if isinstance(array, tuple) and hasattr(array, "_fields")
-            else array.astype(np.complex128)
-            if isinstance(array, np.ndarray)
-            and array.dtype == np.float64
-            and (fields is None or name in fields)
-            else array
-            for name, array in zip(values._fields, values, strict=True)
-        )
-    )

@@ -169,15 +169,17 @@ def write_factors(load_histories: LoadHistories, time: float, out: Array) -> Non
         value = 0.0
         for i in range(spans[k, 0], spans[k, 1]):
             x = time - sines[i, START]
-            if sines[i, TURNS] > 0.0:
+            if sines[i, TURNS].real > 0.0:
                 x = angle_at(load_histories.history, time)
-            if x < 0.0 or time > sines[i, END]:
+            if x.real < 0.0 or time.real > sines[i, END].real:
                 continue
             angle, omega = sines[i, PHASE], sines[i, OMEGA]
-            if sines[i, RAMP] > 0.0:
-                y, growth = min(x, sines[i, RAMP]), sines[i, GROWTH]
+            if sines[i, RAMP].real > 0.0:
+                y, growth = x, sines[i, GROWTH]
+                if x.real > sines[i, RAMP].real:
+                    y = sines[i, RAMP] + 0.0 * x
                 angle += 0.5 * sines[i, SLOPE] * y * y + omega * (
-                    y if growth == 0.0 else np.expm1(growth * y) / growth
+                    y if growth.real == 0.0 else np.expm1(growth * y) / growth
                 )
                 omega = (omega + sines[i, SLOPE] * y) * np.exp(growth * y)
                 x -= y
@@ -186,12 +188,13 @@ def write_factors(load_histories: LoadHistories, time: float, out: Array) -> Non
         if high >= low:
             while high - low > 1:
                 middle = (low + high) // 2
-                if table[middle, 0] <= time:
+                if table[middle, 0].real <= time.real:
                     low = middle
                 else:
                     high = middle
             share = (time - table[low, 0]) / (table[high, 0] - table[low, 0])
-            share = min(max(share, 0.0), 1.0)
+            if not 0.0 < share.real < 1.0:
+                share = (1.0 if share.real > 0.5 else 0.0) + 0.0 * time
             value += (1.0 - share) * table[low, 1] + share * table[high, 1]
         out[k] = value
 

@@ -58,8 +58,9 @@ class Problem(NamedTuple):
         time: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance and way
             to the steady state, or duration.
         period: period of the loads, s; None runs for `time.duration`.
-        drift: derivatives of the data by the parameter of a family of problems, a
-            `online.derivative.sensitivity.Drift`; None of a problem by itself.
+        varied: the same problem at p + i h, h = `online.kernels.numbers.STEP`, where p is the
+            parameter of a family of problems: the imaginary parts of its numbers are h times their
+            derivatives by p. None of a problem by itself.
         rest: (n,) coordinates of a state near which the model moves, from which the variables of a
             periodic motion are measured; None of q = 0.
     """
@@ -68,7 +69,7 @@ class Problem(NamedTuple):
     contacts: Contacts
     time: Any
     period: Any
-    drift: Any = None
+    varied: Any = None
     rest: Any = None
 
     @classmethod

@@ -20,9 +20,12 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.surfaces import PLANE
-from fenicsrom.online.derivative.contact_sensitivity import no_drift, no_sensitivity
-from fenicsrom.online.derivative.period_sensitivity import REST, carry_derivatives
-from fenicsrom.online.kernels.dense import STEP as COMPLEX_STEP
+from fenicsrom.online.derivative.contact_sensitivity import REST
+from fenicsrom.online.derivative.period_sensitivity import (
+    carry_derivatives,
+    drift_of,
+    no_sensitivity,
+)
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.step.state import (
     LAST_STEP,
@@ -92,7 +95,7 @@ class PeriodMap:
         self._state = no_state(n, points, dimension)
         self._record = no_record(4 * self.fractions.size, points, dimension, 3 * n)
         columns = 8 * (self.size // 8 + 1)  # loops over whole vectors of eight numbers are faster
-        self._sensitivity = no_sensitivity(n, columns, contacts, model.load_histories, dimension)
+        self._sensitivity = no_sensitivity(n, columns, points, dimension)
         work = n**4 / 50.0 + 0.02 * n * self.memory.size * self.size  # of a step with derivatives
         self._rows = max(int(ASKED / work), 1)
         # (first, last) instant of each run of equal intervals
@@ -141,7 +144,7 @@ class PeriodMap:
         """March over the period from z.
 
         Args:
-            problem: the problem, with the derivatives of its data by the parameter, if any.
+            problem: the problem; its `varied` gives the derivatives of its data by the parameter.
             z: (N,) variables at the start.
             derive: whether to find the derivatives.
             guess: (2, n) mean velocity of the step before the start and its growth; zero if not
@@ -160,9 +163,8 @@ class PeriodMap:
         if derive:
             self._begin_derivatives()
         status, count = self._march(problem, plan)
-        drift = problem.drift or no_drift(contacts, model.load_histories)
-        if derive and status == DONE:
-            s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
+        drift = drift_of(problem) if derive else None
+        if drift is not None and status == DONE:
             model.work.key[:] = np.nan
             for first in range(0, count, self._rows):
                 ask()
@@ -184,7 +186,7 @@ class PeriodMap:
                     status = SINGULAR
                     break
         end = self._end(count, origin, derive=derive)
-        if derive and drift.rest.size:
+        if drift is not None and drift.rest.size:
             nothing, x = np.zeros(self.n), model.contact_rows @ drift.rest
             moved = self.pack(drift.rest, nothing, nothing, x)
             end = replace(end, by_parameter=end.by_parameter + end.matrix @ moved - moved)

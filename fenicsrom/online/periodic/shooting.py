@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.state import STICK
-from fenicsrom.online.derivative.contact_sensitivity import Drift, no_drift
+from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.turning import no_turning
@@ -36,7 +36,17 @@ from fenicsrom.online.step.step import DONE
 from fenicsrom.words import counted
 
 Family = Callable[[float], Problem]
-"""The problem at a value of the parameter; its `drift` holds the derivatives by the parameter."""
+"""The problem at a value of the parameter; its `varied` gives the derivatives by the parameter."""
+
+
+def family_of(build: Callable[[Any], Problem]) -> Family:
+    """A family of problems: any number of the online stage may depend on the parameter.
+
+    Args:
+        build: gives the problem at a value p, and at p + i `STEP`, where its numbers are complex.
+            A number that belongs to the basis of the model must not depend on p.
+    """
+    return lambda value: build(value)._replace(varied=build(complex(value, STEP)))
 
 
 def frequency_family(
@@ -50,29 +60,23 @@ def frequency_family(
         displaced: (s,) sines of a given displacement of the supports
             (`fenicsrom.online.model.loads.displacement_sines`); none by default.
     """
-    contacts, period, nothing = problem.contacts, problem.period, _no_drift(problem)
+    return family_of(lambda frequency: _at_frequency(problem, frequency, spin, displaced))
+
+
+def _at_frequency(
+    problem: Problem, frequency: Any, spin: bool, displaced: NDArray[np.bool_] | None
+) -> Problem:
+    """The problem at a frequency in Hz, real or complex; arguments as `frequency_family`."""
+    contacts, sines = problem.contacts, problem.model.load_histories.sines
+    factor = frequency * problem.period
     # the amplitude of a load is proportional to this power of the frequency
-    powers = np.zeros(len(nothing.sines)) if displaced is None else 2.0 * displaced
-
-    def at(frequency: float) -> Problem:
-        factor = frequency * period
-        sines = problem.model.load_histories.sines.copy()
-        sines[:, OMEGA] *= factor
-        sines[:, AMPLITUDE] *= factor**powers
-        by_sines = nothing.sines.copy()
-        by_sines[:, OMEGA] = sines[:, OMEGA] / frequency
-        by_sines[:, AMPLITUDE] = powers * sines[:, AMPLITUDE] / frequency
-        moved, by_contacts = contacts, nothing.contacts
-        if spin:
-            moved = contacts._replace(spin=contacts.spin * factor)
-            by_contacts = by_contacts._replace(spin=contacts.spin * period)
-        return _with_sines(problem, sines)._replace(
-            contacts=moved,
-            period=1.0 / frequency,
-            drift=nothing._replace(contacts=by_contacts, sines=by_sines, period=-1.0 / frequency),
-        )
-
-    return at
+    powers = np.zeros(len(sines)) if displaced is None else 2.0 * displaced
+    sines = sines.astype(np.result_type(sines, factor))
+    sines[:, OMEGA] *= factor
+    sines[:, AMPLITUDE] *= factor**powers
+    if spin:
+        contacts = contacts._replace(spin=contacts.spin * factor)
+    return _with_sines(problem, sines)._replace(contacts=contacts, period=1.0 / frequency)
 
 
 def speed_family(problem: Problem, speed: float, displaced: NDArray[np.bool_]) -> Family:
@@ -86,57 +90,46 @@ def speed_family(problem: Problem, speed: float, displaced: NDArray[np.bool_]) -
         speed: this speed, rev/min.
         displaced: as `frequency_family`.
     """
-    by_frequency = frequency_family(problem, spin=True, displaced=displaced)
-    model, unit, ratio = problem.model, np.pi / 30.0, 1.0 / (problem.period * speed)
+    model, ratio = problem.model, 1.0 / (problem.period * speed)
     turning = model.turning
     rest = CubicSpline(turning.rest[:, 0], turning.rest[:, 3:])
 
-    def at(rpm: float) -> Problem:
-        found, omega = by_frequency(ratio * rpm), unit * rpm
-        drift, square, by_rpm = found.drift, omega**2, 2.0 * unit * omega
+    def build(rpm: Any) -> Problem:
+        found, omega = _at_frequency(problem, ratio * rpm, True, displaced), np.pi / 30.0 * rpm
+        square = omega**2
         elastic = model.elastic._replace(
             force=model.elastic.force - square * turning.centrifugal,
             stiffness=model.elastic.stiffness - square * turning.softening,
         )
         velocity = model.velocity_matrix + omega * turning.coriolis
-        slower = drift.contacts._replace(spin=ratio * drift.contacts.spin)
+        q = rest(square.real)
         return found._replace(
             model=found.model._replace(
                 elastic=elastic,
                 velocity_matrix=velocity if velocity.any() else np.zeros((0, 0)),
                 turning=no_turning(),
             ),
-            drift=drift._replace(
-                contacts=slower,
-                sines=ratio * drift.sines,
-                period=ratio * drift.period,
-                force=-by_rpm * turning.centrifugal,
-                stiffness=-by_rpm * turning.softening,
-                velocity=unit * turning.coriolis,
-                rest=by_rpm * rest(square, 1),
-            ),
-            rest=rest(square),
+            rest=q + 1j * square.imag * rest(square.real, 1) if square.imag else q,
         )
 
-    return at
+    return family_of(build)
 
 
 def force_family(problem: Problem, load: int | None = None) -> Family:
     """Problems by a factor on the amplitude of one load, or on those of all loads that vary."""
-    histories, nothing = problem.model.load_histories, _no_drift(problem)
+    histories = problem.model.load_histories
     if load is None:
         chosen = histories.sines[:, OMEGA] != 0.0
     else:
         chosen = np.zeros(histories.sines.shape[0], dtype=bool)
         chosen[slice(*histories.spans[load, :2])] = True
 
-    def at(factor: float) -> Problem:
-        sines, by_sines = histories.sines.copy(), nothing.sines.copy()
-        by_sines[chosen, AMPLITUDE] = sines[chosen, AMPLITUDE]
+    def build(factor: Any) -> Problem:
+        sines = histories.sines.astype(np.result_type(histories.sines, factor))
         sines[chosen, AMPLITUDE] *= factor
-        return _with_sines(problem, sines)._replace(drift=nothing._replace(sines=by_sines))
+        return _with_sines(problem, sines)
 
-    return at
+    return family_of(build)
 
 
 def contact_family(problem: Problem, name: str, weights: Array | None = None) -> Family:
@@ -149,38 +142,22 @@ def contact_family(problem: Problem, name: str, weights: Array | None = None) ->
         weights: (P,) what one unit of p means at each point; 0 leaves a point as it is. 1 if not
             given.
     """
-    contacts, nothing = problem.contacts, _no_drift(problem)
+    contacts = problem.contacts
     weights = np.ones(contacts.preload.size) if weights is None else np.asarray(weights, float)
 
-    def at(value: float) -> Problem:
+    def build(value: Any) -> Problem:
         if name == "gap":
-            change = weights * contacts.side
-            moved = contacts._replace(radius=contacts.radius + value * change)
-            drift = nothing.contacts._replace(radius=change)
+            chosen: dict[str, Any] = {"radius": contacts.radius + value * weights * contacts.side}
         else:
-            given = getattr(contacts, name)
-            chosen: dict[str, Any] = {name: np.where(weights != 0.0, value * weights, given)}
-            moved = contacts._replace(**chosen)
-            along: dict[str, Any] = {name: weights}
-            drift = nothing.contacts._replace(**along)
-        return problem._replace(contacts=moved, drift=nothing._replace(contacts=drift))
+            chosen = {name: np.where(weights != 0.0, value * weights, getattr(contacts, name))}
+        return problem._replace(contacts=contacts._replace(**chosen))
 
-    return at
+    return family_of(build)
 
 
 def damping_family(problem: Problem) -> Family:
     """Problems by the mass-proportional damping alpha in 1/s."""
-    drift = _no_drift(problem)._replace(damping=1.0)
-
-    def at(value: float) -> Problem:
-        return problem._replace(model=problem.model._replace(damping=float(value)), drift=drift)
-
-    return at
-
-
-def _no_drift(problem: Problem) -> Drift:
-    """The derivatives of data that stay as they are."""
-    return no_drift(problem.contacts, problem.model.load_histories)
+    return family_of(lambda value: problem._replace(model=problem.model._replace(damping=value)))
 
 
 def _with_sines(problem: Problem, sines: Array) -> Problem:

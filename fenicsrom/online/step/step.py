@@ -92,22 +92,22 @@ class StepCoefficients(NamedTuple):
 
 
 @also_compiled
-def mass_coefficient(scheme, h):  # type: ignore[no-untyped-def]
-    """Coefficient of M dq in the balance of a step of size h."""
-    damping = scheme.damping * (1.0 - scheme.alpha_f) * scheme.gamma / (scheme.beta * h)
+def mass_coefficient(scheme, damping, h):  # type: ignore[no-untyped-def]
+    """Coefficient of M dq in the balance of a step of size h, with the damping alpha."""
+    damping = damping * (1.0 - scheme.alpha_f) * scheme.gamma / (scheme.beta * h)
     return (1.0 - scheme.alpha_m) / (scheme.beta * h * h) + damping
 
 
 @also_compiled
-def step_coefficients(scheme, h):  # type: ignore[no-untyped-def]
-    """The `StepCoefficients` of a step of size h."""
+def step_coefficients(scheme, damping, h):  # type: ignore[no-untyped-def]
+    """The `StepCoefficients` of a step of size h with the damping alpha; both may be complex."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
     velocity_v = (1.0 - af) * (1.0 - gamma / beta) + af
     velocity_a = (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
     return StepCoefficients(
-        mass_coefficient(scheme, h),
-        -(1.0 - am) / (beta * h) + scheme.damping * velocity_v,
-        am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * velocity_a,
+        mass_coefficient(scheme, damping, h),
+        -(1.0 - am) / (beta * h) + damping * velocity_v,
+        am - (1.0 - am) * (0.5 / beta - 1.0) + damping * velocity_a,
         (1.0 - af) * gamma / (beta * h),
         velocity_v,
         velocity_a,
@@ -206,7 +206,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
     trial, af = state.trial, scheme.alpha_f
     interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
     step = ContactStep(contacts, interval, state.contact, trial.contact, trial.scratch)
-    coefficients = step_coefficients(scheme, h)
+    coefficients = step_coefficients(scheme, scheme.damping, h)
     model.set_interval(interval.begin, interval.end)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
@@ -427,7 +427,7 @@ def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-de
     """
     surprise = state.trial.change
     extrapolate(surprise, state, h)
-    mass = mass_coefficient(scheme, h)
+    mass = mass_coefficient(scheme, scheme.damping, h)
     combine(surprise, -mass, state.trial.dq, mass, surprise)
     _, tangent = model.elastic_over_step(
         state.elastic_force,
