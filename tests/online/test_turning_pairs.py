@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from support import excited_stiffness, linear_model, period_steps
 
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import continuation
-from fenicsrom.online.curves.continuation import follow
+from fenicsrom.online.curves.continuation import Continuation, follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
-from fenicsrom.online.curves.events import outside, turning_pairs, unseen_points
+from fenicsrom.online.curves.events import _Planes, outside, turning_pairs, unseen_points
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import Shooting, frequency_family, periodic_motion
@@ -85,6 +86,9 @@ class Trials:
     def direction(self, point: CurvePoint) -> NDArray[np.float64]:
         return point.tangent / np.linalg.norm(point.tangent)
 
+    def glance(self, y: NDArray[np.float64], along: NDArray[np.float64]) -> None:
+        self.calls += 1
+
     def correct(
         self, y: NDArray[np.float64], along: NDArray[np.float64], *, exact: bool = False
     ) -> None:
@@ -106,6 +110,41 @@ def test_pair_that_turns_too_little_to_miss_a_stretch_is_not_sought(
     assert (path.calls > 0) == sought
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.1])
+@pytest.mark.parametrize("share", [0.1, 0.6])
+def test_shape_of_a_pair_is_the_part_of_its_turn_that_excites_it(share: float, turn: float) -> None:
+    """The period map exp(d (J + share S)) about a free vibration of angular frequency w.
+
+    J turns (q, v / w), and S is a symmetric matrix without trace, at any angle.
+    """
+    omega, period, steps, d = 2.0, np.pi, 10**6, -0.2
+    frequency = 8.0 + d * np.sqrt(1.0 - share**2) / period  # four turns in the period, less this
+    symmetric = np.array([[np.cos(turn), np.sin(turn)], [np.sin(turn), -np.cos(turn)]])
+    map_ = expm(d * (np.array([[0.0, 1.0], [-1.0, 0.0]]) + share * symmetric))
+    scales = np.array([1.0, frequency / omega])
+    matrix = scales[:, None] * map_ / scales
+    _, _, shapes = turning_pairs(*np.linalg.eig(matrix), 1, omega, period, steps)
+    assert shapes == pytest.approx([share], rel=1e-6)
+
+
+@pytest.mark.parametrize("coupling", [0.4, 1.6])
+def test_stretch_is_excluded_or_found_by_one_look_at_each_crossing(
+    coupling: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The excitation e of the tongue is 0.4 or 1.6 times the damping -log r."""
+    looks, corrections = [], []
+    glance, point = Continuation.glance, _Planes.point
+    monkeypatch.setattr(Continuation, "glance", lambda *given: looks.append(1) or glance(*given))
+    monkeypatch.setattr(
+        _Planes, "point", lambda *given, **exact: corrections.append(1) or point(*given, **exact)
+    )
+    amplitude = FORCE / 3.0
+    curve = response(coupling * 0.5 * DAMPING * 8.0 / amplitude**2)
+    assert len(curve.special) == (2 if coupling > 1.0 else 0)
+    assert len(looks) <= 6  # x meets itself on the real axis too
+    assert (len(corrections) > 0) == (coupling > 1.0)
+
+
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_rates_of_turning_pairs_match_differences_at_any_frequency(scheme: str) -> None:
     frequencies, steps, period = np.array([0.7, 9.3, 60.0, 700.0]), 50, 2.0
@@ -118,7 +157,8 @@ def test_rates_of_turning_pairs_match_differences_at_any_frequency(scheme: str) 
         marched = shooting.march(np.zeros(shooting.map.size))
         assert marched is not None
         found = turning_pairs(*np.linalg.eig(marched[1]), 4, shooting.omega, factor * period, steps)
-        return tuple(part[np.argsort(found[1])] for part in found)  # type: ignore[return-value]
+        np.testing.assert_allclose(found[2], 0.0, atol=1e-6)  # nothing excites the vibrations
+        return tuple(part[np.argsort(found[1])] for part in found[:2])  # type: ignore[return-value]
 
     change = 1e-5
     (low, _), (middle, rates), (high, _) = pairs(1.0 - change), pairs(1.0), pairs(1.0 + change)

@@ -23,12 +23,14 @@ from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import FOLD, SAME_MOTION, Check, change, finer_motion
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.curves.events import outside
-from fenicsrom.online.periodic.shooting import Family
+from fenicsrom.online.periodic.shooting import Family, PeriodicMotion
 
 FINER = 2, 4
 """How many times as many steps are asked, one after the other, while they agree with the point."""
 NOT_FOUND = "not found"
 """Verdict of a finer step that has no motion near that of the step."""
+
+Motion = CurvePoint | PeriodicMotion
 
 
 class _Finer(NamedTuple):
@@ -52,7 +54,7 @@ class _Finer(NamedTuple):
 
 
 class Denials:
-    """The verdicts of finer time steps on the points of a curve, each asked once."""
+    """The verdicts of finer time steps on the points of a curve; each motion is computed once."""
 
     def __init__(self, family: Family, ask: Callable[[], None]):
         """Begin.
@@ -62,8 +64,17 @@ class Denials:
             ask: called before each motion; it may raise KeyboardInterrupt.
         """
         self._family, self._ask = family, ask
+        self._motions: dict[tuple[int, int], tuple[CurvePoint, Motion | None]] = {}
         self._known: dict[int, _Finer] = {}
         self._denied: dict[int, CurvePoint] = {}
+
+    def motion(self, point: CurvePoint, finer: int = 2) -> Motion | None:
+        """The motion at a point with `finer` times as many steps; None if it was not found."""
+        key = id(point), finer
+        if key not in self._motions:
+            self._ask()
+            self._motions[key] = point, finer_motion(point, self._family, finer)
+        return self._motions[key][1]
 
     def _finer(self, point: CurvePoint) -> _Finer:
         """What finer steps find at a point.
@@ -73,8 +84,7 @@ class Denials:
         if id(point) not in self._known:
             found, near = _Finer(point, point.verdict, outside(point)), point
             for finer in FINER:
-                self._ask()
-                motion = finer_motion(near, self._family, finer)
+                motion = self.motion(near, finer)
                 if motion is None:
                     found = _Finer(point, NOT_FOUND, -1)
                     break
@@ -133,6 +143,7 @@ class Denials:
             points[k] = replace(points[k], denied=found.verdict)
             self._denied[id(found.point)] = points[k]
             self._known[id(points[k])] = found._replace(point=points[k])
+            self._motions[id(points[k]), FINER[0]] = points[k], self.motion(found.point)
 
     def _reached(self, points: Sequence[CurvePoint], seed: int) -> Iterator[int]:
         """The numbers of the denied points around a point, up to where all steps agree."""

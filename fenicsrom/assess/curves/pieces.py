@@ -23,7 +23,7 @@ from fenicsrom.assess.curves.results import CurveFile, ResponseCurve, response_t
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
-from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.continuation import HURRIES, Continuation, hurries
 from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.periodic.shooting import Family, PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
@@ -93,6 +93,7 @@ class CurveWalk:
             line = (
                 f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
                 f"{1e3 * float(point.amplitude.max()):.4g} mm, {'un' * (not point.stable)}stable"
+                f"{HURRIES * hurries(piece)}"
             )
         most = response_table(self.scene).points
         if len(piece.points) == int(NEARLY_ALL * most):
@@ -206,7 +207,7 @@ def follow_curve(
         if richer is not None:
             other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
         walk("checking the curve with half the step and a richer basis")
-        judged = checks(curve.pieces, family, other, lambda: walk(""), limit)
+        judged = checks(curve.pieces, family, other, lambda: walk(""), limit, denials.motion)
         curve.checks = denials.apply(curve.pieces, judged)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])

@@ -67,6 +67,9 @@ SAME_MOTION = 0.2  # largest change of an amplitude by a finer step; else it is 
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
 
+Finer = Callable[[CurvePoint], CurvePoint | PeriodicMotion | None]
+
+
 @dataclass(frozen=True, eq=False)
 class Check:
     """A point of a curve at which its errors were estimated.
@@ -252,8 +255,10 @@ class _Checks:
         family: Family,
         richer: Richer | None,
         ask: Callable[[], None],
+        finer: Finer | None,
     ):
         self._pieces, self._family, self._richer, self._ask = pieces, family, richer, ask
+        self._finer = finer or (lambda point: finer_motion(point, family))
         self._bifurcations = bifurcations(pieces)
         self._home: dict[int, CurvePoint] = {}
         self.found: list[Check] = []
@@ -296,7 +301,7 @@ class _Checks:
             return None if other is None else change(point.amplitude, other.amplitude)
 
         self._ask()
-        finer, motion, verdict = finer_motion(point, self._family), None, None
+        finer, motion, verdict = self._finer(point), None, None
         if self._richer is not None and richer:
             motion = richer_motion(point, self._richer)
             verdict = None if motion is None else _confirmed(point, motion, self._richer)
@@ -402,6 +407,7 @@ def checks(
     richer: Richer | None = None,
     ask: Callable[[], None] = lambda: None,
     limit: float = np.inf,
+    finer: Finer | None = None,
 ) -> list[Check]:
     """Estimate the errors of a curve at selected points.
 
@@ -411,8 +417,9 @@ def checks(
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
         limit: as in `RicherModel`; if it is passed at a named point, no other one is compared.
+        finer: gives the motion with half the step at a point, if the caller knows some of them.
     """
-    made = _Checks(pieces, family, richer, ask)
+    made = _Checks(pieces, family, richer, ask, finer)
     sizes = {
         id(point): made.compare(where, point).richer_multiplier for where, point in selected(pieces)
     }

@@ -45,7 +45,7 @@ FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.05, 1e-7  # along a curve, wit
 SHORTER = 0.4  # factor of a step that failed
 GROWTH = ((2, 2.0), (4, 1.5), (6, 1.0))  # corrections of a point -> factor of the next step
 SLOW = 0.6  # its factor after more corrections
-FAR = 1.5  # longest distance of a new point, in parts of the step
+FAR = 1.5  # longest distance of a new point, and longest correction, in parts of the step
 BEND = 0.5  # least cosine of the angle between the tangents of neighbours without a corner
 SHORT = 0.003  # step that may pass a sharper bend, of which a corner is not told
 SMOOTH = 0.95  # cosine above which a tangent beyond a step shows no corner
@@ -64,7 +64,7 @@ A step turns a motion against the force by 0.05, so the height there is off by l
 
 CORRECTIONS = 12
 TRIED = 3  # after so many corrections, each must be shorter than half of the shortest before
-LARGEST_CORRECTION = 1.0  # longer steps of Newton's method are not trusted
+LARGEST_CORRECTION = 1.0  # longer steps of Newton's method away from a curve are not trusted
 TOLERANCE = 1e-7  # a point is found if Newton's method would move it by at most this
 OF_STEP = 1e-3  # and by at most this part of the step along the curve
 EXACT = 1e-9  # the same of a point that is sought exactly
@@ -186,7 +186,8 @@ class ArcLength:
             along: (n + 1,) unit normal; a unit vector of p keeps the parameter.
             exact: whether the derivative is taken at the very point.
         """
-        found = self._corrected(y, along, EXACT if exact else TOLERANCE, exact=exact)
+        tolerance = EXACT if exact else TOLERANCE
+        found = self._corrected(y, along, tolerance, LARGEST_CORRECTION, exact=exact)
         return None if found is None else self._made(found)
 
     def _made(self, place: Place) -> Point:
@@ -201,10 +202,13 @@ class ArcLength:
         self._evaluations[1] += derive
         return self.values(*self.variables(y), derive=derive)
 
-    def _corrected(self, y: Array, along: Array, tolerance: float, *, exact: bool) -> Place | None:
+    def _corrected(
+        self, y: Array, along: Array, tolerance: float, longest: float, *, exact: bool = False
+    ) -> Place | None:
         """The solution on the plane through y (n + 1,) normal to `along`; None if not found.
 
-        Newton's method keeps the derivative after short corrections, while it serves.
+        Newton's method keeps the derivative after short corrections, while it serves. It ends at a
+        correction of more than `longest`.
         """
         begin, last, least, corrections, free = y, np.inf, np.inf, 0, 0
         factor: Factor | None = None
@@ -218,10 +222,10 @@ class ArcLength:
             if fresh:
                 jacobian = found.jacobian
                 scaled, free = self._scaled(jacobian)
-                factor = _factor(scaled, along)
+                factor = factorised(scaled, along)
             if factor is None:
                 return None
-            step = _solve(factor, np.append(-found.residual / self.size, along @ (begin - y)))
+            step = solved(factor, np.append(-found.residual / self.size, along @ (begin - y)))
             length = norm(step)
             if length <= tolerance or (length <= TOLERANCE and length > RATE * last):
                 if exact and not fresh:
@@ -233,7 +237,7 @@ class ArcLength:
                 if tangent is None:
                     return None
                 return Place(y, tangent, residual, jacobian, free, corrections, found.detail)
-            if not length <= LARGEST_CORRECTION:
+            if not length <= longest:
                 return None
             if corrections >= TRIED and length > 0.5 * least and not exact:
                 return None
@@ -259,8 +263,8 @@ class ArcLength:
     def _next(self, here: Point, step: float) -> tuple[Point, int] | None:
         """The point a step beyond a point, and its corrections; None asks for a shorter step."""
         y, ahead = self.place(here), self.direction(here)
-        tolerance = min(TOLERANCE, OF_STEP * step)
-        found = self._corrected(y + step * ahead, ahead, tolerance, exact=False)
+        limits = min(TOLERANCE, OF_STEP * step), FAR * step
+        found = self._corrected(y + step * ahead, ahead, *limits)
         if found is not None and norm(found.y - y - step * ahead) < step:
             way, cosine, sense = found.y - y, float(found.tangent @ ahead), here.sense
             straight = way @ ahead > STRAIGHT * norm(way) and abs(cosine) > STRAIGHT
@@ -272,7 +276,7 @@ class ArcLength:
             far = self._beyond(y + share * step * ahead, ahead, here.sense)
             if far is None or far @ ahead > SMOOTH:
                 continue
-            found = self._corrected(y + step * far, far, tolerance, exact=False)
+            found = self._corrected(y + step * far, far, *limits)
             if found is None or self._goes_back(here, found) or norm(found.y - y) >= FAR * step:
                 continue
             if here.sense * (found.tangent @ far) > TURN:
@@ -300,7 +304,7 @@ class ArcLength:
         if found is None:
             return None
         scaled = self._scaled(found.jacobian)[0]
-        tangent = _null(scaled, ahead, _factor(scaled, ahead))
+        tangent = _null(scaled, ahead, factorised(scaled, ahead))
         return None if tangent is None else sense * tangent
 
     def _end(self, inside: Point, outside: Point) -> Point | None:
@@ -348,7 +352,7 @@ class ArcLength:
         curve.reason = "interrupted"
         while len(curve.points) < points:
             self.measure(here)
-            step = min(self.step, largest_step)
+            step = min(self.step, largest_step * self.haste(curve))
             made = self._next(here, step)
             found = None if made is None else made[0]
             ends = found is not None and not self.low <= found.parameter <= self.high
@@ -376,6 +380,10 @@ class ArcLength:
                 progress(found)
         curve.reason = OUT_OF_POINTS
         return curve
+
+    def haste(self, curve: Curve) -> float:
+        """Factor on the largest step from the last point of a curve."""
+        return 1.0
 
     def measure(self, here: Point) -> None:
         """Measure lengths by the size of a point, where it has changed."""
@@ -449,13 +457,14 @@ def oriented(point: Point, sense: float) -> Point:
     return replace(point, tangent=-point.tangent, sense=sense)
 
 
-def _factor(jacobian: Array, border: Array) -> Factor | None:
+def factorised(jacobian: Array, border: Array) -> Factor | None:
     """The LU factors of [J; border] (n + 1, n + 1); None if it is singular."""
     lu, pivots, fails = dgetrf(np.vstack([jacobian, border]))
     return None if fails else (lu, pivots)
 
 
-def _solve(factor: Factor, right: Array) -> Array:
+def solved(factor: Factor, right: Array) -> Array:
+    """The solution (n + 1,) of a factorised system."""
     return np.asarray(dgetrs(*factor, right)[0])
 
 
@@ -469,7 +478,7 @@ def _null(jacobian: Array, border: Array, factor: Factor | None) -> Array | None
         if factor is not None:
             right = np.zeros(border.size)
             right[-1] = 1.0
-            found = _solve(factor, right)
+            found = solved(factor, right)
             length = norm(found)
             if length < FLAT:
                 lu, pivots = factor
@@ -477,5 +486,5 @@ def _null(jacobian: Array, border: Array, factor: Factor | None) -> Array | None
                 negative = np.count_nonzero(np.diag(lu) < 0.0)
                 return np.asarray(found / length * (-1.0) ** (swaps + negative))
         border = np.random.default_rng(0).standard_normal(border.size)
-        factor = _factor(jacobian, np.asarray(border / norm(border)))
+        factor = factorised(jacobian, np.asarray(border / norm(border)))
     return None

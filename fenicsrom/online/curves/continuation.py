@@ -36,7 +36,15 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.curves.arc import LARGEST_STEP, ArcLength, Place, Values, oriented
+from fenicsrom.online.curves.arc import (
+    LARGEST_STEP,
+    ArcLength,
+    Place,
+    Values,
+    factorised,
+    oriented,
+    solved,
+)
 from fenicsrom.online.curves.curve import (
     END,
     LOST,
@@ -49,10 +57,11 @@ from fenicsrom.online.curves.curve import (
     states_over_period,
 )
 from fenicsrom.online.curves.events import (
+    Spectrum,
     change_of_sign,
     special_points,
+    spectrum,
     turned_points,
-    turning_pairs,
     unseen_points,
 )
 from fenicsrom.online.model.model import Problem
@@ -60,16 +69,31 @@ from fenicsrom.online.periodic.shooting import (
     Family,
     PeriodicMotion,
     Shooting,
-    floquet,
     force_family,
     frequency_family,
     hold_sliders,
 )
 from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK
 
+STRETCH = 12  # unstable points in a row: no test can see the motions that follow,
+HASTE = 2.0  # so that the largest step is multiplied by this,
+HURRIES = " for many points: longer steps, no search between them"  # and the progress says so
+
+
+def hurries(curve: Curve) -> bool:
+    """Whether the last points of a curve are unstable, so that the next ones are worth less."""
+    last = curve.points[-STRETCH:]
+    return len(last) == STRETCH and not any(point.stable for point in last)
+
 
 class Continuation(ArcLength):
-    """The periodic motions of a family."""
+    """The periodic motions of a family.
+
+    In a long unstable stretch the steps are longer, and only folds and turns are sought, which give
+    the curve its shape.
+    """
+
+    _hurries = False
 
     def __init__(self, shooting: Shooting, family: Family, low: float, high: float, s: Array):
         """Keep the problem.
@@ -113,21 +137,11 @@ class Continuation(ArcLength):
         displacement = record.displacement
         if displacement.shape[1] == 0:
             displacement = record.probe[:, None, :]
-        n = self.shooting.map.size
-        values, vectors = np.linalg.eig(self._monodromy(place.jacobian)[:n, :n])
-        multipliers, verdict = floquet(values, place.free)
+        seen = self._spectrum(place.jacobian, place.free, problem)
         z = self.unscaled(s, parameter)
         drift = np.linalg.norm(self.shooting.map.sliders(place.detail.z - z), axis=1)
         states, extremes = occurrences(record, problem.contacts, drift)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
-        turning, turn_rates = turning_pairs(
-            values,
-            vectors,
-            problem.model.size,
-            self.shooting.omega,
-            m * problem.period,
-            self.shooting.map.fractions.size - 1,
-        )
         return CurvePoint(
             parameter=parameter,
             z=z,
@@ -136,9 +150,6 @@ class Continuation(ArcLength):
             amplitude=np.ptp(displacement, axis=0) / 2.0,
             peak_force=np.max(record.force[:, :, 0], axis=0, initial=0.0),
             friction_dissipation=float(np.sum(record.friction_dissipation[-1])),
-            multipliers=multipliers,
-            verdict=verdict,
-            free_sliders=place.free,
             states=states,
             residual=place.residual,
             marches=evaluations,
@@ -148,10 +159,37 @@ class Continuation(ArcLength):
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
             period_states=states_over_period(record, states),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
-            turning=turning,
-            turn_rates=turn_rates,
+            **seen._asdict(),
             period=m * problem.period,
             probe_amplitude=half_range(record.time, record.probe),
+        )
+
+    def glance(self, y: Array, along: Array) -> tuple[Spectrum, float] | None:
+        """The multipliers at y (N + 1,), which need not be a motion of the family.
+
+        Returns:
+            The multipliers, and the first correction of `correct` with the same arguments; None if
+            a step failed.
+        """
+        found = self._at(y, derive=True)
+        if found is None:
+            return None
+        scaled, free = self._scaled(found.jacobian)
+        factor = factorised(scaled, along)
+        if factor is None:
+            return None
+        length = norm(solved(factor, np.append(-found.residual / self.size, 0.0)))
+        return self._spectrum(found.jacobian, free, self.problem_at(*self.variables(y))), length
+
+    def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> Spectrum:
+        n, shooting = self.shooting.map.size, self.shooting
+        return spectrum(
+            self._monodromy(jacobian)[:n, :n],
+            free,
+            problem.model.size,
+            shooting.omega,
+            shooting.m * problem.period,
+            shooting.map.fractions.size - 1,
         )
 
     def _monodromy(self, jacobian: Array) -> Array:
@@ -163,6 +201,11 @@ class Continuation(ArcLength):
         found = self.values(point.s, point.parameter, derive=True)
         return None if found is None else self._monodromy(found.jacobian)
 
+    def haste(self, curve: Curve) -> float:
+        """Factor on the largest step, which is longer where no test can see the motions."""
+        self._hurries = hurries(curve)
+        return HASTE if self._hurries else 1.0
+
     def between(
         self, before: CurvePoint, found: CurvePoint
     ) -> tuple[list[CurvePoint], list[CurvePoint]]:
@@ -171,7 +214,8 @@ class Continuation(ArcLength):
         points, special = [before], []
         for last in [*unseen_points(self, before, found), found]:
             points += [*turned_points(self, points[-1], last), last]
-        contacts = self.shooting.problem.model.points.contact
+        hurries = self._hurries and not found.stable
+        contacts = None if hurries else self.shooting.problem.model.points.contact
         for first, last in pairwise(points):
             special.extend(special_points(self, first, last, contacts))
         self.shooting.guess = guess  # the curve goes on as if nothing had been sought

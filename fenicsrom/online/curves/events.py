@@ -37,6 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -46,7 +47,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import SMOOTH, STRAIGHT, oriented
 from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.curve import OPENS, SLIPS, STICKS, CurvePoint, hermite, norm
-from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, judged
+from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, floquet, judged
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
@@ -67,6 +68,9 @@ class Path(Protocol):
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`."""
 
+    def glance(self, y: Array, along: Array) -> tuple[Spectrum, float] | None:
+        """The multipliers at y, and how far from it `correct` would go; None if a step failed."""
+
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
 
@@ -75,7 +79,7 @@ class Path(Protocol):
 
 
 def special_points(
-    path: Path, a: CurvePoint, b: CurvePoint, contacts: NDArray[np.int64]
+    path: Path, a: CurvePoint, b: CurvePoint, contacts: NDArray[np.int64] | None
 ) -> list[CurvePoint]:
     """The special points between two points of a curve, in their order.
 
@@ -83,7 +87,8 @@ def special_points(
         path: finds points of the curve.
         a: a point.
         b: the next point; the tangents of both point along the path.
-        contacts: (P,) number of the contact to which each contact point belongs.
+        contacts: (P,) number of the contact to which each contact point belongs; None seeks folds
+            only.
 
     Returns:
         The special points; one that could not be located is an end of its bracket, and `within`
@@ -93,8 +98,10 @@ def special_points(
     if a.tangent[-1] * b.tangent[-1] < 0.0:
         fold = change_of_sign(path, lambda point: float(point.tangent[-1]), a, b)
         found.append(_located(fold, "fold"))
+    if contacts is None:
+        return found
     for kind, margins in _contact_changes(a, b, contacts):
-        bracket = change_of_sign(path, _largest(margins), a, b)
+        bracket = change_of_sign(path, _largest(margins), a, b, exact=False)
         found.append(_located(bracket, kind, int(np.argmax(margins(bracket.nearest)))))
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in _crossings(path, a, b):
@@ -182,7 +189,7 @@ def _end(occurs: list[bool], what: str) -> str:
     return f"{'first' if occurs[1] else 'last'} {what}"
 
 
-def outside(motion: CurvePoint | PeriodicMotion) -> int:
+def outside(motion: CurvePoint | PeriodicMotion | Spectrum) -> int:
     """Number of multipliers outside of the unit circle."""
     if motion.stable:
         return 0
@@ -250,7 +257,9 @@ def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
     return "period doubling" if multiplier.real < 0.0 else "branch point"
 
 
-def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket[CurvePoint]:
+def change_of_sign(
+    path: Path, test: Test, a: CurvePoint, b: CurvePoint, *, exact: bool = True
+) -> Bracket[CurvePoint]:
     """Bracket the change of sign of a function between two points of a curve.
 
     Args:
@@ -258,12 +267,14 @@ def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Brac
         test: the function; its signs at a and b differ. It may jump.
         a: a point.
         b: the next point; the tangents of both point along the path.
+        exact: whether the function asks for derivatives at the very point.
 
     Returns:
         The bracket, not wider than `BRACKET` unless a point in it was not found.
     """
     planes = _Planes(path, a, b)
-    found = bracketed(planes.point, test, a, b, planes.length, BRACKET, lost=planes.length)
+    point = partial(planes.point, exact=exact)
+    found = bracketed(point, test, a, b, planes.length, BRACKET, lost=planes.length)
     assert found is not None  # no bracket is too wide
     return found
 
@@ -303,6 +314,12 @@ class _Planes:
                 return self._along(found, points)
         return None
 
+    def glance(self, points: list[CurvePoint], ends: list[float], arc: float) -> Spectrum | None:
+        """The multipliers at a guess of a point; None if no guess is near to the curve."""
+        guess = next(self._guesses(points, ends, arc), None)
+        found = None if guess is None else self._path.glance(guess, self._normal)
+        return found[0] if found is not None and found[1] < GLANCE * self.length else None
+
     def _guesses(self, points: list[CurvePoint], ends: list[float], arc: float) -> Iterator[Array]:
         """Guesses (N + 1,) of a point: the cubic through two points, then their tangents."""
         places = [self._path.place(point) for point in points]
@@ -333,7 +350,9 @@ TRIALS = 3  # points that seek one crossing
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
 TURN_SEEN = 0.5  # smallest turn in a step, in parts of -2 log r, of a pair that may hide a stretch
-NEAR = 0.5  # of -log r: where the pair keeps so small an angle, e is too small for a stretch
+NEAR = 0.5  # of -log r: below it, e is too small for a stretch,
+CLOSE = 10.0  # if it was read from the pair at an angle of at most this times -log r
+GLANCE = 0.1  # of a step: a place so near to the curve has the pairs of the curve
 
 
 class Crossing(NamedTuple):
@@ -350,14 +369,60 @@ class Crossing(NamedTuple):
     angles: tuple[float, float]
 
 
+class Spectrum(NamedTuple):
+    """The eigenvalues of a monodromy matrix.
+
+    Attributes:
+        multipliers: (N,) the largest first.
+        verdict: as in `CurvePoint`.
+        free_sliders: number of slider components that are not unique.
+        turning: (K,) multipliers of lightly damped vibrations, one of each pair.
+        turn_rates: (K,) d theta / d log T.
+        turn_shapes: (K,) e / d of each pair.
+    """
+
+    multipliers: NDArray[np.complex128]
+    verdict: str
+    free_sliders: int
+    turning: NDArray[np.complex128]
+    turn_rates: Array
+    turn_shapes: Array
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is stable."""
+        return self.verdict == "stable"
+
+
+def spectrum(
+    monodromy: Array, free: int, n: int, omega: float, period: float, steps: int
+) -> Spectrum:
+    """The eigenvalues of a monodromy matrix (N, N).
+
+    Args:
+        monodromy: the matrix.
+        free: number of slider components that are not unique.
+        n: as in `turning_pairs`.
+        omega: likewise.
+        period: likewise.
+        steps: likewise.
+    """
+    values, vectors = np.linalg.eig(monodromy)
+    pairs = turning_pairs(values, vectors, n, omega, period, steps)
+    return Spectrum(*floquet(values, free), free, *pairs)
+
+
 def turning_pairs(
     values: Any, vectors: Any, n: int, omega: float, period: float, steps: int
-) -> tuple[NDArray[np.complex128], Array]:
-    """The multipliers of lightly damped vibrations, and how they turn with the period.
+) -> tuple[NDArray[np.complex128], Array, Array]:
+    """The multipliers of lightly damped vibrations, how they turn with the period, and e / d.
 
     Steps of length h by the midpoint rule turn the pair of a vibration of angular frequency w by
     2 arctan(w h / 2) each, so that d theta / d log T = w T / (1 + (w h / 2)^2). This rate is at
     most the number of steps.
+
+    From period to period, a vibration that is not excited passes a circle of (L^T q, L^T v / w), an
+    excited one an ellipse with e / d = |q^T M q + v^T M v / w^2| / (q^H M q + v^H M v / w^2).
 
     Args:
         values: (N,) eigenvalues of the monodromy matrix.
@@ -368,19 +433,29 @@ def turning_pairs(
         steps: their number in the period.
 
     Returns:
-        The multipliers (K,), one of each pair, and their rates d theta / d log T (K,).
+        The multipliers (K,), one of each pair, their rates d theta / d log T (K,), and e / d (K,).
     """
     light = (np.abs(values) > LIGHT) & (np.abs(values.imag) > REAL)
     q, v = vectors[:n, light], vectors[n : 2 * n, light]
     turns = np.sum((q.conj() * v).imag, axis=0)
     forward = turns > 0.0
-    turns = omega * period * turns[forward] / np.sum(np.abs(q[:, forward]) ** 2, axis=0)
+    found, q, v = values[light][forward], q[:, forward], v[:, forward]
+    turns = omega * period * turns[forward] / np.sum(np.abs(q) ** 2, axis=0)
     rates = turns / (1.0 + (turns / (2.0 * steps)) ** 2)
-    return values[light][forward].astype(np.complex128), np.asarray(rates)
+    angle, about = np.angle(found), 2.0 * steps * np.arctan(turns / (2.0 * steps))
+    whole = angle + 2.0 * np.pi * np.round((about - angle) / (2.0 * np.pi))  # over the period
+    v = v * (omega * period / (2.0 * steps * np.tan(whole / (2.0 * steps))))
+    shapes = np.abs(np.sum(q**2 + v**2, axis=0)) / np.sum(np.abs(q) ** 2 + np.abs(v) ** 2, axis=0)
+    return found.astype(np.complex128), np.asarray(rates), np.asarray(shapes)
 
 
 def unseen_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
-    """Points between two points of a curve with more unstable multipliers than either, in order."""
+    """Points between two points of a curve with more unstable multipliers than either, in order.
+
+    Between two unstable points none is sought.
+    """
+    if not (a.stable or b.stable):
+        return []
     crossings = sorted(_axis_crossings(a, b), key=lambda crossing: -crossing.size)[:CROSSINGS]
     found = [_unstable_near(path, a, b, crossing) for crossing in crossings]
     unseen = [point for point in found if point is not None]
@@ -421,20 +496,29 @@ def _turned(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]
 def _unstable_near(
     path: Path, a: CurvePoint, b: CurvePoint, crossing: Crossing
 ) -> CurvePoint | None:
-    """A point near a crossing with more unstable multipliers than a and b, or None."""
+    """A point near a crossing with more unstable multipliers than a and b, or None.
+
+    One march at a place beside the curve shows the pairs there. The point itself is sought only
+    where this march finds an instability, or where no place near the curve is known.
+    """
+    planes = _Planes(path, a, b)
     shares, angles = [0.0, 1.0], list(crossing.angles)
     for _ in range(TRIALS):
         share = shares[0] - angles[0] * (shares[1] - shares[0]) / (angles[1] - angles[0])
-        point = point_between(path, a, b, share)
-        if point is None:
+        ends, arc = ([a, b], [0.0, planes.length]), share * planes.length
+        seen: Spectrum | CurvePoint | None = planes.glance(*ends, arc)
+        if seen is None or outside(seen) > max(outside(a), outside(b)):
+            seen = point = planes.point(*ends, arc, exact=False)
+            if point is None or outside(point) > max(outside(a), outside(b)):
+                return point
+        if seen.turning.size == 0:
             return None
-        if outside(point) > max(outside(a), outside(b)):
-            return point
-        if point.turning.size == 0:
-            return None
-        turns, apart = _turned(crossing.sign * crossing.size, point.turning)
-        angle = float(turns[np.argmin(apart)])
-        if abs(angle) < -NEAR * np.log(crossing.size):
+        turns, apart = _turned(crossing.sign * crossing.size, seen.turning)
+        nearest = int(np.argmin(apart))
+        angle, shape = float(turns[nearest]), float(seen.turn_shapes[nearest])
+        damping = -np.log(crossing.size)
+        excitation = abs(angle) * shape / np.sqrt(max(1.0 - shape**2, REAL))
+        if excitation < NEAR * damping and abs(angle) < CLOSE * damping:
             return None
         side = 0 if angle * angles[0] > 0.0 else 1
         if not min(angles) < angle < max(angles):
