@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.mesh.inspection import inspect
     from fenicsrom.fem.mesh.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.solid.solid import Solid, build_solid, solid_of
+    from fenicsrom.online.curves.solutions import Solutions, follow
     from fenicsrom.online.model.matrices import ModelArrays, model_arrays
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.measures import amplitudes, contact_fractions
@@ -62,6 +63,7 @@ _MODULES = {
     "fem.full.full": ("FullModel",),
     "reduction.modes": ("component_modes",),
     "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
+    "online.curves.solutions": ("Solutions", "follow"),
     "online.model.model": ("ReducedModel",),
     "online.store.archive": ("StoredModel", "load_model", "save_model"),
     "online.model.matrices": ("ModelArrays", "model_arrays"),

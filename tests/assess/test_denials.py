@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from fenicsrom.assess.curves import denials
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.denials import Denials
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import CurvePoint, Piece
 
 Range = tuple[float, float] | None
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from test_response import HIGH, fold_frequencies, oscillator, scene_with
 
-from fenicsrom.assess.curves import branches, trust
-from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves import pieces, trust
+from fenicsrom.assess.curves.pieces import CurveWalk
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.assess.curves.stability_search import EXTRA
@@ -23,7 +23,7 @@ from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.notes import AMPLITUDES, NoteKind
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import CurvePoint, Piece
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
@@ -123,23 +123,30 @@ def test_second_branch_is_followed_after_an_interrupt(
 
     bifurcation = motion(0.0, 0.5, "branch point")
 
-    def follow(path: Any, begin: CurvePoint, direction: Any, origin: str, periods: int) -> None:
+    def follow(path: Any, begin: CurvePoint, direction: Any, origin: str, periods: int) -> Piece:
         if len(parts) - 1 == allowed:
             raise KeyboardInterrupt
         parts.append(Piece([begin, motion(5.0 * begin.s[1], 0.7)], [], "closed end", origin))
+        return parts[-1]
 
     monkeypatch.setattr(
-        branches, "branch", lambda path, point, equation, sense: (path, motion(sense, 0.5))
+        pieces, "branch", lambda path, point, equation, sense: (path, motion(sense, 0.5))
     )
     parts = [Piece([motion(0.0, 0.0), motion(0.0, 1.0)], [bifurcation])]
     path = SimpleNamespace(place=lambda point: np.append(point.s, point.parameter), shooting=None)
-    arguments = parts, lambda point, periods: path, follow, "force", 1
+    walk: Any = SimpleNamespace(
+        curve=SimpleNamespace(pieces=parts),
+        table=SimpleNamespace(branches=1, parameter="force"),
+        path=lambda point, periods: path,
+        follow=follow,
+        _branch=lambda *given: CurveWalk._branch(walk, *given),
+    )
     allowed = done
     with contextlib.suppress(KeyboardInterrupt):
-        branches.follow_branches(*arguments)
+        CurveWalk.branches(walk)
     assert len(parts) == 1 + done
     allowed = 9
-    branches.follow_branches(*arguments)
+    CurveWalk.branches(walk)
     assert [part.points[1].s[1] for part in parts[1:]] == [1.0, -1.0]
 
 

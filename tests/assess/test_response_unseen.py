@@ -9,14 +9,13 @@ import pytest
 from support import beam_scene, excited_stiffness
 from test_response_runs import assert_continued, interrupted
 
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.checks import contradictions
 from fenicsrom.assess.curves.denials import Denials
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.response_problem import family_of, start_motion
 from fenicsrom.assess.curves.trust import checks
 from fenicsrom.online.curves.continuation import Continuation, follow
-from fenicsrom.online.curves.curve import UNSURE
+from fenicsrom.online.curves.curve import UNSURE, Piece
 from fenicsrom.online.curves.events import outside
 from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.run.simulate import load_histories

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, SHORTEST, divide_gaps, lengths_along
+from fenicsrom.online.curves.curve import Piece
 
 
 def motion(parameter: float, stable: bool = True) -> Any:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from fenicsrom.assess.curves import trust
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import Check, Richer, checks
-from fenicsrom.online.curves.curve import UNSURE, CurvePoint, Extremes
+from fenicsrom.online.curves.curve import UNSURE, CurvePoint, Extremes, Piece
 
 PLACE = 100.32  # of a torus bifurcation
 

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.results import Response, ResponseCurve
-from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Extremes
+from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Extremes, Piece
 from fenicsrom.post.curves.response_figures import figure, phases, stretches
 from fenicsrom.post.curves.response_report import (
     contact_map,

@@ -19,9 +19,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import FOLD, SAME_MOTION, Check, change, finer_motion
-from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
+from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint, Piece
 from fenicsrom.online.curves.events import outside
 from fenicsrom.online.periodic.shooting import Family, PeriodicMotion
 

@@ -15,7 +15,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenicsrom.assess.curves.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.assess.curves.denials import Denials
 from fenicsrom.assess.curves.peaks import follow_peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
@@ -23,12 +22,19 @@ from fenicsrom.assess.curves.results import CurveFile, ResponseCurve, response_t
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
-from fenicsrom.online.curves.continuation import HURRIES, Continuation, hurries
-from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint
-from fenicsrom.online.periodic.shooting import Family, PeriodicMotion
+from fenicsrom.online.curves.continuation import (
+    HURRIES,
+    Continuation,
+    branch,
+    hurries,
+    lies_on,
+    motions_through_load,
+    passes_through,
+)
+from fenicsrom.online.curves.curve import BACK, END, OUT_OF_POINTS, CurvePoint, Piece
+from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration, listening, log, working_time
-from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import counted
 
@@ -36,42 +42,57 @@ REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve,
 NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
 KEEP_INTERVAL = 1.0  # shortest time between two writes of its file, s
 KEEP_SHARE = 0.05  # most of the time that these writes may take
+SAME_START = 1e-6  # distance of the first points of one branch, followed twice, in parts of them
+MOST_PERIODS = 64  # of the loads in one of a motion on a branch
 
 
 class CurveWalk:
-    """Reports the progress of one curve, and keeps its points in a file."""
+    """Follows one curve, reports its progress, and keeps its points in a file.
+
+    Attributes:
+        stored: the model under the scene of the curve.
+        table: the table [response] of this scene.
+        family: the periodic problems by the parameter.
+        curve: the curve, which grows.
+    """
 
     def __init__(
         self,
+        stored: StoredModel,
         curve: ResponseCurve,
-        scene: Scene,
         report: Callable[[float, str], None],
-        file: CurveFile | None,
+        file: CurveFile | None = None,
     ):
         """Begin at the points that the curve has.
 
         Args:
+            stored: the model.
             curve: the curve.
-            scene: its scene, with a table [response].
             report: receives the part of the range that is covered and a line; where it is only
                 asked whether to stop, 0 and an empty line. The callback raises KeyboardInterrupt to
                 stop the computation.
             file: the file; None keeps nothing.
         """
-        self.curve, self.scene, self.file = curve, scene, file
-        self._report = report
+        self.stored, self.curve = stored, curve
+        self.table, self.family = response_table(stored.scene), family_of(stored)
+        self._report, self._file = report, file
         self._said = self._kept = clock.perf_counter()
         self._wait = KEEP_INTERVAL
 
-    def __call__(self, line: str) -> None:
+    # ------------------------------------------------------------------ progress
+
+    def __call__(self, line: str = "") -> None:
         """Report a line."""
         self._report(self.fraction if line else 0.0, line)
+
+    def place(self, value: float) -> str:
+        """A value of the parameter in words."""
+        return in_words(self.stored.scene, self.table.parameter, value)
 
     @property
     def fraction(self) -> float:
         """The part of the range of the parameter that the curve covers, from both ends."""
-        table = response_table(self.scene)
-        low, high = table.low, table.high
+        low, high = self.table.low, self.table.high
         covered = 0.0
         for piece in self.curve.pieces:
             values = [point.parameter for point in piece.points]
@@ -89,13 +110,12 @@ class CurveWalk:
         line = ""
         if now - self._said > REPORT_INTERVAL:
             self._said, point = now, piece.points[-1]
-            here = in_words(self.scene, response_table(self.scene).parameter, point.parameter)
             line = (
-                f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
-                f"{1e3 * float(point.amplitude.max()):.4g} mm, {'un' * (not point.stable)}stable"
-                f"{HURRIES * hurries(piece)}"
+                f"{counted(len(self.curve.points), 'point')}, {self.place(point.parameter)}, "
+                f"amplitude {1e3 * float(point.amplitude.max()):.4g} mm, "
+                f"{'un' * (not point.stable)}stable{HURRIES * hurries(piece)}"
             )
-        most = response_table(self.scene).points
+        most = self.table.points
         if len(piece.points) == int(NEARLY_ALL * most):
             line = f"{counted(len(piece.points), 'point')} of at most response.points = {most}"
         self(line)
@@ -109,14 +129,255 @@ class CurveWalk:
         Raises:
             OSError: the file cannot be written.
         """
-        if self.file is None:
+        if self._file is None:
             return
         pieces = [
             piece
             for piece in self.curve.pieces
             if piece.reason != "interrupted" or piece.origin == "march"
         ]
-        self.file.save(replace(self.curve, pieces=pieces), done=done)
+        self._file.save(replace(self.curve, pieces=pieces), done=done)
+
+    # ------------------------------------------------------------------ pieces
+
+    def path(self, motion: CurvePoint | PeriodicMotion, periods: int = 1) -> Continuation:
+        """The continuation of motions of so many periods, measured by the size of a motion."""
+        shooting = shooting_of(self.stored, self.family, periods)
+        s = shooting.scaled(motion.z)
+        return Continuation(shooting, self.family, self.table.low, self.table.high, s)
+
+    def start(self, value: float) -> CurvePoint:
+        """The motion at a value of the parameter, by a march and Newton's method.
+
+        Raises:
+            ConvergenceError, AccuracyError: no motion was found; the error names the value.
+        """
+        self(f"start at {self.place(value)}: a march, then Newton's method")
+        motion = start_motion(self.stored, self.family, value)
+        path = self.path(motion)
+        begin = path.at_parameter(path.shooting.scaled(motion.z), value)
+        if begin is None:
+            raise ConvergenceError(f"the motion at {self.place(value)} was lost")
+        return oriented(begin, (float(np.sign(begin.tangent[-1])) or 1.0) * begin.sense)
+
+    def from_end(self, value: float, direction: float) -> bool:
+        """Follow the curve from an end of its range, or on from its last point.
+
+        Args:
+            value: of the parameter at the end.
+            direction: sign of the change of the parameter.
+
+        Returns:
+            Whether the other end is reached, or the number of points.
+
+        Raises:
+            ConvergenceError, AccuracyError: no motion was found at the end.
+        """
+        pieces = self.curve.pieces
+        piece = next((p for p in pieces if p.origin == "march" and p.direction == direction), None)
+        if piece is None:
+            begin = self.start(value)
+            points = [oriented(begin, direction * begin.sense)]
+            piece = Piece(points, reason="interrupted", direction=direction)
+            pieces.append(piece)
+            self.passed()
+        if piece.reason == "interrupted":
+            path = self.path(piece.points[0])
+            self._run(path, piece, self.passed)
+            _refine_largest(path, piece)
+            self(f"{counted(len(piece.points), 'point')}, {piece.reason}")
+        reached = abs(piece.points[-1].parameter - self.table.last) <= 1e-9 * self.table.high
+        return reached or piece.reason == OUT_OF_POINTS
+
+    def follow(
+        self,
+        path: Continuation,
+        begin: CurvePoint,
+        direction: float | None,
+        origin: str,
+        periods: int = 1,
+    ) -> Piece:
+        """A new part of the curve, followed from its first point.
+
+        Args:
+            path: the continuation.
+            begin: the first point.
+            direction: as in `Continuation.run`.
+            origin: as in `Piece`.
+            periods: number of periods of the loads in one of the motion.
+        """
+        piece = Piece([begin], reason="interrupted", origin=origin, periods=periods)
+        self.curve.pieces.append(piece)
+        self._run(path, piece, self, direction)
+        self(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
+        return piece
+
+    def _run(
+        self,
+        path: Continuation,
+        piece: Piece,
+        progress: Callable[[], None],
+        direction: float | None = None,
+    ) -> None:
+        """Follow a piece from its last point."""
+        path.run(
+            piece.points[-1],
+            direction,
+            curve=piece,
+            points=self.table.points,
+            progress=lambda point: progress(),
+        )
+
+    # ------------------------------------------------------------------ branches
+
+    def branches(self) -> None:
+        """Follow the branches at the period doublings and branch points of the curve."""
+        done = 0
+        for _ in range(self.table.branches):
+            fresh = self.curve.pieces[done:]
+            done += len(fresh)
+            for piece in fresh:
+                for point in piece.special:
+                    if point.kind in ("period doubling", "branch point"):
+                        self._branch(piece, point)
+
+    def _branch(self, piece: Piece, point: CurvePoint) -> None:
+        """Follow the branches at one point of a piece, unless one of the pieces is this branch.
+
+        An interrupted run may have left one of two branches.
+        """
+        doubles = point.kind == "period doubling"
+        periods = piece.periods * (2 if doubles else 1)
+        if periods > MOST_PERIODS:
+            return
+        path = self.path(point, piece.periods)
+        origin = f"{point.kind} at {self.table.parameter} = {point.parameter:.7g}"
+        kept = [other for other in self.curve.pieces if other.origin == origin]
+        others = [p for p in self.curve.pieces if p not in (piece, *kept) and p.periods == periods]
+        if any(passes_through(path, other, point) for other in others):
+            return
+        for sense in (1.0, -1.0):
+            path = self.path(point, piece.periods)
+            found = branch(path, point, self.path(point, periods).shooting, sense)
+            if found is None:
+                continue
+            new = next((other for other in kept if _begins_at(other, found[1])), None)
+            new = new or self.follow(*found, None, origin, periods)
+            if not new.points[0].kind:
+                new.points.insert(0, point)
+            # the motions on both sides of a period doubling differ by a shift in time
+            if doubles or new.reason == "closed":
+                return
+
+    def isolated(self) -> None:
+        """Follow curves that are connected with the curve through the size of the loads only.
+
+        Raises:
+            ConvergenceError, AccuracyError: no motion was found where they are sought.
+        """
+        for value in self.table.isolated or ():
+            known = self._motion_at(value) or self.start(value)
+            path = self.path(known)
+            s = path.shooting.scaled(known.z)
+            for motion in motions_through_load(path.shooting, self.family(value), s):
+                path = self.path(motion)
+                point = path.at_parameter(motion.s, value)
+                if point is not None and not any(lies_on(path, p, point) for p in self._single):
+                    self._both(point)
+
+    @property
+    def _single(self) -> list[Piece]:
+        """The pieces of motions of one period."""
+        return [piece for piece in self.curve.pieces if piece.periods == 1]
+
+    def _motion_at(self, value: float) -> CurvePoint | None:
+        """A motion of the curve at a value of the parameter, or None."""
+        for piece in self._single:
+            for a, _, near in piece.crossings(value):
+                point = self.path(a).at_parameter(near, value)
+                if point is not None:
+                    return point
+        return None
+
+    def _both(self, point: CurvePoint) -> None:
+        """Follow a piece in both directions from a point, as one piece."""
+        piece = self.follow(self.path(point), point, 1.0, "isolated")
+        if piece.reason == "closed":
+            return
+        back = self.follow(self.path(point), point, -1.0, "isolated")
+        self.curve.pieces.pop()
+        piece.points[:0] = back.points[:0:-1]
+        piece.special[:0] = back.special[::-1]
+        if piece.reason in (END, BACK):
+            piece.reason = END if back.reason in (END, BACK) else back.reason
+
+    # ------------------------------------------------------------------ the whole
+
+    def compute(self, richer: RicherModel | None) -> None:
+        """Compute the curve, from where it stands, and estimate its errors.
+
+        Args:
+            richer: a model with a richer basis under the scene of the curve, or None.
+
+        Raises:
+            ConvergenceError, AccuracyError: no motion was found at either end of the range.
+        """
+        begin, curve = working_time(), self.curve
+        try:
+            self._ends()
+            denials = Denials(self.family, self)
+            denials.apply(curve.pieces)
+            self.branches()
+            self.isolated()
+            if self.table.peak_over is not None:
+                with listening(lambda _: self()):  # it may stop the computation
+                    follow_peaks(self.stored, curve, richer)
+            other, limit = None, np.inf
+            if richer is not None:
+                other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
+            self("checking the curve with half the step and a richer basis")
+            judged = checks(curve.pieces, self.family, other, self, limit, denials.motion)
+            curve.checks = denials.apply(curve.pieces, judged)
+        finally:
+            marches = np.array([point.marches for point in curve.points + curve.special])
+            total = marches.reshape(-1, 2).sum(axis=0)
+            curve.marches = int(total[0]), int(total[1])
+            curve.seconds += working_time() - begin
+
+    def _ends(self) -> None:
+        """Follow the curve from its first value and, if it ends before the last, from there."""
+        ahead = float(np.sign(self.table.last - self.table.first))
+        lost: ConvergenceError | AccuracyError | None = None
+        for value, direction in ((self.table.first, ahead), (self.table.last, -ahead)):
+            try:
+                if self.from_end(value, direction):
+                    return
+            except (ConvergenceError, AccuracyError) as error:
+                lost = error
+        if lost is not None and not self.curve.points:
+            raise lost
+
+
+def _refine_largest(path: Continuation, piece: Piece) -> None:
+    """Add the motion of the largest amplitude of a piece, which may lie between two points."""
+    points = piece.points
+
+    def size(point: CurvePoint) -> float:
+        return float(point.amplitude.max())
+
+    k = int(np.argmax([size(point) for point in points]))
+    if 0 < k < len(points) - 1:
+        path.measure(points[k])
+        top = path.highest(points[k - 1 : k + 2], size)
+        if top is not points[k]:
+            way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
+            points.insert(k + int(way > 0.0), top)
+
+
+def _begins_at(piece: Piece, begin: CurvePoint) -> bool:
+    """Whether a branch has this point first, or next after its bifurcation."""
+    size = SAME_START * float(np.linalg.norm(begin.s))
+    return any(float(np.linalg.norm(point.s - begin.s)) <= size for point in piece.points[:2])
 
 
 class CurveProgress:
@@ -160,172 +421,3 @@ class CurveProgress:
             return text
         self._left = left
         return f"{text}, about {duration(left)} left"
-
-
-def follow_curve(
-    stored: StoredModel, curve: ResponseCurve, walk: CurveWalk, richer: RicherModel | None
-) -> None:
-    """Compute the pieces of one curve, from where it stands, and estimate its errors.
-
-    Raises:
-        ConvergenceError, AccuracyError: no motion was found at either end of the range.
-    """
-    begin, table = working_time(), response_table(stored.scene)
-    family = family_of(stored)
-    error: ConvergenceError | AccuracyError | None = None
-    try:
-        ahead = float(np.sign(table.last - table.first))
-        for value, direction in ((table.first, ahead), (table.last, -ahead)):
-            earlier = [
-                piece
-                for piece in curve.pieces
-                if piece.origin == "march" and piece.direction == direction
-            ]
-            start: PeriodicMotion | None = None
-            if not earlier:
-                try:
-                    start = _start(stored, family, value, walk)
-                except (ConvergenceError, AccuracyError) as problem:
-                    error = problem
-                    continue
-                curve.pieces.append(Piece(direction=direction))
-            piece = earlier[0] if earlier else curve.pieces[-1]
-            if start is not None or piece.reason == "interrupted":
-                _follow_piece(stored, family, start, value, piece, walk)
-            reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.high
-            if reached or piece.reason == OUT_OF_POINTS:
-                break
-        if not curve.points and error is not None:
-            raise error
-        denials = Denials(family, lambda: walk(""))
-        denials.apply(curve.pieces)
-        _follow_more(stored, family, curve, walk)
-        if response_table(stored.scene).peak_over is not None:
-            with listening(lambda _: walk("")):  # it may stop the computation
-                follow_peaks(stored, curve, richer)
-        other, limit = None, np.inf
-        if richer is not None:
-            other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
-        walk("checking the curve with half the step and a richer basis")
-        judged = checks(curve.pieces, family, other, lambda: walk(""), limit, denials.motion)
-        curve.checks = denials.apply(curve.pieces, judged)
-    finally:
-        marches = np.array([point.marches for point in curve.points + curve.special])
-        total = marches.reshape(-1, 2).sum(axis=0)
-        curve.marches = int(total[0]), int(total[1])
-        curve.seconds += working_time() - begin
-
-
-def _start(stored: StoredModel, family: Family, value: float, walk: CurveWalk) -> PeriodicMotion:
-    """The motion at an end of the range; errors as `start_motion`."""
-    place = in_words(stored.scene, response_table(stored.scene).parameter, value)
-    walk(f"start at {place}: a march, then Newton's method")
-    return start_motion(stored, family, value)
-
-
-def _follow_piece(
-    stored: StoredModel,
-    family: Family,
-    start: PeriodicMotion | None,
-    value: float,
-    piece: Piece,
-    walk: CurveWalk,
-) -> None:
-    """Follow one piece from a motion, or on from its last point.
-
-    Args:
-        stored: the model.
-        family: problems by the parameter.
-        start: the first motion; None continues from the last point of the piece.
-        value: parameter at the first motion.
-        piece: the piece.
-        walk: reports and keeps what is done.
-
-    Raises:
-        ConvergenceError: the first point was not found.
-    """
-    table = response_table(stored.scene)
-    path = _path(stored, family, piece.points[0] if start is None else start)
-    if start is not None:
-        piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
-        walk.passed()
-    path.run(
-        piece.points[-1],
-        None,
-        curve=piece,
-        points=table.points,
-        progress=lambda point: walk.passed(),
-    )
-    _refine_largest(path, piece)
-    walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
-
-
-def _refine_largest(path: Continuation, piece: Piece) -> None:
-    """Add the motion of the largest amplitude of a piece, which may lie between two points."""
-    points = piece.points
-
-    def size(point: CurvePoint) -> float:
-        return float(point.amplitude.max())
-
-    k = int(np.argmax([size(point) for point in points]))
-    if 0 < k < len(points) - 1:
-        path.measure(points[k])
-        top = path.highest(points[k - 1 : k + 2], size)
-        if top is not points[k]:
-            way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
-            points.insert(k + int(way > 0.0), top)
-
-
-def _path(
-    stored: StoredModel, family: Family, motion: CurvePoint | PeriodicMotion, periods: int = 1
-) -> Continuation:
-    """The continuation over the range of the scene, measured by the size of a motion."""
-    table, shooting = response_table(stored.scene), shooting_of(stored, family, periods)
-    return Continuation(shooting, family, table.low, table.high, shooting.scaled(motion.z))
-
-
-def _first_point(
-    path: Continuation, start: PeriodicMotion, value: float, direction: float, scene: Scene
-) -> CurvePoint:
-    """The first point of a piece; arguments and errors as `_follow_piece`."""
-    begin = path.at_parameter(path.shooting.scaled(start.z), value)
-    if begin is None:
-        here = in_words(scene, response_table(scene).parameter, value)
-        raise ConvergenceError(f"the motion at {here} was lost")
-    turn = float(np.sign(begin.tangent[-1])) or 1.0
-    return oriented(begin, turn * direction * begin.sense)
-
-
-def _follow_more(
-    stored: StoredModel, family: Family, curve: ResponseCurve, progress: CurveWalk
-) -> None:
-    """Follow the branches and the isolated curves that the scene asks for.
-
-    Raises:
-        ConvergenceError, AccuracyError: no motion was found where isolated curves are sought.
-    """
-    table = response_table(stored.scene)
-
-    def path_of(motion: CurvePoint, periods: int) -> Continuation:
-        return _path(stored, family, motion, periods)
-
-    def follow(
-        path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
-    ) -> None:
-        piece = Piece([begin], reason="interrupted", origin=origin, periods=periods)
-        curve.pieces.append(piece)
-        path.run(
-            begin,
-            direction,
-            curve=piece,
-            points=table.points,
-            progress=lambda point: progress(""),
-        )
-        progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
-
-    def start(value: float) -> CurvePoint:
-        motion = _start(stored, family, value, progress)
-        return _first_point(_path(stored, family, motion), motion, value, 1.0, stored.scene)
-
-    follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
-    follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())

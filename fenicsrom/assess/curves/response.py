@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.checks import contradictions, inaccuracies, unknown_errors
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
-from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk, follow_curve
+from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.response_problem import check_response, family_of
 from fenicsrom.assess.curves.results import (
     CurveFile,
@@ -37,7 +36,7 @@ from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
 from fenicsrom.notes import AMPLITUDES, EVENTS, PEAKS, STABILITY, Note, NoteKind
 from fenicsrom.online.curves.continuation import ForcedPeak
-from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint, Extremes
+from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint, Extremes, Piece
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
@@ -364,10 +363,10 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
         if job.state is not None:
             job.state.save(curve, done=True)
         return outcome
-    walk = CurveWalk(curve, stored.scene, report, job.state)
+    walk = CurveWalk(stored, curve, report, job.state)
     done = False
     try:
-        follow_curve(stored, curve, walk, richer)
+        walk.compute(richer)
         done = True
     except Exception as error:
         outcome.error = job_error(error)

@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.assess.errors.comparisons import MeshCheck
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, refuse
@@ -22,7 +21,7 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.curves.continuation import ForcedPeak
-from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve import CurvePoint, Piece
 from fenicsrom.online.periodic.shooting import largest_multiplier
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_run_key, first_difference

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.online.curves.curve import Curve, CurvePoint, Piece
 
 EXTRA = 12
 """Largest number of these points of a curve."""

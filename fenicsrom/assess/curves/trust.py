@@ -31,13 +31,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.stability_search import EXTRA, NEAR, divide_gaps, lengths_along
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import BIFURCATIONS, UNSURE, CurvePoint
+from fenicsrom.online.curves.curve import BIFURCATIONS, UNSURE, CurvePoint, Piece
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
     Family,

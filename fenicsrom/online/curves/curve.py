@@ -317,6 +317,44 @@ def norm(vector: Array) -> float:
     return math.sqrt(vector @ vector)
 
 
+@dataclass(eq=False)
+class Piece(Curve):
+    """A connected part of a curve.
+
+    Attributes:
+        points: in their order along the curve.
+        special: the located bifurcations and contact events.
+        reason: why it ends: as in `Curve`.
+        origin: where it comes from: "march", or the kind and the parameter of the bifurcation at
+            which it leaves another piece, or "isolated".
+        periods: number of periods of the loads in one of the motion.
+        direction: 1.0 of a piece that starts at the first value of the range, -1.0 of a piece that
+            starts at the last value.
+    """
+
+    origin: str = "march"
+    periods: int = 1
+    direction: float = 1.0
+
+    def in_order(self) -> list[CurvePoint]:
+        """The points, with the special points where the curve passes them."""
+        points = list(self.points)
+        if not points:
+            return points
+        size = max(float(np.linalg.norm(point.s)) for point in points) or 1.0
+        width = max(abs(points[-1].parameter - points[0].parameter), abs(points[0].parameter))
+
+        def place(point: CurvePoint) -> Array:
+            return np.append(point.s / size, point.parameter / width)
+
+        for special in self.special:
+            places = np.array([place(point) for point in points])
+            ways = np.linalg.norm(places - place(special), axis=1)
+            detours = ways[:-1] + ways[1:] - np.linalg.norm(np.diff(places, axis=0), axis=1)
+            points.insert(int(np.argmin(detours)) + 1 if detours.size else 0, special)
+        return points
+
+
 def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:
     """Cubic through two points with their tangents; a share above 1 is beyond the second point."""
     t = share
