@@ -159,7 +159,11 @@ class Continuation(ArcLength):
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
             period_states=states_over_period(record, states),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
-            **seen._asdict(),
+            multipliers=seen.multipliers,
+            verdict=seen.verdict,
+            free_sliders=place.free,
+            turning=seen.turning,
+            turn_rates=seen.turn_rates,
             period=m * problem.period,
             probe_amplitude=half_range(record.time, record.probe),
         )

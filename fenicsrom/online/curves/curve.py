@@ -229,7 +229,6 @@ class CurvePoint:
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
             `fenicsrom.online.curves.events`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
-        turn_shapes: (K,) how strongly the motion excites them: see there.
         period: of the motion, s.
         sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
         denied: the verdict of finer time steps where the stability is not known, or "".
@@ -259,7 +258,6 @@ class CurvePoint:
     damping_dissipation: float = 0.0
     turning: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
     turn_rates: Array = field(default_factory=lambda: np.zeros(0))
-    turn_shapes: Array = field(default_factory=lambda: np.zeros(0))
     period: float = np.nan
     sense: float = 1.0
     probe_amplitude: Array = field(default_factory=lambda: np.zeros(0))

@@ -53,6 +53,7 @@ LOCATED = 1e-6  # of the range of the parameter: how closely special points are 
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 STEEP = 0.1  # least cosine between a plane's normal and the tangent along which a guess is made
+ALONG = 0.2  # least cosine between the chord of two points and the normal of planes between them
 DEEP = 20  # halvings after which a step has the width of a bracket
 MOST = 8  # changes of stability between two points of a curve that are located
 CONTRARY = 2  # nested ways of which both halves may hide folds
@@ -299,7 +300,7 @@ class _Planes:
         """Choose the normal."""
         self._path, self._origin = path, path.place(a)
         chord, normal = path.place(b) - self._origin, path.direction(a) + path.direction(b)
-        if normal @ chord <= 0.5 * norm(normal) * norm(chord):
+        if normal @ chord <= ALONG * norm(normal) * norm(chord):
             normal = chord
         self._normal: Array = np.asarray(normal / norm(normal))
         self.length = float(self._normal @ chord)
@@ -350,8 +351,8 @@ TRIALS = 3  # points that seek one crossing
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
 TURN_SEEN = 0.5  # smallest turn in a step, in parts of -2 log r, of a pair that may hide a stretch
-NEAR = 0.5  # of -log r: below it, e is too small for a stretch,
-CLOSE = 10.0  # if it was read from the pair at an angle of at most this times -log r
+NEAR = 0.5  # of -log r: where the angle of the pair or e is smaller, e is too small for a stretch,
+CLOSE = 10.0  # if it was read from the pair at an angle of at most so many times this
 GLANCE = 0.1  # of a step: a place so near to the curve has the pairs of the curve
 
 
@@ -362,11 +363,13 @@ class Crossing(NamedTuple):
         size: r.
         sign: (-1)^k.
         angles: d at both points.
+        rate: d theta / d log T, the mean of both points.
     """
 
     size: float
     sign: float
     angles: tuple[float, float]
+    rate: float
 
 
 class Spectrum(NamedTuple):
@@ -378,7 +381,8 @@ class Spectrum(NamedTuple):
         free_sliders: number of slider components that are not unique.
         turning: (K,) multipliers of lightly damped vibrations, one of each pair.
         turn_rates: (K,) d theta / d log T.
-        turn_shapes: (K,) e / d of each pair.
+        vibrations: (2, n, K) eigenvectors of the pairs: L^T q, and L^T v times T.
+        steps: number of time steps in the period.
     """
 
     multipliers: NDArray[np.complex128]
@@ -386,7 +390,8 @@ class Spectrum(NamedTuple):
     free_sliders: int
     turning: NDArray[np.complex128]
     turn_rates: Array
-    turn_shapes: Array
+    vibrations: NDArray[np.complex128]
+    steps: int
 
     @property
     def stable(self) -> bool:
@@ -409,20 +414,17 @@ def spectrum(
     """
     values, vectors = np.linalg.eig(monodromy)
     pairs = turning_pairs(values, vectors, n, omega, period, steps)
-    return Spectrum(*floquet(values, free), free, *pairs)
+    return Spectrum(*floquet(values, free), free, *pairs, steps)
 
 
 def turning_pairs(
     values: Any, vectors: Any, n: int, omega: float, period: float, steps: int
-) -> tuple[NDArray[np.complex128], Array, Array]:
-    """The multipliers of lightly damped vibrations, how they turn with the period, and e / d.
+) -> tuple[NDArray[np.complex128], Array, NDArray[np.complex128]]:
+    """The multipliers of lightly damped vibrations, and how they turn with the period.
 
     Steps of length h by the midpoint rule turn the pair of a vibration of angular frequency w by
     2 arctan(w h / 2) each, so that d theta / d log T = w T / (1 + (w h / 2)^2). This rate is at
     most the number of steps.
-
-    From period to period, a vibration that is not excited passes a circle of (L^T q, L^T v / w), an
-    excited one an ellipse with e / d = |q^T M q + v^T M v / w^2| / (q^H M q + v^H M v / w^2).
 
     Args:
         values: (N,) eigenvalues of the monodromy matrix.
@@ -433,20 +435,38 @@ def turning_pairs(
         steps: their number in the period.
 
     Returns:
-        The multipliers (K,), one of each pair, their rates d theta / d log T (K,), and e / d (K,).
+        The multipliers (K,), one of each pair, their rates d theta / d log T (K,), and L^T q and
+        L^T v T (2, n, K) of their eigenvectors.
     """
     light = (np.abs(values) > LIGHT) & (np.abs(values.imag) > REAL)
-    q, v = vectors[:n, light], vectors[n : 2 * n, light]
+    q, v = vectors[:n, light], omega * period * vectors[n : 2 * n, light]
     turns = np.sum((q.conj() * v).imag, axis=0)
     forward = turns > 0.0
     found, q, v = values[light][forward], q[:, forward], v[:, forward]
-    turns = omega * period * turns[forward] / np.sum(np.abs(q) ** 2, axis=0)
+    turns = turns[forward] / np.sum(np.abs(q) ** 2, axis=0)
     rates = turns / (1.0 + (turns / (2.0 * steps)) ** 2)
-    angle, about = np.angle(found), 2.0 * steps * np.arctan(turns / (2.0 * steps))
-    whole = angle + 2.0 * np.pi * np.round((about - angle) / (2.0 * np.pi))  # over the period
-    v = v * (omega * period / (2.0 * steps * np.tan(whole / (2.0 * steps))))
-    shapes = np.abs(np.sum(q**2 + v**2, axis=0)) / np.sum(np.abs(q) ** 2 + np.abs(v) ** 2, axis=0)
-    return found.astype(np.complex128), np.asarray(rates), np.asarray(shapes)
+    return found.astype(np.complex128), np.asarray(rates), np.stack([q, v]).astype(np.complex128)
+
+
+def excitation(vibration: Any, angle: float, rate: float, steps: int) -> float:
+    """How strongly a motion excites a vibration: e, from its pair at an angle.
+
+    From period to period a vibration of angular frequency w that is not excited goes round a circle
+    of (L^T q, L^T v / w), an excited one round an ellipse with
+
+        e / d = |q^T M q + v^T M v / w^2| / (q^H M q + v^H M v / w^2).
+
+    Args:
+        vibration: (2, n) L^T q and L^T v T of the eigenvector.
+        angle: sqrt(d^2 - e^2).
+        rate: d theta / d log T without the excitation, which gives w.
+        steps: number of time steps in the period.
+    """
+    part = min(rate / steps, 1.0)
+    turns = 2.0 * steps * (1.0 - np.sqrt(1.0 - part**2)) / part  # w T
+    q, v = vibration[0], vibration[1] / turns
+    shape = float(abs(q @ q + v @ v) / (np.vdot(q, q) + np.vdot(v, v)).real)
+    return abs(angle) * shape / np.sqrt(max(1.0 - shape**2, REAL))
 
 
 def unseen_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
@@ -484,7 +504,8 @@ def _axis_crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
         for multiple in range(int(low[k]), int(high[k]) + 1):
             zero = np.pi * multiple
             sign = 1.0 if multiple % 2 == 0 else -1.0
-            yield Crossing(float(sizes[k]), sign, (float(first[k]) - zero, float(last[k]) - zero))
+            angles = float(first[k]) - zero, float(last[k]) - zero
+            yield Crossing(float(sizes[k]), sign, angles, float(rates[k, nearest[k]]))
 
 
 def _turned(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]:
@@ -515,11 +536,13 @@ def _unstable_near(
             return None
         turns, apart = _turned(crossing.sign * crossing.size, seen.turning)
         nearest = int(np.argmin(apart))
-        angle, shape = float(turns[nearest]), float(seen.turn_shapes[nearest])
-        damping = -np.log(crossing.size)
-        excitation = abs(angle) * shape / np.sqrt(max(1.0 - shape**2, REAL))
-        if excitation < NEAR * damping and abs(angle) < CLOSE * damping:
+        angle, limit = float(turns[nearest]), -NEAR * np.log(crossing.size)
+        if abs(angle) < limit:
             return None
+        if isinstance(seen, Spectrum) and abs(angle) < CLOSE * limit:
+            vibration = seen.vibrations[:, :, nearest]
+            if excitation(vibration, angle, crossing.rate, seen.steps) < limit:
+                return None
         side = 0 if angle * angles[0] > 0.0 else 1
         if not min(angles) < angle < max(angles):
             return None
