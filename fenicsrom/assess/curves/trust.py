@@ -260,6 +260,7 @@ class _Checks:
         self._finer = finer or (lambda point: finer_motion(point, family))
         self._bifurcations = bifurcations(pieces)
         self._home: dict[int, CurvePoint] = {}
+        self._motions: dict[int, PeriodicMotion | None] = {}  # of the richer basis
         self.found: list[Check] = []
 
     def bifurcations(self, most: int) -> None:
@@ -283,6 +284,7 @@ class _Checks:
         point: CurvePoint,
         *,
         richer: bool = True,
+        step: bool = True,
         bifurcation: Bifurcation | None = None,
     ) -> Check:
         """Add the check of a point.
@@ -291,6 +293,7 @@ class _Checks:
             where: as in `Check`.
             point: the point.
             richer: whether to compare with the richer basis, if there is one.
+            step: whether to compare with half the step.
             bifurcation: the one at this point, if any: its parameter is compared.
         """
 
@@ -300,9 +303,11 @@ class _Checks:
             return None if other is None else change(point.amplitude, other.amplitude)
 
         self._ask()
-        finer, motion, verdict = self._finer(point), None, None
+        finer, motion, verdict = self._finer(point) if step else None, None, None
         if self._richer is not None and richer:
-            motion = richer_motion(point, self._richer)
+            if id(point) not in self._motions:
+                self._motions[id(point)] = richer_motion(point, self._richer)
+            motion = self._motions[id(point)]
             verdict = None if motion is None else _confirmed(point, motion, self._richer)
         check = Check(
             point,
@@ -415,7 +420,7 @@ def checks(
         family: its problems by the parameter.
         richer: a model with a richer basis, if there is one.
         ask: called before each point; it may raise KeyboardInterrupt.
-        limit: as in `RicherModel`; if it is passed at a named point, no other one is compared.
+        limit: as in `RicherModel`; where it is passed, the step of other points is not judged.
         finer: gives the motion with half the step at a point, if the caller knows some of them.
     """
     made = _Checks(pieces, family, richer, ask, finer)
@@ -430,6 +435,12 @@ def checks(
     others += [each for each in spread(pieces, stable=False) if id(each[1]) not in sizes]
     left = _affordable(pieces, richer) - len(made.found)
     every = -(-len(others) // left) if left > 0 else len(others) + 1
+    if np.isfinite(limit):
+        named = len(made.found)
+        judged = [made.compare(*each, step=False) for each in others[every - 1 :: every]]
+        if any((check.basis_error or 0.0) > limit for check in judged):
+            return made.found
+        del made.found[named:]
     for k, (name, point) in enumerate(others, 1):
         both = k % every == 0
         if both or not point.stable or size_of(point) > 1.0 - NEAR:
