@@ -11,8 +11,7 @@ other peak is followed, too, and the smallest of the larger ones is sought again
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from fenicsrom.assess.curves.results import Optimum, ResponseCurve, response_tab
 from fenicsrom.assess.curves.trust import Richer, RicherModel
 from fenicsrom.online.curves.continuation import Continuation, ForcedPeak, climb, follow
 from fenicsrom.online.curves.curve import CurvePoint
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Shooting
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Family, Shooting
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log, tell
 from fenicsrom.scene import Scene
@@ -38,48 +37,157 @@ SAME = 1e-9  # relative difference of values below which they are the same
 LARGER = 1e-3  # relative difference by which another motion is larger than the peak
 
 
-def follow_peaks(stored: StoredModel, curve: ResponseCurve, richer: RicherModel | None) -> None:
-    """Add the peaks over the second number and the optimum to a curve that has its points.
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """Follows the peaks of a curve that has its points over a second number.
 
-    Args:
+    Attributes:
         stored: the model under the scene of the curve.
         curve: the curve; its peaks may be there in part.
         richer: a model with a richer basis, or None.
     """
-    settings = stored.scene.time
-    value, top = own_value(stored), max((p for p in curve.points if p.periods == 1), key=height)
-    while True:
-        if curve.peaks:
-            _follow(stored, curve.peaks[-1])
-            if curve.optimum is None:
-                log.info("  the smallest peak")
-                curve.optimum = _optimum(stored, curve.peaks, richer)
-            if curve.optimum.larger is None or len(curve.peaks) == MOST:
+
+    stored: StoredModel
+    curve: ResponseCurve
+    richer: RicherModel | None
+
+    def follow(self) -> None:
+        """Add the peaks and the optimum to the curve."""
+        curve, value = self.curve, own_value(self.stored)
+        top = max((p for p in curve.points if p.periods == 1), key=height)
+        while True:
+            if curve.peaks:
+                self._over_all_values(curve.peaks[-1])
+                if curve.optimum is None:
+                    log.info("  the smallest peak")
+                    curve.optimum = self._optimum()
+                if curve.optimum.larger is None or len(curve.peaks) == MOST:
+                    return
+                value, top = curve.optimum.peak.value, curve.optimum.larger
+            found = self._peak(value, top)
+            if found is None:
                 return
-            value, top = curve.optimum.peak.value, curve.optimum.larger
-        found = _peak(stored, value, top, settings)
-        if found is None:
-            return
-        curve.peaks.append([found])
-        curve.optimum = None
+            curve.peaks.append([found])
+            curve.optimum = None
 
+    def _over_all_values(self, peaks: list[ForcedPeak]) -> None:
+        """Follow one peak over all values, from the value of its first one to both sides."""
+        over = str(response_table(self.stored.scene).peak_over)
+        values = np.geomspace(*peak_range(self.stored), VALUES)
+        start = peaks[0].value
+        for side in (values[values > start], values[values < start][::-1]):
+            for value in map(float, side):
+                if all(peak.value != value for peak in peaks):
+                    peak = self._reached(value, _nearest(peaks, value), HALVINGS)
+                    if peak is None:
+                        break
+                    peaks.append(peak)
+                    log.info(
+                        f"  {in_words(self.stored.scene, over, value)}: peak of the probe "
+                        f"{1e3 * peak.amplitude:.5g} mm at {peak.frequency:.6g} Hz"
+                    )
 
-def _follow(stored: StoredModel, peaks: list[ForcedPeak]) -> None:
-    """Follow one peak over all values, from the value of its first one to both sides."""
-    over = str(response_table(stored.scene).peak_over)
-    values = np.geomspace(*peak_range(stored), VALUES)
-    start = peaks[0].value
-    for side in (values[values > start], values[values < start][::-1]):
-        for value in map(float, side):
-            if all(peak.value != value for peak in peaks):
-                peak = _reached(stored, value, _nearest(peaks, value), HALVINGS)
-                if peak is None:
-                    break
-                peaks.append(peak)
-                log.info(
-                    f"  {in_words(stored.scene, over, value)}: peak of the probe "
-                    f"{1e3 * peak.amplitude:.5g} mm at {peak.frequency:.6g} Hz"
-                )
+    def _family(self, value: float, richer: RicherModel | None = None) -> Family:
+        """The problems at a value, of the model or of a richer one."""
+        keys = keys_over(self.stored.scene, str(response_table(self.stored.scene).peak_over))
+        stored = self.stored if richer is None else richer.stored
+        return family_of(stored.with_values(dict.fromkeys(keys, value)))
+
+    def _peak(
+        self, value: float, near: CurvePoint, finer: int = 1, richer: RicherModel | None = None
+    ) -> ForcedPeak | None:
+        """The peak at a value, from a motion near it; None if it is not found.
+
+        Args:
+            value: the value.
+            near: a motion, perhaps of another value.
+            finer: factor on the number of time steps.
+            richer: a model with a richer basis, whose peak is found instead.
+        """
+        table, time = response_table(self.stored.scene), self.stored.scene.time
+        steps = finer * (time.steps_per_period or FALLBACK_STEPS)
+        family = self._family(value, richer)
+        problem = family(near.parameter)._replace(time=time.changed(steps_per_period=steps))
+        shooting = Shooting(problem)
+        z = near.z if richer is None else Richer(family, richer.transfer).start(near, shooting)
+        s = shooting.scaled(z)
+        path = Continuation(shooting, family, table.low, table.high, s)
+        start = path.at_parameter(s, near.parameter)
+        top, ends = (None, ()) if start is None else climb(path, start, height)
+        if top is None:
+            return None
+        return ForcedPeak(value, top.parameter, height(top), top, (ends[0], ends[1]))
+
+    def _reached(self, value: float, near: ForcedPeak, halvings: int) -> ForcedPeak | None:
+        """The peak at a value from that at another one, if need be by way of values between."""
+        tell(0.0)
+        peak = self._peak(value, near.point)
+        if peak is not None or not halvings:
+            return peak
+        middle = self._reached(float(np.sqrt(value * near.value)), near, halvings - 1)
+        return None if middle is None else self._reached(value, middle, halvings - 1)
+
+    def _optimum(self) -> Optimum:
+        """The smallest peak, located between its neighbours, with its errors."""
+        best = self._smallest()
+        log.info("  checking the smallest peak with half the step and a richer basis")
+        others = [self._peak(best.value, best.point, finer=2), None]
+        if self.richer is not None:
+            others[1] = self._peak(best.value, best.point, richer=self.richer)
+        errors = [
+            None if peak is None else abs(peak.amplitude / best.amplitude - 1.0) for peak in others
+        ]
+        found = Optimum(best, errors[0], errors[1], (best.value, best.value))
+        worst = max((error for error in errors if error is not None), default=0.0)
+        level = best.amplitude * (1.0 + worst) / max(1.0 - worst, 0.1)
+        within = tuple(_crossing(largest_peaks(self.curve.peaks), best, level))
+        return replace(found, within=within, larger=self._larger(best))
+
+    def _smallest(self) -> ForcedPeak:
+        """The smallest of the largest peaks, located between its neighbours."""
+        from scipy.optimize import minimize_scalar  # slow to import
+
+        peaks = largest_peaks(self.curve.peaks)
+        k = min(range(len(peaks)), key=lambda k: peaks[k].amplitude)
+        best = peaks[k]
+        if not 0 < k < len(peaks) - 1:
+            return best
+        low, high = peaks[k - 1].value, peaks[k + 1].value
+        near = [[peak for peak in one if low <= peak.value <= high] for one in self.curve.peaks]
+
+        def size(logarithm: float) -> float:
+            nonlocal best
+            value = float(np.exp(logarithm))
+            found = [self._reached(value, _nearest(one, value), HALVINGS) for one in near if one]
+            top = max((p for p in found if p is not None), key=lambda p: p.amplitude, default=None)
+            if top is None:
+                return np.inf
+            best = min(best, top, key=lambda peak: peak.amplitude)
+            return top.amplitude
+
+        bounds = np.log(low), np.log(high)
+        minimize_scalar(size, bounds=bounds, method="bounded", options={"xatol": LOCATED})
+        return best
+
+    def _larger(self, best: ForcedPeak) -> CurvePoint | None:
+        """The largest motion on the whole curve of a peak; None if it is the peak."""
+        table, family = response_table(self.stored.scene), self._family(best.value)
+        points = [
+            point
+            for direction in (1.0, -1.0)
+            for point in follow(
+                family,
+                best.point,
+                best.frequency,
+                (table.low, table.high),
+                direction=direction,
+                points=table.points,
+                locate=False,
+                progress=lambda point: tell(0.0),
+            ).points
+        ]
+        top = max(points, key=height, default=best.point)
+        return top if height(top) > (1.0 + LARGER) * best.amplitude else None
 
 
 def _nearest(peaks: list[ForcedPeak], value: float) -> ForcedPeak:
@@ -115,107 +223,6 @@ def height(point: CurvePoint) -> float:
     return float(point.probe_amplitude.max())
 
 
-def _at(stored: StoredModel, value: float) -> StoredModel:
-    """The model under the scene with a value."""
-    keys = keys_over(stored.scene, str(response_table(stored.scene).peak_over))
-    return stored.with_values(dict.fromkeys(keys, value))
-
-
-def _peak(
-    stored: StoredModel,
-    value: float,
-    near: CurvePoint,
-    settings: Any,
-    richer: RicherModel | None = None,
-) -> ForcedPeak | None:
-    """The peak at a value, from a motion near it; None if it is not found.
-
-    Args:
-        stored: the model.
-        value: the value.
-        near: a motion, perhaps of another value.
-        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        richer: a model with a richer basis, whose peak is found instead.
-    """
-    table = response_table(stored.scene)
-    family = family_of(_at(stored if richer is None else richer.stored, value))
-    problem = family(near.parameter)
-    shooting = Shooting(problem._replace(time=settings))
-    z = near.z if richer is None else Richer(family, richer.transfer).start(near, shooting)
-    s = shooting.scaled(z)
-    path = Continuation(shooting, family, table.low, table.high, s)
-    start = path.at_parameter(s, near.parameter)
-    if start is None:
-        return None
-    top, ends = climb(path, start, height)
-    if top is None:
-        return None
-    return ForcedPeak(value, top.parameter, height(top), top, (ends[0], ends[1]))
-
-
-def _reached(
-    stored: StoredModel, value: float, near: ForcedPeak, halvings: int
-) -> ForcedPeak | None:
-    """The peak at a value from that at another one, if need be by way of values between them."""
-    tell(0.0)
-    peak = _peak(stored, value, near.point, stored.scene.time)
-    if peak is not None or not halvings:
-        return peak
-    middle = _reached(stored, float(np.sqrt(value * near.value)), near, halvings - 1)
-    return None if middle is None else _reached(stored, value, middle, halvings - 1)
-
-
-def _optimum(
-    stored: StoredModel,
-    followed: list[list[ForcedPeak]],
-    richer: RicherModel | None,
-) -> Optimum:
-    """The smallest peak, located between its neighbours, with its errors."""
-    best, settings = _smallest(stored, followed), stored.scene.time
-    steps = 2 * (settings.steps_per_period or FALLBACK_STEPS)
-    log.info("  checking the smallest peak with half the step and a richer basis")
-    finer = _peak(stored, best.value, best.point, settings.changed(steps_per_period=steps))
-    other = None
-    if richer is not None:
-        other = _peak(stored, best.value, best.point, settings, richer)
-    errors = [
-        None if peak is None else abs(peak.amplitude / best.amplitude - 1.0)
-        for peak in (finer, other)
-    ]
-    found = Optimum(best, errors[0], errors[1], (best.value, best.value))
-    worst = max((error for error in errors if error is not None), default=0.0)
-    level = best.amplitude * (1.0 + worst) / max(1.0 - worst, 0.1)
-    within = tuple(_crossing(largest_peaks(followed), best, level))
-    return replace(found, within=within, larger=_larger(stored, best))
-
-
-def _smallest(stored: StoredModel, followed: list[list[ForcedPeak]]) -> ForcedPeak:
-    """The smallest of the largest peaks, located between its neighbours."""
-    from scipy.optimize import minimize_scalar  # slow to import
-
-    peaks = largest_peaks(followed)
-    k = min(range(len(peaks)), key=lambda k: peaks[k].amplitude)
-    best = peaks[k]
-    if not 0 < k < len(peaks) - 1:
-        return best
-    low, high = peaks[k - 1].value, peaks[k + 1].value
-    near = [[peak for peak in one if low <= peak.value <= high] for one in followed]
-
-    def size(logarithm: float) -> float:
-        nonlocal best
-        value = float(np.exp(logarithm))
-        found = [_reached(stored, value, _nearest(one, value), HALVINGS) for one in near if one]
-        top = max((p for p in found if p is not None), key=lambda p: p.amplitude, default=None)
-        if top is None:
-            return np.inf
-        best = min(best, top, key=lambda peak: peak.amplitude)
-        return top.amplitude
-
-    bounds = np.log(low), np.log(high)
-    minimize_scalar(size, bounds=bounds, method="bounded", options={"xatol": LOCATED})
-    return best
-
-
 def _crossing(peaks: list[ForcedPeak], best: ForcedPeak, level: float) -> Iterator[float]:
     """Where the peaks pass a level below and above the smallest one; the end if they do not."""
     for side in (
@@ -231,29 +238,6 @@ def _crossing(peaks: list[ForcedPeak], best: ForcedPeak, level: float) -> Iterat
             before = peak
         else:
             yield before.value
-
-
-def _larger(stored: StoredModel, best: ForcedPeak) -> CurvePoint | None:
-    """The motion of the largest amplitude on the whole curve of a peak; None: it is the peak."""
-    table, family = response_table(stored.scene), family_of(_at(stored, best.value))
-    points = [
-        point
-        for direction in (1.0, -1.0)
-        for point in follow(
-            family,
-            best.point,
-            best.frequency,
-            (table.low, table.high),
-            direction=direction,
-            points=table.points,
-            locate=False,
-            progress=lambda point: tell(0.0),
-        ).points
-    ]
-    top = max(points, key=height, default=best.point)
-    if height(top) <= (1.0 + LARGER) * best.amplitude:
-        return None
-    return top
 
 
 def incomplete_peaks(

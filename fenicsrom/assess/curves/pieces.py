@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenicsrom.assess.curves.denials import Denials
-from fenicsrom.assess.curves.peaks import follow_peaks
+from fenicsrom.assess.curves.peaks import Peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.results import CurveFile, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
@@ -331,7 +331,7 @@ class CurveWalk:
             self.isolated()
             if self.table.peak_over is not None:
                 with listening(lambda _: self()):  # it may stop the computation
-                    follow_peaks(self.stored, curve, richer)
+                    Peaks(self.stored, curve, richer).follow()
             other, limit = None, np.inf
             if richer is not None:
                 other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit
