@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
+from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import events
 from fenicsrom.online.curves.brackets import Bracket, bracketed
-from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.continuation import HASTE, STRETCH, Continuation, follow, hurries
 from fenicsrom.online.curves.curve import (
     BIFURCATIONS,
+    END,
     NEGLIGIBLE,
     OPENS,
     SLIPS,
@@ -30,7 +32,13 @@ from fenicsrom.online.curves.curve import (
 from fenicsrom.online.curves.events import LOCATED, MOST, outside, special_points
 from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
-from fenicsrom.online.periodic.shooting import Family, Shooting, force_family, solve
+from fenicsrom.online.periodic.shooting import (
+    Family,
+    Shooting,
+    force_family,
+    periodic_motion,
+    solve,
+)
 from fenicsrom.online.step.state import no_record
 from fenicsrom.scene import Time
 
@@ -351,3 +359,22 @@ def test_stability_changes_only_at_bifurcations() -> None:
     counts = [outside(point) for point in curve.points]
     changes = sum(a != b for a, b in pairwise(counts))
     assert changes <= len(kinds)
+
+
+@pytest.mark.parametrize(("stiffness", "hurried"), [(2.0, False), (-2.0, True)])
+def test_steps_of_a_long_unstable_stretch_are_twice_as_long(
+    stiffness: float, hurried: bool
+) -> None:
+    """A mass on a spring, or on a spring of negative stiffness, over the size of its load."""
+    load = harmonic(np.array([1.0]), np.array([1.3]), np.array([0.3]))
+    model = linear_model(
+        [[1.0]], [[stiffness]], damping=0.1, loads=[[1.0]], load_histories=load, probes=1
+    )
+    settings = Time.of(scheme="discrete-gradient", periods=1, steps_per_period=40)
+    family = force_family(Problem(model, no_contacts(), settings, 2.0 * np.pi / 1.3))
+    start = periodic_motion(family(1.0), (np.zeros(1), np.zeros(1), np.zeros((0, 1))))
+    curve = follow(family, start, 1.0, (1.0, 3.0))
+    assert curve.reason == END and {point.stable for point in curve.points} == {not hurried}
+    steps = np.diff([point.parameter for point in curve.points])
+    assert steps[STRETCH] / steps[STRETCH - 2] == pytest.approx(HASTE if hurried else 1.0, rel=0.05)
+    assert [hurries(Curve(curve.points[:k])) for k in (STRETCH - 1, STRETCH)] == [False, hurried]
