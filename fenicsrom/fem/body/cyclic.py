@@ -38,7 +38,6 @@ from fenicsrom.fem.body.pairs import Side
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.scene import Cyclic
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.keys.places import Region
 from fenicsrom.words import counted
 
 Complex = NDArray[np.complex128]
@@ -143,7 +142,7 @@ class CutFaces:
     def _side(self, name: str) -> Side:
         """The facets of a cut face on all ranks, with the global numbers of their nodes."""
         body, comm = self._body, self._body.comm
-        own = Side(body, Region(group=name))
+        own = Side(body, body.mesh.facets(name))
         side, index = copy(own), body.space.dofmap.index_map
         nodes = index.local_to_global(own.nodes.astype(np.int32).ravel()).reshape(own.nodes.shape)
         side.nodes = np.concatenate(comm.allgather(nodes))

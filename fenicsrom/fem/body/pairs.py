@@ -9,7 +9,8 @@ B, minus the outer normal of B at Y. With the hats ψ_i of the facets of A, divi
 is the contact displacement of node i of A in its frame Q_i, and its gap. The hats are positive and
 their sum is one, so a constant pressure gives constant contact forces per area (the patch test):
 rows that compare a node with its closest point do not (Puso and Laursen, Comput. Methods Appl.
-Mech. Eng. 193, 2004). The integrals are taken by quadrature on the facets of A.
+Mech. Eng. 193, 2004). The integrals are taken by quadrature on the facets of A. A point X has no
+partner if another facet of the surface crosses the line from X to Y: a body that lies between.
 """
 
 from typing import Any, NamedTuple
@@ -68,9 +69,19 @@ PARTS = {
 }
 """The nodes of the parts into which its nodes divide a quadratic facet."""
 
+SIMPLICES = {
+    "interval": [[0, 1]],
+    "triangle": [[0, 1, 2]],
+    "quadrilateral": [[0, 1, 2], [3, 2, 1]],
+}
+"""The corners of the simplices into which a facet is divided."""
+
+BETWEEN = 1e-6
+"""A facet between two points lies by this part of their distance away from both."""
+
 
 class Side:
-    """The facets (F,) of a region, all of one kind, with their nodes.
+    """Some facets (F,), all of one kind, with their nodes.
 
     Attributes:
         kind: the kind of the facets, of basix.
@@ -81,10 +92,10 @@ class Side:
         thickness: (F,) thickness of the body there, m; 1 in 3D.
     """
 
-    def __init__(self, body: Any, region: Region):
-        """Find the facets of a region of a body."""
+    def __init__(self, body: Any, facets: Ints):
+        """Take some facets of a body."""
         below = body.dimension - 1
-        cells, numbers = body.mesh.sides(below, body.mesh.facets(region)).T
+        cells, numbers = body.mesh.sides(below, facets).T
         self.kind = basix.cell.subentity_types(body.mesh.domain.basix_cell())[below][0]
         family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
         self.element = basix.create_element(family, self.kind, body.geometry.degree, variant)
@@ -155,6 +166,28 @@ class Side:
             )
         return facet, point, distance
 
+    def crosses(self, x: Array, y: Array) -> Array:
+        """Whether a facet crosses the straight lines (q,) from x (q, d) to y (q, d) between both.
+
+        A facet is taken as flat between its corners.
+        """
+        way, found = np.linalg.norm(y - x, axis=1), np.zeros(len(x), dtype=bool)
+        near = cKDTree(self.middle).query_ball_point(0.5 * (x + y), 0.5 * (way + self.size.max()))
+        line = np.repeat(np.arange(len(x)), [*map(len, near)])
+        facet = np.concatenate([np.zeros(0), *near]).astype(int)
+        for first, *others in SIMPLICES[self.kind.name]:
+            start = self.x[facet, first]
+            edges = [self.x[facet, other] - start for other in others]
+            system = np.stack([*edges, (x - y)[line]], axis=2)
+            regular = np.abs(np.linalg.det(system)) > 0.0
+            away = (x[line] - start)[regular, :, None]
+            at = np.linalg.solve(system[regular], away)[:, :, 0]
+            along, inside = at[:, -1], at[:, :-1]
+            met = (along > BETWEEN) & (along < 1.0 - BETWEEN)
+            met &= np.all(inside >= 0.0, axis=1) & (inside.sum(axis=1) <= 1.0)
+            found[line[regular][met]] = True
+        return found
+
 
 def _rows(columns: Ints, values: Array, size: int) -> csr_array:
     """Sparse rows (q, size) with some values (q, k) in these columns (q, k)."""
@@ -208,8 +241,9 @@ class _Opposite(NamedTuple):
     gap: Array
 
 
-def _opposite(body: Any, contact: Contact, key: str, a: Side, b: Side) -> _Opposite:
+def _opposite(body: Any, contact: Contact, key: str, sides: tuple[Side, ...]) -> _Opposite:
     """Find the closest points of B for a quadrature on A; errors as `pair_rows`."""
+    a, b, others = sides
     facets, points, weights, corners, hats = _quadrature(a)
     x, along, shapes = a.at(facets, points)
     on, place, distance = b.closest(x)
@@ -222,6 +256,10 @@ def _opposite(body: Any, contact: Contact, key: str, a: Side, b: Side) -> _Oppos
         raise _refused(body, f"{reason} within its reach; the nearest is {far:.3g} m away", key)
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
         raise _refused(body, "the outer normals of the two regions are not opposite", key)
+    away = np.flatnonzero(seen & (distance > INSIDE * a.size.mean()))
+    seen[away] = ~others.crosses(x[away], y[away])
+    if not seen.any():
+        raise _refused(body, f"other facets lie between the region and {contact.against!r}", key)
     size = len(body.space.tabulate_dof_coordinates())
     return _Opposite(
         csr_array(_rows(corners, weights[:, None] * hats, size).T),
@@ -232,8 +270,8 @@ def _opposite(body: Any, contact: Contact, key: str, a: Side, b: Side) -> _Oppos
     )
 
 
-def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[Side, Side]:
-    """The two regions of a contact; errors as `pair_rows`."""
+def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[Side, Side, Side]:
+    """The two regions of a contact, and the rest of the surface; errors as `pair_rows`."""
     if body.comm.size > 1:
         raise _refused(body, "contact between bodies runs on one process only", key)
     if body.slanted is not None:
@@ -243,11 +281,13 @@ def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[Side, Si
         if body.mesh.reaches_inside(region):
             where = f"contacts[{number}].{name}"
             raise _refused(body, "facets of the region lie inside a body; take its surface", where)
-    a, b = (Side(body, region) for region in regions)
+    facets = [*map(body.mesh.facets, regions)]
+    others = np.setdiff1d(body.mesh.outside(), np.concatenate(facets))
+    a, b, rest = (Side(body, found) for found in (*facets, others))
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
         reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
         raise _refused(body, f"{reason}and the first region by a group of one body", key)
-    return a, b
+    return a, b, rest
 
 
 def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, ContactPoints]:
@@ -264,12 +304,12 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
 
     Raises:
         SceneError: a region is inside a body, the regions share nodes or do not face each other,
-            no part of B lies opposite A or near enough, or A lies inside B and the scene gives no
-            gap.
+            no part of B lies opposite A or near enough, other facets lie between them, or A lies
+            inside B and the scene gives no gap.
     """
     key, d = f"contacts[{number}].against", body.dimension
-    a, b = _sides(body, contact, number, key)
-    found, nodes = _opposite(body, contact, key, a, b), body.space.tabulate_dof_coordinates()
+    a, b, _ = sides = _sides(body, contact, number, key)
+    found, nodes = _opposite(body, contact, key, sides), body.space.tabulate_dof_coordinates()
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
     if not kept.size:

@@ -211,10 +211,9 @@ class Mesh:
 
         Collective.
         """
-        topology, below = self.domain.topology, self.domain.topology.dim - 1
-        topology.create_connectivity(below, below + 1)
+        topology, boundary = self.domain.topology, self.outside()
+        below = topology.dim - 1
         topology.create_connectivity(below, 0)
-        boundary = dolfinx.mesh.exterior_facet_indices(topology)
         of = topology.connectivity(below, 0)
         missed = np.add.reduceat(~np.isin(of.array, corners), of.offsets[:-1])
         found: Ints = boundary[missed[boundary] == 0]
@@ -229,12 +228,16 @@ class Mesh:
         Raises:
             SceneError: the mesh has no such group, or nothing is picked.
         """
-        topology, below = self.domain.topology, self.domain.topology.dim - 1
-        topology.create_connectivity(below, below + 1)
-        boundary = dolfinx.mesh.exterior_facet_indices(topology)
-        facets = self.facets(where)
-        owned = facets[facets < topology.index_map(below).size_local]
-        return any(self.domain.comm.allgather(bool(np.any(~np.isin(owned, boundary)))))
+        topology, facets = self.domain.topology, self.facets(where)
+        owned = facets[facets < topology.index_map(topology.dim - 1).size_local]
+        return any(self.domain.comm.allgather(bool(np.any(~np.isin(owned, self.outside())))))
+
+    def outside(self) -> Ints:
+        """Local facets of the surface that this rank owns. Collective."""
+        topology = self.domain.topology
+        topology.create_connectivity(topology.dim - 1, topology.dim)
+        found: Ints = dolfinx.mesh.exterior_facet_indices(topology)
+        return found
 
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.
