@@ -165,11 +165,12 @@ def basis(run: Run) -> None:
     study = run.study
     study.basis = run.reduction.basis
     by_motion = study.scene.basis.masters == "motion"  # these vectors are few, and chosen already
+    fewer = '"motion"' if study.scene.joined else "a smaller number of interface modes"
     if study.basis.condition > LARGE_CONDITION and not by_motion:
         text = (
             f"the reduced mass has a condition number of {study.basis.condition:.2g} (above "
             f"{LARGE_CONDITION:g}): contact coordinates move almost together, and rounding grows "
-            "by this factor; set basis.masters to a smaller number of interface modes"
+            f"by this factor; set basis.masters to {fewer}"
         )
         study.warnings.append(Note(NoteKind.WARNING, text, "basis.masters"))
 

@@ -270,6 +270,23 @@ def test_slide_of_a_frictionless_start_is_named() -> None:
         assert len(said) == (force > 100.0)  # 8 kN of bolts over 20 mm turn by 2.5 mm
 
 
+def test_body_that_friction_alone_holds_is_the_named_cause(tmp_path: Path) -> None:
+    load = {"group": "1 high x", "direction": [1.0, 0.0]}
+    scene = scene_of(
+        stacked(tmp_path / "two.vtu", 2, 3, 2),
+        2,
+        {"group": "1 low y", "against": "0 high y"},
+        supports=[{"group": "0 low y"}],
+        loads=[
+            {"group": "1 high y", "pressure": 1e6},
+            {**load, "force": 1e3},
+            {**load, "force": 1.0, "frequency": 1.0},
+        ],
+    )
+    with pytest.raises(ConvergenceError, match=r"about 1e\+03 N, and only friction holds it"):
+        solid(scene)
+
+
 def test_region_without_a_facet_opposite_is_refused(tmp_path: Path) -> None:
     boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.097, 0.05), (0.197, 0.1), (1, 2))
     mesh = blocks(tmp_path / "apart.vtu", *boxes)
@@ -313,6 +330,25 @@ def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     rolling = [{"group": "0 low y", "components": ["y"]}]
     with refusal(ErrorKind.SUPPORT, "supports", names="1 rigid motion of"):
         solid(scene_of(mesh, 2, contact, supports=rolling, loads=load))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_contact_does_not_reach_through_a_body_between(tmp_path: Path, d: int) -> None:
+    def plates(covered: float) -> Scene:
+        sizes = ((0.0, 0.02), 0.1, 3), ((0.021, 0.022), covered, 2), ((0.023, 0.04), 0.1, 4)
+        parts = [((0.0, y[0], 0.0)[:d], (x, y[1], 0.06)[:d], (n, 1, n)[:d]) for y, x, n in sizes]
+        held = [{"group": f"{k} low x"} for k in range(3)]
+        load = [{"group": "0 high x", "force": 1.0, "direction": [0, 1, 0][:d], "frequency": 1.0}]
+        contact = {"group": "2 low y", "against": "0 high y"}
+        mesh = blocks(tmp_path / f"{covered}.vtu", *parts)
+        return scene_of(mesh, d, contact, supports=held, loads=load)
+
+    body = solid(plates(0.05))
+    assert np.all(body.points.position[:, 0] > 0.02)
+    area = body.points.tributary_area.sum() / (1.0 if d == 2 else 0.06)
+    assert area == pytest.approx(0.05, rel=2e-2)
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names="other facets lie between"):
+        solid(plates(0.1))
 
 
 @pytest.mark.parametrize(

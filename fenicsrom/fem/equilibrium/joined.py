@@ -95,8 +95,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
                 raise ConvergenceError(reason, u)
             statics.renew(u if bends else rest)
         else:
-            reason = f"the closed contact points did not settle in {CHANGES} solutions"
-            raise ConvergenceError(reason, u)
+            raise ConvergenceError(_restless(shear > LEFT * pressed, shear), u)
         body.joint = sticking(body, contacts, x)
         _note_slide(body, x)
         if bends:
@@ -104,6 +103,20 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
         else:
             statics.renew(rest)
     return u
+
+
+def _restless(slides: bool, shear: float) -> str:
+    """Why the search for the closed points does not end."""
+    if slides:
+        return (
+            f"static loads push a body along its contacts with about {shear:.3g} N, and only "
+            "friction holds it; bodies are brought together without friction: hold the body along "
+            "the contact by a support, or let this load begin with the motion"
+        )
+    return (
+        f"some contact points open and close in turn, still after {CHANGES} solutions: lower "
+        "contacts.normal_stiffness, or press the bodies on more firmly"
+    )
 
 
 def _note_slide(body: Any, x: Array) -> None:
