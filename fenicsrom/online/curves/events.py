@@ -413,8 +413,9 @@ def spectrum(
         steps: likewise.
     """
     values, vectors = np.linalg.eig(monodromy)
-    pairs = turning_pairs(values, vectors, n, omega, period, steps)
-    return Spectrum(*floquet(values, free), free, *pairs, steps)
+    multipliers, verdict = floquet(values, free)
+    turning, rates, vibrations = turning_pairs(values, vectors, n, omega, period, steps)
+    return Spectrum(multipliers, verdict, free, turning, rates, vibrations, steps)
 
 
 def turning_pairs(
@@ -529,9 +530,10 @@ def _unstable_near(
         ends, arc = ([a, b], [0.0, planes.length]), share * planes.length
         seen: Spectrum | CurvePoint | None = planes.glance(*ends, arc)
         if seen is None or outside(seen) > max(outside(a), outside(b)):
-            seen = point = planes.point(*ends, arc, exact=False)
+            point = planes.point(*ends, arc, exact=False)
             if point is None or outside(point) > max(outside(a), outside(b)):
                 return point
+            seen = point
         if seen.turning.size == 0:
             return None
         turns, apart = _turned(crossing.sign * crossing.size, seen.turning)

@@ -67,7 +67,8 @@ class _Equations(ArcLength):
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
         """The equations and, if asked for, their derivatives by central differences."""
-        z, jacobian = np.append(s, parameter), np.zeros((0, 0))
+        z = np.append(s, parameter)
+        jacobian: Array = np.zeros((0, 0))
         if derive:
             steps = DIFFERENCE * np.append(np.full(s.size, self.size), self.range)
             ways = zip(steps, np.diag(steps), strict=True)
@@ -86,9 +87,10 @@ class _Equations(ArcLength):
 
     def between(self, before: Any, found: Any) -> tuple[list[Any], list[Any]]:
         """Points that hide two folds between two points, and the folds."""
-        points = [before, *turned_points(self, before, found), found]
+        path: Any = self  # its points are solutions, not motions
+        points = [before, *turned_points(path, before, found), found]
         brackets = [
-            change_of_sign(self, lambda point: float(point.tangent[-1]), a, b)
+            change_of_sign(path, lambda point: float(point.tangent[-1]), a, b)
             for a, b in pairwise(points)
             if a.tangent[-1] * b.tangent[-1] < 0.0
         ]
