@@ -217,7 +217,7 @@ def modes_picture(folder: Path) -> Figure:
         draw_skin(axes, still)
         draw_skin(axes, moved, size, size.max())
         frame_view(axes, np.concatenate([still.reshape(-1, 3), moved.reshape(-1, 3)]), 25, -35, 1.1)
-        hertz = summary["frequencies_hz"][k]
+        hertz = summary["frequencies_Hz"][k]
         figure.text(0.25 * k + 0.125, 0.9, f"{label.split('_')[0]}   {hertz:.1f} Hz", ha="center")
     return figure
 
@@ -336,7 +336,7 @@ def wear_picture(folder: Path) -> Figure:
 def campbell_picture(folder: Path) -> Figure:
     """Draw the frequencies over the speed, the engine orders and the critical speeds."""
     data = json.loads((folder / "campbell.json").read_text())
-    speeds, hertz = np.array(data["speeds_rpm"]), np.array(data["frequencies_hz"])
+    speeds, hertz = np.array(data["speeds_rpm"]), np.array(data["frequencies_Hz"])
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
     for order in data["engine_orders"]:
         axes.plot(speeds, order * speeds / 60.0, color="#B8BDC2", linewidth=0.9)
@@ -344,7 +344,7 @@ def campbell_picture(folder: Path) -> Figure:
         axes.annotate(f"EO {order}", (edge, order * edge / 60.0), fontsize=7, color="#666666")
     axes.plot(speeds, hertz, linewidth=1.8)
     for meeting in data["critical_speeds"]:
-        axes.plot(meeting["speed_rpm"], meeting["frequency_hz"], "o", color="k", mfc="w", ms=4)
+        axes.plot(meeting["speed_rpm"], meeting["frequency_Hz"], "o", color="k", mfc="w", ms=4)
     axes.set(xlim=(0, speeds[-1] * 1.06), ylim=(0, 510), xlabel="speed, rpm", ylabel="Hz")
     return figure
 

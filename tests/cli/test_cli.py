@@ -39,7 +39,7 @@ def test_summary_of_run_has_documented_keys(results):
     for key in (
         "scene",
         "dofs",
-        "frequencies_hz",
+        "frequencies_Hz",
         "basis",
         "seconds",
         "left_out",
@@ -379,12 +379,12 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
-    from fenicsrom.post.run import pictures
+    from fenicsrom.post.run import motion_figures
 
     def broken(*_, **__):
         raise ValueError("no axes")
 
-    monkeypatch.setattr(pictures, "plot_motion", broken)
+    monkeypatch.setattr(motion_figures, "plot_motion", broken)
     model = str(results / "reduced_model.npz")
     assert main(["run", "--from", model, "--output", str(tmp_path)]) == 0
     sentence = "motion.png was not drawn: ValueError: no axes"

@@ -312,7 +312,7 @@ def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> Non
     assert summary["range"]["speed_rpm"] == 2000.0
     assert summary["range"]["errors_between"]["speeds"] == pytest.approx([1500.0, 4500.0])
     np.testing.assert_allclose(
-        summary["frequencies_hz"], at_speed(stored, 2000.0).frequencies_hz, rtol=1e-12
+        summary["frequencies_Hz"], at_speed(stored, 2000.0).frequencies_hz, rtol=1e-12
     )
     out, speeds = tmp_path / "campbell", "campbell.speeds_rpm=[0.0, 2500.0, 5000.0]"
     told = ["campbell", "--from", str(path), "--set", speeds, "--output", str(out)]
@@ -322,7 +322,7 @@ def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> Non
     modes = stored.whole.modes
     assert modes < 6 and not any("basis.modes" in text for text in diagram["warnings"])
     squares, _, _ = modes_at_speed(body, modes)
-    found = np.sort(diagram["frequencies_hz"][2])
+    found = np.sort(diagram["frequencies_Hz"][2])
     np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-9)
     asked = fenicsrom.campbell(stored.with_overrides([speeds, "campbell.modes=6"]))
     assert asked.squares.shape == (3, modes)

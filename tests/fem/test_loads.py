@@ -308,7 +308,7 @@ def test_static_scene_ends_with_its_equilibrium(
     load, inertia = DENSITY * 0.0254**2 * 9.81, 0.0254**4 / 12
     assert y == pytest.approx(-load * 2.54**4 / (8 * 207e9 * inertia), rel=5e-3) and -2e-3 < x < 0.0
     capsys.readouterr()
-    assert found["response"] == {} and found["frequencies_hz"] == []
+    assert found["response"] == {} and found["frequencies_Hz"] == []
     assert (tmp_path / "out" / "equilibrium.vtu").exists()
     # its modes can be asked for all the same, about the equilibrium
     command = ["modes", str(scene), "--output", str(tmp_path / "modes")]

@@ -587,7 +587,7 @@ def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Pa
         Path.cwd(),
     )
     at_rest = component_modes(make_solid(still), Basis(method="rubin", modes=1)).frequencies_hz[0]
-    assert found["frequencies_hz"][0] > 1.05 * at_rest
+    assert found["frequencies_Hz"][0] > 1.05 * at_rest
 
 
 # ------------------------------------------------------------------ scene and command
@@ -695,7 +695,7 @@ def test_campbell_command_writes_its_files(small: Path, tmp_path: Path, capsys: 
     files = ["report.html", "campbell.csv", "campbell.json", "campbell.png", "setup.png"]
     assert printed.splitlines()[-6:] == ["files:", *(f"  {folder / name}" for name in files)]
     found = json.loads((folder / "campbell.json").read_text())
-    frequencies = np.array(found["frequencies_hz"])
+    frequencies = np.array(found["frequencies_Hz"])
     assert frequencies.shape == (13, 2) and found["speeds_rpm"][-1] == 3000.0
     assert found["coriolis"] is True and found["complex_change"] is not None
     assert found["unfinished"] is None
@@ -705,12 +705,12 @@ def test_campbell_command_writes_its_files(small: Path, tmp_path: Path, capsys: 
     )
     assert np.all(np.diff(frequencies, axis=0)[1:] > 0.0)
     for item in found["critical_speeds"]:
-        assert item["frequency_hz"] == pytest.approx(item["order"] * item["speed_rpm"] / 60.0)
+        assert item["frequency_Hz"] == pytest.approx(item["order"] * item["speed_rpm"] / 60.0)
         line = np.interp(item["speed_rpm"], found["speeds_rpm"], frequencies[:, item["mode"] - 1])
-        assert line == pytest.approx(item["frequency_hz"], rel=0.01)
+        assert line == pytest.approx(item["frequency_Hz"], rel=0.01)
     with open(folder / "campbell.csv", newline="") as file:
         rows = list(csv.reader(file))
-    assert rows[0] == ["speed_rpm", "mode_1_hz", "mode_2_hz", "mode_1_mac", "mode_2_mac"]
+    assert rows[0] == ["speed_rpm", "mode_1_Hz", "mode_2_Hz", "mode_1_mac", "mode_2_mac"]
     np.testing.assert_allclose(np.array(rows[1:], float)[:, 1:3], frequencies)
 
 

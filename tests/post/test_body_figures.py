@@ -10,6 +10,7 @@ from test_figures import drawn
 pytest.importorskip("pyvista")
 
 from fenicsrom.post.base import style as optional
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.style import magnification
 from fenicsrom.post.body import body_figures
 from fenicsrom.post.body.body_view import Frame, face_on, is_seen, surface_of, view_at, view_of
@@ -132,14 +133,16 @@ def test_nodal_line_is_drawn_where_the_shape_changes_its_sign(plate):
     swing = body_figures._nodal_lines(surface, surface["swing"], view)
     assert line.n_points and not swing.n_points  # moves in the plane
     for label, said in (("twist", True), ("swing", False)):
-        figure = body_figures.shape_figure(surface, {label: label}, [label])
+        figure = figure_of(body_figures.shape_figure(surface, {label: label}, [label]))
         assert (body_figures.NODAL in figure.axes[-1].get_xlabel()) is said
 
 
 def test_deflection_names_its_magnification(plate, tmp_path):
     surface, normal = plate
     surface.point_data["bent"] = 1e-3 * surface.points[:, :1] ** 2 * normal
-    figure = body_figures.deflection_figure(surface, "bent", "equilibrium", view_of(surface))
+    figure = figure_of(
+        body_figures.deflection_figure(surface, "bent", "equilibrium", view_of(surface))
+    )
     factor = magnification(1e-3, LONG * 0.1)
     assert factor > 1.0 and f"× {factor:g}" in figure.axes[-1].get_xlabel()
     drawn(figure, tmp_path)
@@ -175,7 +178,7 @@ def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path
     surface.point_data["u"] = 0.01 * surface.points
     stress = 1e6 * (1.0 - x) * (1.0 + side * np.sign(across - across.mean()))
     surface.point_data[body_figures.SIZE] = stress
-    figure = body_figures.stress_figure(surface, "u", "bending")
+    figure = figure_of(body_figures.stress_figure(surface, "u", "bending"))
     panel, bar = figure.axes
     assert bar.get_xlabel().startswith("von Mises stress, MPa")
     assert [float(text.get_text()) for text in bar.get_xticklabels()] == [0.0, 1.0, 2.0]
@@ -196,7 +199,7 @@ def test_setup_shows_the_loaded_side(grid, side):
     across = side * (grid.points @ turn()[:, 2])
     on = across > across.mean()
     marks = [load_mark("load", grid.points[0], turn()[:, 2], on)]
-    figure = setup_figure(grid, marks, "a plate")
+    figure = figure_of(setup_figure(grid, marks, "a plate"))
     assert shown_in(figure, LOADED, 0.08) > 0.3 * len(colours_of(figure))
 
 

@@ -16,104 +16,79 @@ from motions import jenkins, side_by_side
 pytest.importorskip("bokeh")
 
 from fenicsrom.notes import verdict_of
-from fenicsrom.post.base.chart import _place, chart, noted
+from fenicsrom.post.base.chart import chart
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.origin import is_result
 from fenicsrom.post.base.page import Folded, html_report
-from fenicsrom.post.base.picture import Picture, caption, draw_pictures
-from fenicsrom.post.base.style import new_figure, new_panels, styled
+from fenicsrom.post.base.picture import NAMES, Picture, draw_pictures
+from fenicsrom.post.base.plot import Line, Map, Panel, Plot, Text
 from fenicsrom.post.run.figures import plot_points
 
 TIME = np.linspace(0.0, 1.0, 7)
 
 
-def two_curves() -> Any:
-    figure = new_figure(5.0, 4.0)
-    upper, lower = figure.subplots(2, sharex=True)
-    (line,) = upper.plot(TIME, TIME**2, "--", color="#d55e00", label="full")
-    noted(line, ["stick"] * TIME.size)
-    upper.plot(TIME, TIME**3, "o-", label="reduced")
-    lower.axvline(0.5, color="black")
-    lower.text(0.25, 0.75, "here")
-    upper.legend()
-    figure.draw_without_rendering()
-    return figure
+def two_curves() -> Plot:
+    look: dict[str, Any] = {"linestyle": "--", "color": "#d55e00", "label": "full"}
+    full = Line(TIME, TIME**2, **look, notes=["stick"] * TIME.size)
+    reduced = Line(TIME, TIME**3, marker="o", label="reduced")
+    below = [Line([0.5, 0.5], None, color="black"), Text(0.25, 0.75, "here", "y")]
+    return Plot([Panel([full, reduced]), Panel(below, ylim=(0.0, 2.0))], 5.0, 4.0, share="x")
 
 
-def objects(found: Any) -> list[dict[str, Any]]:
-    """All objects of a chart."""
-    if isinstance(found, dict):
-        own = [found] if found.get("type") == "object" else []
-        return own + [one for value in found.values() for one in objects(value)]
-    return [one for value in found for one in objects(value)] if isinstance(found, list) else []
-
-
-def named(found: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
-    return [one["attributes"] for one in found if one["name"] == name]
-
-
-def numbers(array: Any) -> Any:
-    packed = base64.b64decode(array["array"]["data"])
-    return np.frombuffer(gzip.decompress(packed), array["dtype"])
+def numbers(packed: str) -> Any:
+    return np.frombuffer(base64.b64decode(packed), "<f4")
 
 
 def test_chart_holds_the_points_notes_and_names_of_curves() -> None:
     text = chart(two_curves())
     assert text is not None
-    found = objects(json.loads(text))
-    entries = [dict(source["data"]["entries"]) for source in named(found, "ColumnDataSource")]
-    for x, y in ((TIME, TIME**2), (TIME, TIME**3)):
-        np.testing.assert_array_equal(numbers(entries[0]["x"]), x)
-        assert any(np.array_equal(numbers(entry["y"]), y) for entry in entries)
-    assert any(entry["note"] == ["stick"] * TIME.size for entry in entries)
-    labels = {item["label"]["value"]: item["renderers"] for item in named(found, "LegendItem")}
-    assert set(labels) == {"full", "reduced"}
-    assert len(labels["full"]) == 1 and len(labels["reduced"]) == 2  # a line and its marks
-    (here,) = named(found, "Label")
-    assert here["text"] == "here" and here["x"] == pytest.approx(0.25, abs=1e-6)
-    assert [legend["click_policy"] for legend in named(found, "Legend")] == ["hide"]
+    found = json.loads(text)
+    upper, lower = found["panels"]
+    full, reduced = upper["items"]
+    for item, y in ((full, TIME**2), (reduced, TIME**3)):
+        np.testing.assert_allclose(numbers(item["x"]), TIME, rtol=1e-6)
+        np.testing.assert_allclose(numbers(item["y"]), y, rtol=1e-6)
+    assert full["notes"] == ["stick"] * TIME.size and full["style"] == "--"
+    assert [sample["label"] for sample in found["legend"]] == ["full", "reduced"]
+    across, here = lower["items"]
+    np.testing.assert_allclose(numbers(across["y"]), [0.0, 2.0])
+    assert here["text"] == "here" and here["at"] == [0.25, 1.5]
+    assert upper["x"]["ends"] == lower["x"]["ends"] and found["share"] == "x"
 
 
-def test_legend_has_a_mark_for_a_line_that_is_in_another_panel() -> None:
-    figure, (left, right) = new_panels(6.0, 3.0, 1, 2)
-    (far,) = left.plot(TIME, TIME, "--", color="#D55E00", label="far")
-    (near,) = right.plot(TIME, TIME, color="#0072B2", label="near")
-    right.legend(handles=[near, far])
-    figure.draw_without_rendering()
-    text = chart(figure)
-    assert text is not None
-    found = objects(json.loads(text))
-    items = {item["label"]["value"]: item["renderers"] for item in named(found, "LegendItem")}
-    (legend,) = [one["id"] for one in found if one["name"] == "Legend"]
-    (plot,) = [one for one in named(found, "Figure") if legend in json.dumps(one.get("above"))]
-    inside = json.dumps(plot["renderers"])
-    assert all(renderers[0]["id"] in inside for renderers in items.values())
-    assert len(items["far"]) == 2  # the mark, and the line that a click hides
-
-
-def test_rows_of_many_contact_points_have_places_of_their_own() -> None:
-    figure = plot_points({"reduced": side_by_side(*[jenkins()] * 6)})
-    places = [_place(axes) for axes in figure.axes]
+def test_places_of_many_contact_points_do_not_overlap() -> None:
+    places = plot_points({"reduced": side_by_side(*[jenkins()] * 6)}).places()
     cells = [(row, column + k) for row, column, _, wide in places for k in range(wide)]
     assert len(places) == 6 and len(set(cells)) == len(cells)
 
 
 def test_values_that_differ_by_rounding_have_no_offset() -> None:
-    @styled
-    def draw() -> Any:
-        figure, (axis,) = new_panels(4.0, 3.0)
-        axis.plot([0.0, 1.0], [50.5, 50.5 + 1e-10])
-        return figure
-
-    figure = draw()
+    figure = figure_of(Plot([Panel([Line([0.0, 1.0], [50.5, 50.5 + 1e-10])])], 4.0, 3.0))
     figure.draw_without_rendering()
     (axis,) = figure.axes
     low, high = axis.get_ylim()
     assert high - low > 0.01 and axis.yaxis.get_offset_text().get_text() == ""
 
 
+def test_plot_with_a_map_has_no_chart() -> None:
+    assert chart(Plot([Panel([Map([0.0, 1.0], [0.0, 1.0], np.zeros((2, 2)))])])) is None
+
+
+def test_axes_end_at_their_values_or_beside_them_and_share_their_ends() -> None:
+    line = Line([1.0, 3.0], [10.0, 1000.0])
+    panels = [Panel([line], log="y"), Panel([Line([2.0, 5.0], [0.0, 1.0])], tight="xy")]
+    first, second = Plot(panels, share="x").limits()
+    assert first["x"] == pytest.approx((0.8, 5.2)) and second["x"] == (1.0, 5.0)
+    assert first["y"] == pytest.approx((10.0**0.9, 10.0**3.1)) and second["y"] == (0.0, 1.0)
+    assert Panel([line], ylim=(0.0, None)).ylim == (0.0, None)
+
+
 def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path: Path) -> None:
     (tmp_path / "history.npz").write_bytes(b"")
     notes: list[str] = []
-    (drawn,) = draw_pictures([Picture("Motion", "motion.png", two_curves)], tmp_path, notes)
+    (drawn,) = draw_pictures(
+        [Picture("Motion", "motion.png", two_curves, "what to see", "history.npz")], tmp_path, notes
+    )
     page = html_report(
         "title",
         [("Motion", [drawn]), (Folded("Details"), ["a detail"])],
@@ -124,7 +99,12 @@ def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path
     assert '<p class="verdict doubtful">Doubtful: a &lt; b; use c.</p>' in page
     assert page.index("verdict doubtful") < page.index("<li>a &lt; b") < page.index("Figure 1.")
     assert "<details><summary>Details</summary>" in page
-    assert '<a href="history.npz">' in page and caption("motion.png") in page
+    assert '<a href="history.npz">' in page and "what to see" in page
     (packed,) = re.findall(r'atob\("([^"]+)"\)', page)
     assert b"embed_item" in gzip.decompress(base64.b64decode(packed))
     assert page.count('id="chart-motion.png"') == 1 and 'src="motion.png"' in page
+
+
+def test_names_of_pictures_are_those_of_results() -> None:
+    names = [name.replace("[1-4]", "3") for name in NAMES]
+    assert all(is_result(f"{name}.png") for name in names)

@@ -40,14 +40,11 @@ def test_analytic_line_load_does_not_alternate_along_the_edge_of_a_blade() -> No
     pressed = motion.force.copy()
     pressed[:, :, 0] = force
     motion = replace(motion, force=pressed)
-    figure = plot_rub_map(motion, solid.points)
-    shown = figure.axes[0].collections[0].get_array()
+    shown = plot_rub_map(motion, solid.points).panels[0].items[0].values
     np.testing.assert_allclose(shown, np.tile(load[:, None], shown.shape[1]))
-    figure = plot_points({"reduced": motion}, (), solid.points)
-    (curve,) = figure.axes[0].lines
-    np.testing.assert_allclose(curve.get_xydata(), np.transpose([line.at, load]))
-    numbers = [text.get_text() for text in figure.axes[0].texts]
-    assert numbers == [str(k + 1) for k in range(count)]
+    *numbers, curve = plot_points({"reduced": motion}, (), solid.points).panels[0].items
+    np.testing.assert_allclose([curve.x, curve.y], [line.at, load])
+    assert [number.text for number in numbers] == [str(k + 1) for k in range(count)]
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from test_figures import illegible
 from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.cli import main
 from fenicsrom.online.stress.stress import Deformation
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.curves.equilibrium_report import figure, report, summary
 
 DEMO = Path(__file__).parents[2] / "demos" / "arch_snap.toml"
@@ -44,12 +45,12 @@ def found() -> EquilibriumPath:
 def test_figure_is_dashed_where_the_path_is_unstable(
     found: EquilibriumPath, tmp_path: Path
 ) -> None:
-    drawn = figure(found)
+    drawn = figure_of(figure(found))
     drawn.savefig(tmp_path / "figure.png")
     assert not illegible(drawn)
     (axis,) = drawn.axes
     labels = ["stable", "unstable", "limit point", "bifurcation"]
-    assert [text.get_text() for text in axis.get_legend().get_texts()] == labels
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == labels
     stable, unstable, limit, crossed = axis.lines
     assert stable.get_linestyle() == "-" and unstable.get_linestyle() == "--"
     np.testing.assert_allclose(stable.get_xydata(), [(0.0, 0.0), (-1.0, 0.8), (-2.0, 1.0)])

@@ -8,6 +8,7 @@ import pytest
 from motions import jenkins, side_by_side
 
 from fenicsrom.online.motion import measures
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.style import STATES
 from fenicsrom.post.run import figures
 
@@ -69,7 +70,7 @@ def drawn(figure, tmp_path):
 @pytest.mark.slow
 def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
     cases = {"full": jenkins(), "reduced": jenkins(periods=6), "beam": jenkins()}
-    figure = figures.plot_motion(cases)
+    figure = figure_of(figures.plot_motion(cases))
     assert len(figure.axes) == 2
     for axis, k in zip(figure.axes, range(2), strict=True):
         assert [line.get_label() for line in axis.lines] == list(cases)
@@ -82,35 +83,32 @@ def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
         )  # phases agree though the runs differ in length
     assert "time / period" in texts(figure) and "mm" in texts(figure)
     drawn(figure, tmp_path)
-    solid = figures.plot_motion({"full": jenkins(3), "beam": jenkins(2)})
+    solid = figure_of(figures.plot_motion({"full": jenkins(3), "beam": jenkins(2)}))
     assert len(solid.axes) == 3
     drawn(solid, tmp_path)
 
 
 def test_contact_figure_shows_states_and_loops(tmp_path):
     cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
-    figure = figures.plot_contact(cases)
-    states, tangential, normal, orbit = figure.axes
-    np.testing.assert_allclose(orbit.lines[0].get_xdata(), tangential.lines[0].get_xdata())
-    np.testing.assert_allclose(orbit.lines[0].get_ydata(), normal.lines[0].get_xdata())
+    plot = figures.plot_contact(cases)
+    states, *loops = (panel.items for panel in plot.panels)
+    tangential, normal, orbit = (items[0] for items in loops)
+    np.testing.assert_allclose(orbit.x, tangential.x)
+    np.testing.assert_allclose(orbit.y, normal.x)
     case = cases["full"]
     part = case.last_period()
-    np.testing.assert_allclose(
-        tangential.lines[0].get_xydata(),
-        np.stack([1e3 * case.displacement[part, 0, 1], case.force[part, 0, 1]], axis=1),
-    )
-    assert normal.lines[0].get_ydata().max() == pytest.approx(80, rel=1e-3)
-    bars = [bar for bar in states.patches if bar.get_y() < 0.5]
-    assert sum(bar.get_width() for bar in bars) == pytest.approx(1)
-    ends = [bar.get_x() + bar.get_width() for bar in bars]
-    np.testing.assert_allclose([bar.get_x() for bar in bars][1:], ends[:-1])
-    share = {name: 0.0 for name in ("open", "slip", "stick")}
-    names = {STATES[k][1].upper(): STATES[k][0] for k in STATES}
-    from matplotlib.colors import to_hex
-
-    for bar in bars:
-        share[names[to_hex(bar.get_facecolor()).upper()]] += bar.get_width()
+    np.testing.assert_allclose(tangential.x, 1e3 * case.displacement[part, 0, 1])
+    np.testing.assert_allclose(tangential.y, case.force[part, 0, 1])
+    assert normal.y.max() == pytest.approx(80, rel=1e-3)
+    bars = states[: len(STATES)]  # of the first model
+    sides = np.concatenate([np.transpose([bar.left, bar.right]) for bar in bars])
+    sides = sides[np.argsort(sides[:, 0])]
+    np.testing.assert_allclose(sides[1:, 0], sides[:-1, 1])
+    assert sides[0, 0] == 0.0 and sides[-1, 1] == pytest.approx(1.0)
+    share = {bar.label: (bar.right - bar.left).sum() for bar in bars}
     assert share == pytest.approx(measures.contact_fractions(case), abs=1e-9)
+    assert {bar.label: bar.color for bar in bars} == dict(STATES.values())
+    figure = figure_of(plot)
     assert "N" in texts(figure) and "mm" in texts(figure)
     drawn(figure, tmp_path)
 
@@ -124,7 +122,7 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
         "full": side_by_side(*cases),
         "beam": jenkins(dimension),
     }
-    figure = figures.plot_points(motions)
+    figure = figure_of(figures.plot_points(motions))
     peak, share, friction_dissipation, *loops = figure.axes
     np.testing.assert_allclose(
         peak.lines[0].get_xydata(), np.transpose([range(1, 7), [30, 40, 80, 50, 40, 30]]), rtol=1e-3
@@ -146,7 +144,7 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
 
 
 def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
-    figure = figures.plot_energy(jenkins())
+    figure = figure_of(figures.plot_energy(jenkins()))
     above, below = figure.axes
     assert len(above.lines) == 4
     work, damping, friction, energy = above.lines  # curves that coincide are all seen
@@ -156,6 +154,6 @@ def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     drawn(figure, tmp_path)
     touching = jenkins()
     none = {name: getattr(touching, name)[:, :0] for name in ("state", "force", "gap")}
-    free = figures.plot_energy(replace(touching, **none))
+    free = figure_of(figures.plot_energy(replace(touching, **none)))
     labels = [text.get_text() for text in free.legends[0].get_texts()]
     assert len(labels) == 3 and not any("friction" in name or "contact" in name for name in labels)

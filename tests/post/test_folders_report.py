@@ -76,9 +76,9 @@ def test_differences_are_the_keys_with_other_values(folders: list[Path]) -> None
 
 def test_curves_lie_over_each_other_and_unstable_parts_are_dashed(folders: list[Path]) -> None:
     found = [outcome(folder, folder.name) for folder in folders[:2]]
-    (axis,) = curves_figure(found, "frequency_Hz").axes
-    assert axis.get_xlabel() == "frequency, Hz"
-    drawn = [(line.get_linestyle(), *map(list, line.get_data())) for line in axis.lines]
+    (panel,) = curves_figure(found, "frequency_Hz").panels
+    assert panel.xlabel == "frequency, Hz"
+    drawn = [(line.linestyle, line.x, line.y) for line in panel.items]
     expected = [
         ("-", [1.0, 2.0], [1.0, 2.0]),
         ("-", [1.0, 2.0], [2.0, 4.0]),

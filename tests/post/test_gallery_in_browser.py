@@ -43,12 +43,10 @@ PAGES: dict[str, tuple[str, ...]] = {
 """Name of a page -> command, scene and overrides."""
 
 TITLES = """
-const figures = Bokeh.documents.flatMap((one) => [...one._all_models.values()])
-  .filter((model) => Array.isArray(model.renderers));
-const [points] = figures.flatMap((model) => model.renderers.map((line) => line.data_source))
-  .filter((source) => Object.keys(source.selected.js_property_callbacks).length);
-if (arguments[0]) points.selected.indices = [1];
-return figures.map((model) => model.title ? model.title.text : "").join();
+const models = Bokeh.documents.flatMap((one) => [...one._all_models.values()]);
+const tap = models.find((model) => model instanceof Bokeh.TapTool);
+if (arguments[0]) tap.renderers[0].data_source.selected.indices = [1];
+return models.map((model) => model.title ? model.title.text : "").join();
 """
 """The titles of all plots; before, it may select the second ringed point, as a click does."""
 

@@ -9,6 +9,7 @@ from motions import jenkins, motion, side_by_side
 from support import beam_scene, contact_points
 from test_figures import drawn, texts
 
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.run import motion_figures
 from fenicsrom.post.run.motion_figures import open_sentence, touching_points
 from fenicsrom.post.run.pictures import motion_pictures
@@ -25,7 +26,7 @@ def decay():
 
 @pytest.mark.slow
 def test_transient_shows_envelope_spectrum_and_natural_frequencies(tmp_path):
-    figure = motion_figures.plot_transient(decay(), np.array([12.0, 30.0, 500.0]))
+    figure = figure_of(motion_figures.plot_transient(decay(), np.array([12.0, 30.0, 500.0])))
     above, below, side = figure.axes[:3]
     assert [line.get_label() for line in above.lines][:2] == ["y displacement", "envelope"]
     curve = side.lines[0].get_xydata()
@@ -39,7 +40,7 @@ def test_transient_shows_envelope_spectrum_and_natural_frequencies(tmp_path):
 def test_rub_map_shows_force_and_state_of_each_point(tmp_path):
     cases = [jenkins(normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
     case = side_by_side(*cases)
-    figure = motion_figures.plot_rub_map(case)
+    figure = figure_of(motion_figures.plot_rub_map(case))
     force, state = (axis.collections[0].get_array() for axis in figure.axes[:2])
     assert force.shape == state.shape == (6, motion_figures.COLUMNS)
     assert np.ma.getmaskarray(force)[2].any() and not np.ma.getmaskarray(force)[0].any()

@@ -7,18 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
 from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Extremes, Piece
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.plot import Map
 from fenicsrom.post.curves.response_figures import figure, phases, stretches
 from fenicsrom.post.curves.response_report import (
     contact_map,
-    draw_map,
     folds_back,
     harmonics_figure,
+    map_panel,
     multiplier_figure,
 )
 from fenicsrom.post.curves.response_tables import event_table, result_table, rows, sentences
@@ -123,14 +124,14 @@ def test_figures_of_one_and_several_curves_are_legible(
     draw: Any, forces: tuple[float, ...], tmp_path: Any
 ) -> None:
     found = response_of(*forces)
-    draw(response_of(0.1))  # the first figure of a process loads fonts
-    drawn = draw(found)
+    figure_of(draw(response_of(0.1)))  # the first figure of a process loads fonts
+    drawn = figure_of(draw(found))
     drawn.savefig(tmp_path / "figure.png")
     assert not illegible(drawn)
 
 
 def test_amplitude_is_dashed_between_the_folds_and_the_folds_are_marked(found: Response) -> None:
-    axis = figure(found).axes[0]
+    axis = figure_of(figure(found)).axes[0]
     lines = [line for line in axis.lines if line.get_marker() == "None"]
     marks = [line for line in axis.lines if line.get_marker() == "o"]
     curve = found.curves[2]
@@ -170,17 +171,16 @@ def test_phase_starts_between_minus_180_and_180(lag: float, start: float) -> Non
 
 
 def test_contact_map_over_the_parameter_shows_the_states_of_the_nearest_motion() -> None:
-    curve, axis = duffing(0.02), Figure().subplots()
+    curve = duffing(0.02)
     assert not folds_back(curve)
-    draw_map(axis, curve, 0, folded=False)
+    panel = map_panel(curve, 0, folded=False)
     points = curve.pieces[0].points
     places = np.array([point.parameter for point in points])
-    assert axis.get_xlim() == (places[0], places[-1])
-    mesh: Any = axis.collections[0]
+    (item,) = panel.items
+    assert isinstance(item, Map) and panel.xlim == (places[0], places[-1])
     shown = np.array([point.period_states[:, 0] for point in points]).T
-    np.testing.assert_array_equal(mesh.get_array(), shown)
-    ends = mesh.get_coordinates()[0, 1:-1, 0]
-    np.testing.assert_allclose(ends, 0.5 * (places[1:] + places[:-1]))
+    np.testing.assert_array_equal(item.values, shown)
+    np.testing.assert_array_equal(item.x, places)
 
 
 def test_rows_have_units_phase_and_both_dissipations(found: Response) -> None:

@@ -20,7 +20,8 @@ def test_magnification_is_round_number(largest, factor):
 def test_axis_with_usual_values_has_no_multiplier(largest):
     @style.styled
     def draw():
-        figure, (axis,) = style.new_panels(3.9, 3.9)
+        figure = style.new_figure(3.9, 3.9)
+        axis = figure.subplots()
         axis.plot([-largest, largest], [0.0, largest])
         return figure
 

@@ -16,7 +16,7 @@ pytest.importorskip("k3d")
 from fenicsrom.cli import main
 from fenicsrom.post.base.page import Page, write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import new_figure
+from fenicsrom.post.base.plot import Line, Panel, Plot
 from fenicsrom.post.body.body_view import view_of
 from fenicsrom.post.body.group_drawing import group_page
 from fenicsrom.post.body.turning_view import (
@@ -83,11 +83,9 @@ def report(tmp_path: Path) -> Path:
     setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
     shown = [setup, swinging("1V", bent(surface, 1.0), LENGTH)]
     page = turning_page(*turning_plot(surface, shown, [], view_of(surface)))
-    figure = new_figure(5.0, 3.0)
-    axes = figure.subplots()
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="#d55e00", linewidth=8.0, label="thick")
-    axes.legend()
-    (drawn,) = draw_pictures([Picture("Curve", "motion.png", lambda: figure)], tmp_path, [])
+    line = Line([0.0, 1.0], [0.0, 1.0], color="#d55e00", linewidth=8.0, label="thick")
+    picture = Picture("Curve", "motion.png", lambda: Plot([Panel([line])], 5.0, 3.0))
+    (drawn,) = draw_pictures([picture], tmp_path, [])
     sections = [("The body", [Page(page)]), ("Curve", [drawn])]
     return write_report(tmp_path / "report.html", "a beam", sections)
 

@@ -9,6 +9,7 @@ import pytest
 from motions import jenkins
 
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.page import html_report
 from fenicsrom.post.base.picture import Drawn
 from fenicsrom.post.base.tables import write_summary
@@ -16,7 +17,7 @@ from fenicsrom.post.run.figures import plot_motion
 
 
 def test_html_report_is_one_well_formed_page(tmp_path):
-    figure = plot_motion({"full": jenkins()})
+    figure = figure_of(plot_motion({"full": jenkins()}))
     (tmp_path / "a.gif").write_bytes(b"GIF89a")
     film = Drawn("Animation", tmp_path / "a.gif")
     page = html_report(

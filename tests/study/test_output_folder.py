@@ -196,7 +196,7 @@ def test_names_that_the_program_writes_are_all_listed() -> None:
     package = Path(fenicsrom.__file__).parent
     # of the command inspect; the record itself; in the folder of the state; parts of the page
     elsewhere = {"mesh.png", "mesh.html", "provenance.json", "coordinates.json"}
-    elsewhere |= {"page.html", "charts.html"}
+    elsewhere |= {"page.html"}
     found = set()
     for room in ("post", "study", "cli"):
         for path in (package / room).rglob("*.py"):

@@ -16,7 +16,7 @@ would cost another run, and the picture of the sizes shows what they would do.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -88,6 +88,7 @@ class Sized:
         errors: estimated errors due to the basis.
         energies: square roots of (1) of the coordinates that joined, by their labels.
         warning: why the accuracy is not reached; None if it is.
+        tried: number of coordinates of each model of the search -> its estimated error.
     """
 
     stored: StoredModel
@@ -97,6 +98,7 @@ class Sized:
     errors: MotionErrors
     energies: dict[str, float]
     warning: Note | None = None
+    tried: dict[int, float] = field(default_factory=dict)
 
     @cached_property
     def sizes(self) -> list[NestedSize]:
@@ -166,14 +168,15 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
     """As `sized`, of a model and its motion under the scene in which they are compared."""
     if stored.scene.basis.size is not None:
         return _of_size(stored, motion, run, stored.scene.basis.size)
-    energies = dict[str, float]()
+    energies, tried = dict[str, float](), dict[int, float]()
     most = len(stored.further) - spare_coordinates(stored)
     other = candidate_motion(stored, motion)
     while True:
         limit = accuracy_limit(stored, motion)
         errors, here = basis_errors(motion, other), Beside(stored.scene, motion)
+        tried[stored.size] = errors.amplitude
         if errors.amplitude <= limit:
-            return Sized(stored, motion, here, other, errors, energies)
+            return Sized(stored, motion, here, other, errors, energies, None, tried)
         larger = None
         if other is not None:
             found = candidate_energies(stored, other)
@@ -181,7 +184,7 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
             larger, near = _enlarged(stored, motion, other, left, limit)
         if larger is None:
             warning = unreached(stored, errors.amplitude, limit)
-            return Sized(stored, motion, here, other, errors, energies, warning)
+            return Sized(stored, motion, here, other, errors, energies, warning, tried)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         motion, other = _again(stored, larger, motion, other, run, near)
         stored = larger

@@ -24,7 +24,7 @@ from typing import Any
 from fenicsrom.errors import refuse
 from fenicsrom.files import atomic_write, reads_other_files
 from fenicsrom.online.store.store import provenance
-from fenicsrom.post.base.picture import CAPTIONS
+from fenicsrom.post.base.picture import NAMES
 from fenicsrom.post.base.tables import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.keys.unit_system import Units
@@ -44,9 +44,8 @@ RESULTS = (
     *("report.html", "summary.json", "history.npz", "checkpoint.npz", MODEL, f"*stored_{MODEL}"),
     *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
     # pictures
-    *(f"{name}.png" for name in CAPTIONS),
-    *("motion.gif", "contact_[1-4].png"),
-    *("multipliers.png", "pareto.png", "size.png", "indicator.png"),
+    *(f"{name}.png" for name in NAMES),
+    "motion.gif",
     # ParaView; the shapes are folders if several ranks wrote them
     *(
         "results.pvd",
@@ -59,10 +58,10 @@ RESULTS = (
     ),
     *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
     # curves and studies
-    *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
+    *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json")),
     *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
     *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
-    *("map_wear.csv", "ringdown.csv", "ringdown.json", "ringdown.png", "ringdown_decays"),
+    *("map_wear.csv", "ringdown.csv", "ringdown.json", "ringdown_decays"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 

@@ -1,21 +1,20 @@
 """Reports: what a command found, as files, in the terminal and on one HTML page."""
 
 import base64
-import gzip
-import html
 import io
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
 from itertools import count
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from fenicsrom.notes import Note, Verdict, verdict_of
 from fenicsrom.online.store.store import provenance
+from fenicsrom.post.base.chart import page_script
+from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.origin import origin_table
-from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, numbers_of
+from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures
 from fenicsrom.post.base.style import Figure
 from fenicsrom.post.base.tables import (
     cell_text,
@@ -74,7 +73,7 @@ def html_report(
         title: title of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
             of rows, the first row is the header), a matplotlib figure, a `Drawn` picture, which
-            gets a number and a caption, or a `Page`. A section with a `Folded` heading is closed
+            gets a number and its caption, or a `Page`. A section with a `Folded` heading is closed
             at first.
         verdict: whether the results can be trusted, at the top.
         warnings: warnings, below the verdict.
@@ -82,106 +81,67 @@ def html_report(
     Returns:
         The HTML text.
     """
-    body = [f"<h1>{html.escape(title)}</h1>"]
-    if verdict:
-        body.append(f'<p class="verdict {verdict.kind}">{html.escape(verdict.text)}</p>')
-    if warnings:
-        lines = "".join(f"<li>{html.escape(line)}</li>" for line in dict.fromkeys(warnings))
-        body.append(f"<section><h2>Warnings</h2><ul>{lines}</ul></section>")
-    number, charts = count(1), []
+    numbers, charts, parts = count(1), dict[str, str](), []
     for heading, items in sections:
-        folded = isinstance(heading, Folded)
-        tag, head = ("details", "summary") if folded else ("section", "h2")
-        body.append(f"<{tag}><{head}>{html.escape(heading)}</{head}>")
-        for item in items:
-            if isinstance(item, Drawn):
-                body.append(_figure(item, next(number)))
-                charts += [(item.path.name, item.chart)] if item.chart else []
-            else:
-                body.append(_item(item, heading))
-        body.append(f"</{tag}>")
-    script = _script(charts) if charts else ""
-    return _filled("page.html", title=html.escape(title), body="\n".join(body), script=script)
-
-
-def _figure(drawn: Drawn, number: int) -> str:
-    """Compose a picture with its number and caption; a script puts the chart in its place."""
-    path, links = drawn.path, [drawn.path.name]
-    links += [name] if (name := numbers_of(path.name)) and (path.parent / name).exists() else []
-    if drawn.chart:
-        name = html.escape(path.name)
-        image = f'<img alt="{html.escape(drawn.heading)}" src="{name}">'  # where no script runs
-        place = f'<div id="chart-{name}">{image}</div>'
-    else:
-        place = _picture(path.read_bytes(), drawn.heading, path.suffix.removeprefix("."))
-    note = f" {html.escape(drawn.note)}" if drawn.note else ""
-    hint = " Drag to zoom, click a name to hide its curve." if drawn.chart else ""
-    named = ", ".join(f'<a href="{name}">{name}</a>' for name in map(html.escape, links))
-    text = f"<b>Figure {number}. {html.escape(drawn.heading)}.</b>{note}{hint} {named}"
-    return f"<figure>{place}<figcaption>{text}</figcaption></figure>"
-
-
-def _script(charts: Sequence[tuple[str, str]]) -> str:
-    """Compose what draws the charts: the library, packed, and the data."""
-    items = ",".join(f'["chart-{name}", {chart}]' for name, chart in charts)
-    return _filled("charts.html", library=_library(), items=items.replace("</", "<\\/"))
-
-
-def _filled(name: str, **values: str) -> str:
-    """A file beside this module, with values in the place of $NAME."""
-    return Template(Path(__file__).with_name(name).read_text(encoding="utf-8")).substitute(values)
-
-
-@cache
-def _library() -> str:
-    """The script of Bokeh, compressed, as text."""
-    from bokeh.resources import Resources
-
-    code = "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw)
-    return base64.b64encode(gzip.compress(code.encode(), 9, mtime=0)).decode()
-
-
-def _item(item: Any, heading: str) -> str:
-    """Compose one item of a section."""
-    if isinstance(item, Page):
-        return f'<iframe id="body" title="{heading}" srcdoc="{html.escape(item)}"></iframe>'
-    if isinstance(item, str):
-        return f"<p>{html.escape(item)}</p>"
-    if hasattr(item, "savefig"):
-        png = io.BytesIO()
-        item.savefig(png, format="png")
-        return _picture(png.getvalue(), heading, "png")
-    return _table(filled_columns(item))
-
-
-def _table(rows: Sequence[Sequence[Any]]) -> str:
-    """Compose a table: headers may break between words, short cells do not."""
-    if len(rows) <= 1 + FEW_ROWS and len(rows[0]) > FEW_COLUMNS:
-        rows = list(zip(*rows, strict=True))
-    right = numeric_columns(rows)
-    lines = []
-    for i, row in enumerate(rows):
-        tag = "td" if i else "th"
-        cells = ""
-        for value, number in zip(row, right, strict=True):
-            text = cell_text(value)
-            short = bool(i) and len(text) <= SHORT
-            kinds = " ".join(["n"] * number + ["s"] * short)
-            cells += f"<{tag}{f' class={chr(34)}{kinds}{chr(34)}' if kinds else ''}>"
-            cells += f"{html.escape(text)}</{tag}>"
-        lines.append(f"<tr>{cells}</tr>")
-    head, *rest = lines
-    kinds = "wide many" if len(right) > FEW_COLUMNS else "wide"
-    return (
-        f'<div class="{kinds}"><table><thead>{head}</thead><tbody>{"".join(rest)}</tbody></table>'
-        "</div>"
+        told = [_told(item, numbers) for item in items]
+        parts.append({"heading": heading, "folded": isinstance(heading, Folded), "items": told})
+        drawn = [item for item in items if isinstance(item, Drawn)]
+        charts |= {f"chart-{one.path.name}": one.chart for one in drawn if one.chart}
+    script = page_script(charts) if charts else None
+    lines = dict.fromkeys(warnings)
+    return _template().render(
+        title=title, verdict=verdict, warnings=lines, sections=parts, script=script
     )
 
 
-def _picture(content: bytes, heading: str, kind: str) -> str:
-    """Embed a PNG or GIF picture in the page."""
-    data = base64.b64encode(content).decode()
-    return f'<img alt="{html.escape(heading)}" src="data:image/{kind};base64,{data}">'
+@cache
+def _template() -> Any:
+    """The template of a page."""
+    import jinja2
+
+    text = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    look: Any = {"trim_blocks": True, "lstrip_blocks": True, "autoescape": True}
+    return jinja2.Environment(**look).from_string(text)
+
+
+def _told(item: Any, numbers: Iterator[int]) -> dict[str, Any]:
+    """What the template shows of an item: one of text, page, image, figure and table."""
+    if isinstance(item, Page):
+        return {"page": str(item)}
+    if isinstance(item, str):
+        return {"text": item}
+    if isinstance(item, Drawn):
+        path = item.path
+        links = [path.name, *([item.numbers] if item.numbers else [])]
+        links = [name for name in links if (path.parent / name).exists()]
+        image = None if item.chart else _embedded(path.read_bytes(), path.suffix[1:])
+        return {"figure": item, "number": next(numbers), "links": links, "image": image}
+    if hasattr(item, "savefig"):
+        png = io.BytesIO()
+        item.savefig(png, format="png")
+        return {"image": _embedded(png.getvalue(), "png")}
+    return _table(filled_columns(item))
+
+
+def _embedded(content: bytes, kind: str) -> str:
+    """The address of a PNG or GIF picture in the page."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _table(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
+    """The cells of a table with their classes; a wide table of few rows is turned."""
+    if len(rows) <= 1 + FEW_ROWS and len(rows[0]) > FEW_COLUMNS:
+        rows = list(zip(*rows, strict=True))
+    right = numeric_columns(rows)
+    table = []
+    for i, row in enumerate(rows):
+        texts = [*map(cell_text, row)]
+        kinds = (
+            " ".join(["n"] * number + ["s"] * (i > 0 and len(text) <= SHORT))
+            for text, number in zip(texts, right, strict=True)
+        )
+        table.append(list(zip(texts, kinds, strict=True)))
+    return {"table": table, "many": len(right) > FEW_COLUMNS}
 
 
 LONG = 20  # rows of a table that is folded
@@ -334,7 +294,7 @@ class Report:
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
-        return self.pictures[0].draw()
+        return figure_of(self.pictures[0].draw())
 
     def __repr__(self) -> str:
         """The sentences."""
@@ -342,7 +302,7 @@ class Report:
 
     def _repr_html_(self) -> str:
         """The page with its first picture, for notebooks."""
-        first = [(p.heading, [p.draw(), p.note]) for p in self.pictures[:1]]
+        first = [(p.heading, [figure_of(p.draw()), p.caption]) for p in self.pictures[:1]]
         return html_report(self._heading(), self._parts(first), self.verdict, self.warnings)
 
     def _heading(self) -> str:

@@ -1,14 +1,14 @@
-"""The common style of all figures, and which modules for drawing are missing.
+"""The common style of all pictures, and which modules for drawing are missing.
 
-Figures are matplotlib `Figure` objects made without pyplot: no window opens and no figure stays in
-memory. `figure.savefig(path)` writes one. matplotlib is imported only when a figure is made.
+matplotlib is imported only when a figure is made, and never pyplot: no window opens and no figure
+stays in memory.
 """
 
 import functools
 import importlib.util
 import itertools
 import os
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from ctypes.util import find_library
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -35,17 +35,19 @@ STATES = {
         STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
     )
 }
-EQUAL, APART = 1e-6, 1e-3
-"""Relative range of values that differ by rounding only, and half of the range that is drawn."""
 EDGE = "#555B61"
 """The colour of axes, and of the edges of samples in legends."""
+SOFT = "#5b636b"
+"""The colour of texts in a picture."""
+DPI = 130
+"""Pixels per inch of pictures."""
 
 _LINES: dict[str, dict[str, Any]] = {
-    "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2},
-    "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": (0, (5, 3)), "zorder": 4},
-    "reduced": {"color": "#0072B2", "linewidth": 1.6, "zorder": 3},
+    "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2.0},
+    "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": "--", "zorder": 4.0},
+    "reduced": {"color": "#0072B2", "linewidth": 1.6, "zorder": 3.0},
 }
-_STYLE = {
+STYLE = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 10.5,
@@ -69,68 +71,23 @@ _STYLE = {
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Decorate a drawing function so that it uses the common style."""
+    """Decorate a function that draws with matplotlib so that it uses the common style."""
 
     @functools.wraps(draw)
     def drawn(*args: Any, **kwargs: Any) -> Figure:
         import matplotlib
 
-        with matplotlib.rc_context(_STYLE):
-            figure = draw(*args, **kwargs)
-            for axes in figure.axes:
-                _widen(axes)
-            return figure
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
 
     return drawn
-
-
-def _widen(axes: Axes) -> None:
-    """Give an axis whose values differ by rounding only a range that shows them as equal."""
-    for name in ("x", "y"):
-        low, high = getattr(axes, f"get_{name}lim")()
-        size = max(abs(low), abs(high))
-        if getattr(axes, f"get_{name}scale")() == "linear" and abs(high - low) < EQUAL * size:
-            getattr(axes, f"set_{name}lim")(low - APART * size, high + APART * size)
 
 
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure of this size in inches."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=140, layout="constrained")
-
-
-def new_panels(
-    width: float, height: float, rows: int = 1, columns: int = 1, **more: Any
-) -> tuple[Figure, list[Any]]:
-    """Make a figure of this size in inches, and its panels row by row.
-
-    Args:
-        width: of the figure.
-        height: of the figure.
-        rows: number of rows of panels.
-        columns: number of columns of panels.
-        more: other arguments of `Figure.subplots`.
-    """
-    figure = new_figure(width, height)
-    return figure, list(figure.subplots(rows, columns, squeeze=False, **more).flat)
-
-
-def state_handles(present: Collection[int] = tuple(STATES)) -> list[Any]:
-    """The entries of a legend for these contact states."""
-    from matplotlib.patches import Patch
-
-    look: dict[str, Any] = {"edgecolor": EDGE, "linewidth": 0.5}
-    states = [STATES[state] for state in STATES if state in present]
-    return [Patch(facecolor=colour, label=name, **look) for name, colour in states]
-
-
-def state_map() -> dict[str, Any]:
-    """How a map of contact states looks: its colours, and their range."""
-    from matplotlib.colors import ListedColormap
-
-    colours = ListedColormap([STATES[state][1] for state in sorted(STATES)])
-    return {"cmap": colours, "vmin": -1.5, "vmax": 1.5, "shading": "nearest", "rasterized": True}
+    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

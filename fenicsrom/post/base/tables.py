@@ -26,10 +26,8 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.files import atomic_write
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE
-from fenicsrom.post.base.style import Figure
+from fenicsrom.post.base.style import DPI, Figure
 from fenicsrom.scene import Scene
-
-PICTURE_DPI = 130
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -79,12 +77,8 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    figure.set_dpi(PICTURE_DPI)
-    if (layout := figure.get_layout_engine()) is not None:
-        layout.execute(figure)
-        figure.set_layout_engine("none")  # savefig would draw everything once more for the layout
     with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=PICTURE_DPI, pil_kwargs={"compress_level": 4})
+        figure.savefig(temporary, format="png", dpi=DPI, pil_kwargs={"compress_level": 4})
     return Path(path)
 
 

@@ -1,6 +1,6 @@
 """Figures and films of deformed bodies: shapes, static deflection and stresses."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,15 +10,9 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
-from fenicsrom.post.base.style import (
-    STATES,
-    Axes,
-    Figure,
-    magnification,
-    new_panels,
-    scale_text,
-    styled,
-)
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.plot import Image, Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import STATES, magnification, scale_text
 from fenicsrom.post.body.body_view import (
     Frame,
     PolyData,
@@ -35,11 +29,13 @@ from fenicsrom.post.body.rendering import (
     FINE,
     Part,
     Pixels,
-    body_figure,
-    colour_bar,
+    bar_to,
+    body_panel,
     coloured,
     drawn_lines,
+    image_of,
     pixels_of,
+    width_of,
     window_of,
 )
 from fenicsrom.progress import tracked
@@ -72,13 +68,12 @@ TITLE = 0.25
 """Height of a title above a body, inches."""
 
 
-@styled
 def shape_figure(
     surface: PolyData,
     titles: Mapping[str, str],
     modes: Collection[str] = (),
     view: View | None = None,
-) -> Figure:
+) -> Plot:
     """Draw shapes as deformed bodies, coloured by their displacement, one beside another.
 
     The largest displacement is drawn as `SHAPE` of the size of the body. The edges of the
@@ -102,11 +97,9 @@ def shape_figure(
         for label in labels
         if label in modes and (line := _nodal_lines(surface, fields[label], view)).n_points
     }
-    figure, axis = _deformed(surface, factors, titles, view, nodal=nodal)
     few = f" ({len(labels)} of {len(titles)} shapes)" if len(titles) > len(labels) else ""
     about = f"displacement / largest of the shape{few}{f'; {NODAL}' * bool(nodal)}\n{NO_SCALE}"
-    colour_bar(figure, axis, 1.0, about)
-    return figure
+    return _deformed(surface, factors, titles, view, bar_to(1.0, about), nodal)
 
 
 def _deformed(
@@ -114,9 +107,10 @@ def _deformed(
     factors: Mapping[str, float],
     titles: Mapping[str, str],
     view: View,
-    colours: str = "viridis",
+    bar: Mapping[str, Any],
     nodal: Mapping[str, PolyData] | None = None,
-) -> tuple[Figure, Axes]:
+    marks: Sequence[Item] = (),
+) -> Plot:
     """Draw deformed bodies in rows, each coloured from 0 to its largest value.
 
     Args:
@@ -125,8 +119,9 @@ def _deformed(
         factors: the point array of each displacement (n, 3) -> its factor.
         titles: the same -> its title.
         view: the projection.
-        colours: name of the colour map.
+        bar: the colour bar, as in `Image`.
         nodal: lines on the undeformed surface that move with it.
+        marks: what is drawn above the bodies.
     """
     from pyvista import merge
 
@@ -154,14 +149,16 @@ def _deformed(
             lines = nodal[label].warp_by_vector(label, factor=factors[label])
             white.append(lines.translate(place))
         corners.append((low + moved + [0.0, high[1] - low[1]], titles[label]))
-    parts = [coloured(merge(painted), SIZE, 1.0, colours), drawn_lines(merge(rest), OUTLINE)]
+    parts = [coloured(merge(painted), SIZE, 1.0, bar["cmap"]), drawn_lines(merge(rest), OUTLINE)]
     parts += [drawn_lines(merge(bent)), *(drawn_lines(line, "white", 3.5) for line in white)]
     high = high + step * [columns - 1, 0] + [0.0, step[1] - (high - low)[1]]
     low = low - step * [0.0, row + 0.1 * (row > 0)]
-    figure, axis, _ = body_figure(parts, Frame(view, low, high), 0.8, wide)
-    for (x, y), title in corners:
-        axis.text(x, y, title, fontsize=11, va="bottom")
-    return figure, axis
+    frame = Frame(view, low, high)
+    wide = width_of(frame, wide)
+    look: dict[str, Any] = {"fontsize": 11.0, "va": "bottom", "color": "black"}
+    texts = [Text(x, y, title, **look) for (x, y), title in corners]
+    panel = body_panel([image_of(parts, frame, wide, **bar), *texts, *marks])
+    return Plot([panel], wide, 0.0)
 
 
 def _nodal_lines(surface: PolyData, displacement: Array, view: View) -> PolyData:
@@ -179,8 +176,7 @@ def _nodal_lines(surface: PolyData, displacement: Array, view: View) -> PolyData
     return found.remove_cells(~steep).contour([0.0], scalars="across")
 
 
-@styled
-def deflection_figure(surface: PolyData, label: str, title: str, view: View) -> Figure:
+def deflection_figure(surface: PolyData, label: str, title: str, view: View) -> Plot:
     """Draw a displacement in m, magnified by a stated factor if it is small.
 
     Args:
@@ -191,13 +187,11 @@ def deflection_figure(surface: PolyData, label: str, title: str, view: View) -> 
     """
     largest = float(np.linalg.norm(largest_of(surface.point_data[label])))
     factor = magnification(largest, view.length)
-    figure, axis = _deformed(surface, {label: factor}, {label: title}, view)
-    colour_bar(figure, axis, 1e3 * largest or 1.0, f"displacement, mm ({scale_text(factor)})")
-    return figure
+    bar = bar_to(1e3 * largest or 1.0, f"displacement, mm ({scale_text(factor)})")
+    return _deformed(surface, {label: factor}, {label: title}, view, bar)
 
 
-@styled
-def stress_figure(surface: PolyData, label: str, title: str) -> Figure:
+def stress_figure(surface: PolyData, label: str, title: str) -> Plot:
     """Draw the von Mises stress on a deformed body and mark its largest value.
 
     The viewer sees the place of the largest stress. If no projection shows it, the mark is hollow
@@ -214,13 +208,12 @@ def stress_figure(surface: PolyData, label: str, title: str) -> Figure:
     view, seen = view_at(surface, worst)
     factor = magnification(float(np.linalg.norm(largest_of(displacement))), view.length)
     titles = {label: title if seen else f"{title}, hidden by the body"}
-    figure, axis = _deformed(surface, {label: factor}, titles, view, "turbo")
-    at = view.project(surface.points[worst] + factor * displacement[worst])
-    colour = "white" if seen else "none"
-    axis.plot(*at, "o", color=colour, markersize=6.5, markeredgecolor="black", zorder=6)
+    x, y = view.project(surface.points[worst] + factor * displacement[worst])
+    look: dict[str, Any] = {"linestyle": "", "marker": "o", "zorder": 6.0}
+    rims = [Line([x], [y], color="black", markersize=7.5, hollow=seen, **look)]
     about = f"von Mises stress, MPa (displacements {scale_text(factor)})"
-    colour_bar(figure, axis, 1e-6 * float(stress[worst]) or 1.0, about, "turbo")
-    return figure
+    bar = bar_to(1e-6 * float(stress[worst]) or 1.0, about, "turbo")
+    return _deformed(surface, {label: factor}, titles, view, bar, marks=rims)
 
 
 FILM_SECONDS = 2.5
@@ -299,7 +292,7 @@ def film_frames(film: Film) -> Iterator[Pixels]:
     high[1] += TIME_HEIGHT / WIDTH * (high[0] - low[0])
     height = round(WIDTH * min(1.0, (high[1] - low[1]) / (high[0] - low[0])))
     window = window_of(parts, Frame(view, low, high), (WIDTH, height))
-    canvas: Any = FigureCanvasAgg(_legend(film, 1e3 * largest, scale_text(factor)))
+    canvas: Any = FigureCanvasAgg(figure_of(_legend(film, 1e3 * largest, factor), FILM_DPI))
     canvas.draw()
     legend = np.asarray(canvas.buffer_rgba())[..., :3]
     look = {"position": (10.0, FINE * (height - TIME_HEIGHT)), "color": "black", "render": False}
@@ -313,18 +306,12 @@ def film_frames(film: Film) -> Iterator[Pixels]:
         yield np.vstack([pixels_of(window), legend])
 
 
-@styled
-def _legend(film: Film, largest: float, scale: str) -> Figure:
-    """Draw the colour bar to the largest displacement, mm, and the contact states."""
-    from matplotlib.lines import Line2D
-
-    figure, (axis,) = new_panels(WIDTH / FILM_DPI, 1.35)
-    figure.set_dpi(FILM_DPI)
-    axis.set_axis_off()
+def _legend(film: Film, largest: float, factor: float) -> Plot:
+    """The colour bar to the largest displacement, mm, and the contact states."""
     about = "from the equilibrium, " if film.loaded else ""
-    colour_bar(figure, axis, largest or 1.0, f"displacement, mm ({about}{scale})")
-    if len(film.places):
-        look: dict[str, Any] = {"linestyle": "", "marker": "o", "markeredgecolor": "black"}
-        marks = [Line2D([], [], color=c, label=name, **look) for name, c in STATES.values()]
-        figure.legend(handles=marks, loc="outside upper center", ncols=len(marks))
-    return figure
+    bar = bar_to(largest or 1.0, f"displacement, mm ({about}{scale_text(factor)})")
+    empty = Image(np.full((1, 1, 3), 255, np.uint8), np.zeros(2), np.ones(2), **bar)
+    look: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 7.0}
+    marks = [Line(color=color, label=name, **look) for name, color in STATES.values()]
+    panel = Panel([empty], plain=True, tight="xy")
+    return Plot([panel], WIDTH / FILM_DPI, 1.35, legend=marks if len(film.places) else ())

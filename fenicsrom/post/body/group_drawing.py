@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Bars, Plot
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.body.body_view import END_ON, frame_of, is_flat, is_seen, view_of
-from fenicsrom.post.body.rendering import GREY, Part, painted, show, write_names
+from fenicsrom.post.body.rendering import GREY, Part, body_panel, image_of, names_at, painted
 from fenicsrom.post.body.turning_view import named_page
 
 MORE_COLOURS = (*COLOURS[:-1], "#8C510A", "#542788", "#7FBC41", "#B2182B", "#35978F", "#F1B6DA")
@@ -22,8 +23,7 @@ MOST_LINES = 30000
 Ints = NDArray[np.int64]
 
 
-@styled
-def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> Figure:
+def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> Plot:
     """Draw a mesh, and its groups in the colours of the legend, with their names on the facets.
 
     A body in space is seen from in front and from behind. Groups after the last colour are grey.
@@ -33,7 +33,6 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
         boundary: corners of the facets (in the plane: of the cells) of the body (k, corners).
         groups: name -> corners of facets (k, corners), or nodes (k,).
     """
-    from matplotlib.patches import Patch
     from pyvista import PolyData
 
     parts = list(_parts(points, boundary, groups).values())
@@ -48,19 +47,14 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     views = [view, replace(view, right=-view.right, towards=-view.towards)]
     views = views[:1] if is_flat(points) else views
     coloured = [*zip(groups, MORE_COLOURS, strict=False)]
-    columns = min(6, max(1, len(coloured)))
-    wide, spare = 9.0 / max(1.5, len(views)), 0.3 - 0.3 * (-len(coloured) // columns)
-    frames = [frame_of(seen, [surface.points]) for seen in views]
-    tall = max((high - low)[1] / (high - low)[0] for _, low, high in frames)
-    figure, axes = new_panels(wide * len(views), wide * tall + spare, 1, len(views))
-    for axis, seen, frame in zip(axes, views, frames, strict=True):
-        show(axis, parts, frame, wide)
+    wide, panels = 9.0 / max(1.5, len(views)), []
+    for seen in views:
+        frame = frame_of(seen, [surface.points])
         shown = [(n, p) for n, p in names.items() if is_seen(surface, p, seen)]
-        write_names(axis, ((n, seen.project(p), "black") for n, p in shown), wide)
-    if groups:
-        handles = [Patch(color=colour, label=name) for name, colour in coloured]
-        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
-    return figure
+        texts = names_at(((n, seen.project(p), "black") for n, p in shown), frame, wide)
+        panels.append(body_panel([image_of(parts, frame, wide), *texts]))
+    samples = [Bars(color=color, label=name) for name, color in coloured]
+    return Plot(panels, wide * len(views), 0.0, len(views), legend=samples)
 
 
 def group_page(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> str:

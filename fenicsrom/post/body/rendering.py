@@ -1,4 +1,4 @@
-"""Bodies and symbols in space, drawn by pyvista into the panels of matplotlib figures."""
+"""Bodies and symbols in space, drawn by pyvista as images of plots."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import Axes, Figure, new_panels
-from fenicsrom.post.base.tables import PICTURE_DPI
+from fenicsrom.post.base.plot import Image, Item, Panel, Text
+from fenicsrom.post.base.style import DPI
 from fenicsrom.post.body.body_view import Frame, PolyData
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ TRIAD = 0.18
 
 LEAST_TRIAD = 100.0
 """Pixels of these arrows from which their names can be read."""
-
-LABEL_MARGIN = 0.1
-"""Margin below the label of a colour bar, inches."""
 
 GREY = "#D9DDE1"
 """Colour of the undeformed body."""
@@ -141,87 +138,53 @@ def render(parts: Sequence[Part], frame: Frame, size: tuple[int, int]) -> Pixels
     return whole
 
 
-def show(axis: Axes, parts: Sequence[Part], frame: Frame, width: float) -> None:
-    """Draw the parts in a panel without axes and to scale.
+def image_of(parts: Sequence[Part], frame: Frame, width: float, **bar: Any) -> Image:
+    """Draw the parts to scale.
 
     Args:
-        axis: the panel.
         parts: what to draw.
         frame: the part of the picture that is shown.
-        width: of the panel, inches.
+        width: of the image, inches.
+        bar: the colour bar, as in `Image`.
     """
     _, low, high = frame
-    axis.set_axis_off()
-    axis.set(xticks=[], yticks=[])  # measuring hidden ticks takes time
-    wide, tall = np.rint(PICTURE_DPI * width / (high - low)[0] * (high - low)).astype(int)
-    image = render(parts, frame, (int(wide), int(tall)))
-    axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear")
-    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    wide, tall = np.rint(DPI * width / (high - low)[0] * (high - low)).astype(int)
+    return Image(render(parts, frame, (int(wide), int(tall))), low, high, **bar)
 
 
-def body_figure(
-    parts: Sequence[Part], frame: Frame, spare: float, width: float = 8.0
-) -> tuple[Figure, Axes, float]:
-    """Draw the parts in a figure with one panel, not much taller than wide.
+def body_panel(items: Sequence[Item], title: str = "") -> Panel:
+    """A panel of an image and texts, without axes."""
+    return Panel(items, title=title, tight="xy", plain=True, square=True)
 
-    Args:
-        parts: what to draw.
-        frame: the part of the picture that is shown.
-        spare: height of title, legend and colour bar, inches.
-        width: largest width of the panel, inches.
 
-    Returns:
-        The figure, the panel and its width in inches.
-    """
+def width_of(frame: Frame, width: float = 8.0) -> float:
+    """The width of a picture that is not much taller than wide, at most `width`, inches."""
     across, up = frame.high - frame.low
-    aspect = up / across
-    wide = width * min(1.0, max(0.6, 1.0 / aspect))
-    figure, (axis,) = new_panels(wide, wide * aspect + spare)
-    show(axis, parts, frame, wide)
-    return figure, axis, wide
+    return float(width * min(1.0, max(0.6, across / up)))
 
 
-def write_names(axis: Axes, names: Iterable[tuple[str, Array, str]], wide: float) -> None:
-    """Write names in a panel; one that would cover an earlier name is left out.
+def names_at(names: Iterable[tuple[str, Array, str]], frame: Frame, wide: float) -> list[Item]:
+    """Names in a panel; one that would cover an earlier name is left out.
 
     Args:
-        axis: the panel.
         names: each name with its place (2,), m, and its colour.
+        frame: the part of the picture that is shown.
         wide: width of the panel, inches.
     """
-    from matplotlib.patheffects import withStroke
-
-    point = abs(np.subtract(*axis.get_xlim())) / (72.0 * wide)
+    point = float(frame.high[0] - frame.low[0]) / (72.0 * wide)
     taken: list[tuple[Array, Array]] = []
-    look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "weight": "bold"}
-    look["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
-    for name, at, colour in names:
+    found: list[Item] = []
+    for name, at, color in names:
         half = point * np.array([4.0 + 3.0 * len(name), 5.0])
         if all(np.any(np.abs(at - other) > half + size) for other, size in taken):
             taken.append((at, half))
-            text = axis.text(at[0], at[1], name, color=colour, zorder=7, **look)
-            text.set_in_layout(False)  # it lies inside the panel; measuring it takes time
+            look: dict[str, Any] = {"color": color, "fontsize": 8.0, "ha": "center"}
+            found.append(Text(at[0], at[1], name, halo=True, **look))
+    return found
 
 
-def colour_bar(
-    figure: Figure, axis: Axes, largest: float, label: str, colours: str = "viridis"
-) -> None:
-    """Add the colour bar of values from 0 to the largest below a panel."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    bar: Any = figure.colorbar(
-        ScalarMappable(Normalize(0.0, largest), colours),
-        ax=axis,
-        location="bottom",
-        shrink=0.5,
-        aspect=40,
-        ticks=[0.0, 0.5 * largest, largest],
-        format="{x:.3g}",
-        label=label,
-    )
-    bar.outline.set_visible(False)
-    # constrained layout cuts the label of a tall figure without this margin
-    margin = LABEL_MARGIN / figure.get_figheight()
-    layout: Any = figure.get_layout_engine()
-    layout.set(rect=(0.0, margin, 1.0, 1.0 - margin))
+def bar_to(largest: float, title: str, cmap: str = "viridis") -> dict[str, Any]:
+    """A colour bar below a body, from 0 to the largest value."""
+    ticks = {part * largest: f"{part * largest:.3g}" for part in (0.0, 0.5, 1.0)}
+    look = {"bar": title, "vmin": 0.0, "vmax": largest, "cmap": cmap}
+    return look | {"ticks": ticks, "below": True}

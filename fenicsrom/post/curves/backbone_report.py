@@ -9,7 +9,8 @@ from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.notes import AMPLITUDES, FREQUENCIES, PEAKS
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.response_figures import CONTACT, PEAK
 from fenicsrom.words import counted
@@ -119,7 +120,15 @@ def report(found: Backbone) -> Report:
         [Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])],
         rows_of(found.points, quantities(found)),
         summary(found),
-        [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
+        [
+            Picture(
+                "Nonlinear mode",
+                "backbone.png",
+                lambda: figure(found),
+                "Frequency and damping of the mode over its amplitude.",
+                "backbone.csv",
+            )
+        ],
         [AMPLITUDES_NOTE],
         quantities=[FREQUENCIES, AMPLITUDES, *([PEAKS] if found.peaks else [])],
     )
@@ -129,46 +138,29 @@ WIDE = 20.0  # a range of amplitudes with this ratio of its ends needs a logarit
 NO_DAMPING = 1e-9  # a largest damping ratio below this is rounding
 
 
-@styled
-def figure(found: Backbone) -> Figure:
-    """Draw frequency and damping ratio of the mode, and the peaks of the forced response."""
+def figure(found: Backbone) -> Plot:
+    """Frequency and damping ratio of the mode, and the peaks of the forced response."""
     amplitude = 1e3 * np.array([point.amplitude[found.direction] for point in found.points])
     frequency, damping = FREQUENCY.column(found.points), DAMPING.column(found.points)
-    drawn, (upper, lower) = new_panels(8.4, 6.6, 2, sharex=True)
-    upper.plot(amplitude, frequency, color=COLOURS[0], label="nonlinear mode")
-    if found.peaks:
-        peaks = [(1e3 * peak.amplitude, peak.frequency) for peak in found.peaks]
-        upper.plot(
-            *zip(*peaks, strict=True),
-            "o--",
-            color=COLOURS[1],
-            markerfacecolor="white",
-            markersize=5,
-            linewidth=1.0,
-            label="peak of the forced response (× load factor)",
-        )
+    items: list[Item] = [Line(amplitude, frequency, label="nonlinear mode")]
+    peaks = [(1e3 * peak.amplitude, peak.frequency) for peak in found.peaks]
+    if peaks:
+        look: dict[str, Any] = {"color": COLOURS[1], "marker": "o", "hollow": True}
+        look["label"] = "peak of the forced response (× load factor)"
+        x, y = zip(*peaks, strict=True)
+        items.append(Line(x, y, "--", linewidth=1.0, **look))
         for k, (peak, place) in enumerate(zip(found.peaks, peaks, strict=True)):
-            upper.annotate(
-                f"× {peak.value:g}",
-                place,
-                xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
-                arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},
-                textcoords="offset points",
-                fontsize=8,
-                color=COLOURS[1],
-            )
-        upper.legend(loc="best")
-    upper.set_ylabel(FREQUENCY.label)
+            shift = (18.0, 4.0 + 10.0 * ((len(peaks) - 1 - k) % 4))  # the next one is lower
+            leader: dict[str, Any] = {"leader": True, "color": COLOURS[1], "fontsize": 8.0}
+            items.append(Text(*place, f"× {peak.value:g}", shift=shift, **leader))
     shown = damping if np.max(np.abs(damping)) > 100.0 * NO_DAMPING else np.zeros_like(damping)
-    lower.plot(amplitude, shown, color=COLOURS[0])
-    if np.min(shown) >= 0.0:
-        top = float(np.max(shown))
-        lower.set_ylim(0.0, 1.1 * top if top > 0.0 else 1.0)
-    lower.set_ylabel(DAMPING.label)
-    axis = "xyz"[found.direction]
-    lower.set_xlabel(f"amplitude of the probe along {axis}, mm")
-    reached = [*amplitude, *(1e3 * peak.amplitude for peak in found.peaks)]
-    if max(reached) > WIDE * min(reached):
-        lower.set_xscale("log")
-    drawn.align_ylabels([upper, lower])
-    return drawn
+    top = float(np.max(shown))
+    ends = (0.0, 1.1 * top if top > 0.0 else 1.0) if np.min(shown) >= 0.0 else (None, None)
+    reached = [*amplitude, *(size for size, _ in peaks)]
+    log = "x" if max(reached) > WIDE * min(reached) else ""
+    across = f"amplitude of the probe along {'xyz'[found.direction]}, mm"
+    panels = [
+        Panel(items, "", FREQUENCY.label, log=log),
+        Panel([Line(amplitude, shown)], across, DAMPING.label, log=log, ylim=ends),
+    ]
+    return Plot(panels, 8.4, 6.6, share="x")

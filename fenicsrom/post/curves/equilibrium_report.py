@@ -10,7 +10,8 @@ from fenicsrom.notes import DEFLECTION, STABILITY
 from fenicsrom.online.stress.stress import extremes
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.response_figures import STYLES, stretches
 from fenicsrom.words import counted
@@ -103,7 +104,16 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         [Section("Limit points and bifurcations", [table_of(found.special, quantities(found))])],
         rows_of(found.points, quantities(found)),
         summary(found),
-        [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
+        [
+            Picture(
+                "Equilibrium path",
+                "equilibria.png",
+                lambda: figure(found),
+                "Stable equilibria are solid, unstable ones dashed.",
+                "equilibria.csv",
+            ),
+            *more,
+        ],
         quantities=[DEFLECTION, STABILITY],
     )
 
@@ -131,27 +141,22 @@ def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
 MARKERS = {"limit point": ("o", COLOURS[1]), "bifurcation": ("D", COLOURS[2])}
 
 
-@styled
-def figure(found: EquilibriumPath) -> Figure:
-    """Draw the path, solid where it is stable and dashed where it is not, with special points."""
-    drawn, (axes,) = new_panels(7.4, 5.0)
+def figure(found: EquilibriumPath) -> Plot:
+    """The path, solid where it is stable and dashed where it is not, with special points."""
 
     def place(points: list[Equilibrium]) -> tuple[list[float], list[float]]:
         moved = [1e3 * point.probe[found.direction] for point in points]
         return moved, [point.load_factor for point in points]
 
-    names = {state: name for state, (name, _) in STYLES.items()}  # each once in the legend
+    items: list[Item] = []
     for stable, part in stretches(found.points, lambda point: point.negative_pivots == 0):
-        look: dict[str, Any] = {"color": COLOURS[0], "linestyle": STYLES[stable][1]}
-        points = [found.points[k] for k in part]
-        axes.plot(*place(points), label=names.pop(stable, None), **look)
-    for kind, (marker, colour) in MARKERS.items():
-        special = [point for point in found.special if point.kind == kind]
-        look = {"color": colour, "markerfacecolor": "white", "markersize": 6, "label": kind}
-        if special:
-            axes.plot(*place(special), marker, **look)
-    axes.set_xlabel(f"displacement of the probe along {'xyz'[found.direction]}, mm")
-    axes.set_ylabel(FACTOR.label)
-    if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(loc="best")
-    return drawn
+        word, style = STYLES[stable]
+        items.append(Line(*place([found.points[k] for k in part]), style, label=word))
+    for kind, (marker, color) in MARKERS.items():
+        if special := [point for point in found.special if point.kind == kind]:
+            look: dict[str, Any] = {"marker": marker, "markersize": 6.0, "hollow": True}
+            items.append(Line(*place(special), "", color, label=kind, **look))
+    across = f"displacement of the probe along {'xyz'[found.direction]}, mm"
+    alone = len({item.label for item in items if isinstance(item, Line)}) == 1
+    panel = Panel(items, across, FACTOR.label)
+    return Plot([panel], 7.4, 5.0, legend=() if alone else None)

@@ -1,6 +1,6 @@
 """The figure of response curves: amplitude, phase, peak normal force and dissipated energy."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -11,8 +11,8 @@ from fenicsrom.assess.curves.results import Response, ResponseCurve
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.model.loads import moves_supports
 from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.post.base.chart import Detail, detailed, noted
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Detail, Item, Line, Panel, Plot
+from fenicsrom.post.base.style import COLOURS, EDGE
 from fenicsrom.post.base.tables import Quantity, direction_names, plain_names
 from fenicsrom.scene.reading.overrides import unit_of
 
@@ -30,12 +30,10 @@ MARKERS = {
     "last slip": "h",
 }
 FULL_MARKER = "x"
-LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
-INK = "#555B61"
-STYLES: dict[bool | None, tuple[str, Any]] = {
+STYLES: dict[bool | None, tuple[str, str]] = {
     True: ("stable", "-"),
-    False: ("unstable", (0, (4, 2))),
-    None: ("stability not known", (0, (1, 1.5))),
+    False: ("unstable", "--"),
+    None: ("stability not known", ":"),
 }
 """What `stretches` tells of a stretch -> its name and its line style."""
 
@@ -106,11 +104,10 @@ CLICKED = [("time, s", "displacement, mm"), ("tangential displacement, mm", "fri
 """Axes of what a click on a point shows: its motion, and its loop if there is contact."""
 
 
-@styled
-def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
-    """Draw the curves: stable parts solid, unstable parts dashed, special points marked.
+def figure(found: Response, details: Sequence[Detail] = ()) -> Plot:
+    """The curves: stable parts solid, unstable parts dashed, special points marked.
 
-    The chart of the figure shows the details by a click.
+    The chart of the plot shows the details by a click.
     """
     place, direction = largest_component(found)
     shaken, height = moves_supports(found.scene), height_of(found)
@@ -121,75 +118,88 @@ def figure(found: Response, details: Sequence[Detail] = ()) -> Figure:
     def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
         return lambda points: np.array([value(point) for point in points])
 
-    panels = {f"{direction_name(found)} amplitude, mm{relative}": each(height)}
+    shown = {f"{direction_name(found)} amplitude, mm{relative}": each(height)}
     if found.contacts:
         probe = each(lambda p: 1e3 * float(p.probe_amplitude.max(initial=0.0)))
-        panels[f"probe amplitude,\nmm{relative}"] = probe
-    panels[phase] = lambda points: phases(points, place, direction)
+        shown[f"probe amplitude,\nmm{relative}"] = probe
+    shown[phase] = lambda points: phases(points, place, direction)
     if found.contacts:
-        panels["peak normal\nforce, N"] = each(lambda p: float(p.peak_force.max()))
+        shown["peak normal\nforce, N"] = each(lambda p: float(p.peak_force.max()))
     work = "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period"
-    panels[work] = each(lambda p: p.friction_dissipation + p.damping_dissipation)
-    rows: dict[str, Any] = {"height_ratios": [2.4] + [1.0] * (len(panels) - 1), "sharex": True}
-    drawn, axes = new_panels(8.4, 2.0 * sum(rows["height_ratios"]), len(panels), **rows)
-    for curve in found.curves:
-        places = [point.parameter for point in curve.full], [*map(height, curve.full)]
-        axes[0].plot(*places, FULL_MARKER, color=colour_of(found, curve), zorder=5)
-    for axis, (label, values) in zip(axes, panels.items(), strict=True):
-        draw_curves(axis, found, found.curves, values)
-        axis.set_ylabel(label)
+    shown[work] = each(lambda p: p.friction_dissipation + p.damping_dissipation)
+    panels = []
+    for label, values in shown.items():
+        items = curve_items(found, found.curves, values)
+        if not panels:
+            items += [_full(found, curve, height) for curve in found.curves if curve.full]
+        look: dict[str, Any] = {"ylabel": label}
         if label == phase:
-            axis.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
-        else:
-            top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
-            axis.set_ylim(-0.03 * top, 1.05 * top)
-    axes[-1].set_xlabel(parameter_label(found))
-    drawn.align_ylabels(axes)
-    if handles := legend_handles(found):
-        columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
-        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
-    detailed(drawn, CLICKED[: 2 if found.contacts else 1], details)
-    return drawn
+            look["yticks"] = _degrees(Panel(items).values("y"))
+        else:  # lines and marks at zero and at the top stay visible
+            top = float(Panel(items).values("y").max(initial=0.0)) or 1.0
+            look["ylim"] = (-0.03 * top, 1.05 * top)
+        panels.append(Panel(items, **look))
+    heights = [2.4] + [1.0] * (len(panels) - 1)
+    labels = CLICKED[: 2 if found.contacts else 1]
+    look = {"share": "x", "xlabel": parameter_label(found), "legend": legend_samples(found)}
+    look |= {"details": details, "detail_labels": labels}
+    return Plot(panels, 8.4, 2.0 * sum(heights) + 0.4, heights=heights, **look)
 
 
-def draw_curves(
-    axis: Axes,
+def _full(found: Response, curve: ResponseCurve, height: Callable[[Any], float]) -> Line:
+    """The motions of the full model of a curve."""
+    x, y = [point.parameter for point in curve.full], [*map(height, curve.full)]
+    names: dict[str, Any] = {"label": "full model", "also": (curve_name(found, curve),)}
+    color = colour_of(found, curve)
+    return Line(x, y, "", color, marker=FULL_MARKER, zorder=5.0, **names)
+
+
+def _degrees(values: Array) -> dict[float, str]:
+    """Marks of angles, degrees."""
+    step = next((step for step in (15.0, 30.0, 45.0, 90.0) if np.ptp(values) <= 5.0 * step), 180.0)
+    low, high = np.floor(values.min() / step), np.ceil(values.max() / step)
+    return {k * step: f"{k * step:g}" for k in np.arange(low, high + 1.0)}
+
+
+def curve_items(
     found: Response,
     curves: Sequence[ResponseCurve],
     values: Callable[[list[CurvePoint]], Array],
-    colours: Sequence[str] = (),
-) -> None:
-    """Draw quantities of some curves; special points are marked if there is one quantity.
+    names: Mapping[str, str] | None = None,
+) -> list[Item]:
+    """The lines of quantities of some curves, with their special points if there is one quantity.
 
     Args:
-        axis: the axes.
         found: all curves.
         curves: the curves to draw.
         values: gives the quantities (q, k) or (k,) at the k points of a piece in their order.
-        colours: colours of the quantities; that of each curve if not given.
+        names: names of several quantities -> their colours.
     """
+    items: list[Item] = []
     for curve in curves:
-        shades = colours or (colour_of(found, curve),)
+        looks = names or {curve_name(found, curve): colour_of(found, curve)}
         for points in (piece.in_order() for piece in curve.pieces):
             if not points:
                 continue
             parameters = np.array([point.parameter for point in points])
             heights: Array = np.atleast_2d(values(points))
             for stable, part in stretches(points):
+                word, style = STYLES[stable]
                 notes = [", ".join(state_names(points[j])) for j in part] if found.contacts else []
-                for k, shade in enumerate(shades):
-                    (line,) = axis.plot(
-                        parameters[part],
-                        heights[k, part],
-                        linestyle=STYLES[stable][1],
-                        color=shade,
-                        zorder=3 if stable else 2,
-                    )
-                    noted(line, notes)
+                for height, (name, color) in zip(heights, looks.items(), strict=True):
+                    look: dict[str, Any] = {"zorder": 3.0 if stable else 2.0, "notes": notes}
+                    x, y = parameters[part], height[part]
+                    items.append(Line(x, y, style, color, **look, label=name, also=(word,)))
+            name, color = next(iter(looks.items()))
             if len(points) == 1:  # of a curve that was interrupted
-                axis.plot(np.repeat(parameters, len(heights)), heights[:, 0], ".", color=shades[0])
-            if not colours:
-                _mark(axis, points, heights[0], shades[0])
+                x, y = np.repeat(parameters, len(heights)), heights[:, 0]
+                items.append(Line(x, y, "", color, marker=".", label=name))
+            marks = [] if names else zip(points, heights[0], strict=True)
+            for point, size in ((point, size) for point, size in marks if point.kind):
+                look = {"marker": MARKERS[point.kind], "hollow": True, "zorder": 4.0}
+                place = [point.parameter], [size]
+                items.append(Line(*place, "", color, **look, label=point.kind, also=(name,)))
+    return items
 
 
 FORCE = Quantity(
@@ -213,14 +223,6 @@ def state_names(point: Any) -> list[str]:
     """The contact states that occur in the period at any contact point."""
     bits = int(np.bitwise_or.reduce(point.states, initial=0))
     return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
-
-
-def _mark(axis: Axes, points: Sequence[CurvePoint], heights: Array, colour: str) -> None:
-    """Mark the special points among the points of a piece."""
-    for point, height in zip(points, heights, strict=True):
-        if point.kind:
-            look: dict[str, Any] = {"color": colour, "markerfacecolor": "white", "markersize": 5}
-            axis.plot(point.parameter, height, MARKERS[point.kind], zorder=4, **look)
 
 
 def colour_of(found: Response, curve: ResponseCurve) -> str:
@@ -268,10 +270,8 @@ def shown_curves(found: Response) -> list[ResponseCurve]:
     return [found.curves[k] for k in chosen]
 
 
-def style_handles(found: Response) -> list[Any]:
-    """The entries of a legend: the line styles that occur, if not all is stable."""
-    from matplotlib.lines import Line2D
-
+def style_samples(found: Response) -> list[Item]:
+    """The samples in a legend of the line styles that occur, if not all is stable."""
     parts = {
         stable
         for curve in found.curves
@@ -281,30 +281,26 @@ def style_handles(found: Response) -> list[Any]:
     if parts <= {True}:
         return []
     return [
-        Line2D([], [], color=INK, linestyle=style, label=word)
+        Line(linestyle=style, color=EDGE, label=word)
         for stable, (word, style) in STYLES.items()
         if stable in parts
     ]
 
 
-def legend_handles(found: Response) -> list[Any]:
-    """The entries of the legend: a line for each curve, the styles and the marks that occur."""
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = []
+def legend_samples(found: Response) -> list[Item]:
+    """The samples of the legend: a line for each curve, the styles and the marks that occur."""
+    samples: list[Item] = []
     if found.table.families is not None:
-        handles += [
-            Line2D([], [], color=colour_of(found, curve), label=curve_name(found, curve))
+        samples += [
+            Line(color=colour_of(found, curve), label=curve_name(found, curve))
             for curve in found.curves
         ]
-    handles += style_handles(found)
-    look: dict[str, Any] = {"linestyle": "", "color": INK, "markerfacecolor": "white"}
+    samples += style_samples(found)
     present = {point.kind for curve in found.curves for point in curve.special}
-    handles += [
-        Line2D([], [], marker=marker, label=kind, markersize=5, **look)
-        for kind, marker in MARKERS.items()
+    present |= {"full model"} if any(curve.full for curve in found.curves) else set()
+    look: dict[str, Any] = {"linestyle": "", "color": EDGE, "hollow": True}
+    return samples + [
+        Line(marker=marker, label=kind, **look)
+        for kind, marker in {**MARKERS, "full model": FULL_MARKER}.items()
         if kind in present
     ]
-    if any(curve.full for curve in found.curves):
-        handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
-    return handles

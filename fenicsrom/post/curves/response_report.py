@@ -29,27 +29,16 @@ from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import recorded_motion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.post.base.chart import Detail
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import (
-    COLOURS,
-    Axes,
-    Figure,
-    missing_module,
-    new_figure,
-    new_panels,
-    state_handles,
-    state_map,
-    styled,
-)
+from fenicsrom.post.base.plot import Detail, Dots, Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS, missing_module
 from fenicsrom.post.base.tables import rows_of, table_of, write_arrays
 from fenicsrom.post.curves import response_tables
 from fenicsrom.post.curves.response_figures import (
-    INK,
+    curve_items,
     curve_name,
     direction_name,
-    draw_curves,
     figure,
     height_of,
     largest_component,
@@ -57,65 +46,51 @@ from fenicsrom.post.curves.response_figures import (
     parameter_label,
     shown_curves,
     state_names,
-    style_handles,
+    style_samples,
 )
 from fenicsrom.post.curves.response_tables import peak_figure
 from fenicsrom.post.paraview.paraview import write_last_period
+from fenicsrom.post.run.motion_figures import state_map, state_samples
 from fenicsrom.post.run.report import MULTIPLIER_NOTE
 from fenicsrom.records import Study
 from fenicsrom.scene.reading.overrides import in_words
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 # thin and bright: seen on the dots that lie on it
-CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 0.7, "zorder": 4}
+CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 0.7, "zorder": 4.0}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
 
 
-@styled
-def multiplier_figure(found: Response) -> Figure:
-    """Draw the Floquet multipliers of some curves, coloured by the parameter."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
+def multiplier_figure(found: Response) -> Plot:
+    """The Floquet multipliers of some curves, coloured by the parameter."""
     curves = shown_curves(found)
     places = [point.parameter for curve in curves for point in curve.points]
-    colours = Normalize(min(places), max(places))
-    columns = min(len(curves), 2)  # of the legend
-    drawn, axes = new_panels(
-        3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns, 1, len(curves), sharey=True, sharex=True
-    )
-    reach = 1.0
-    for axis, curve in zip(axes, curves, strict=True):
-        reach = max(reach, _draw_multipliers(axis, curve, colours))
-        axis.set(title=curve_name(found, curve), xlabel="real part")
-        axis.set_aspect("equal")
-    limit = 1.15 * reach
-    axes[0].set_xlim(-limit, limit)
-    axes[0].set_ylim(-limit, limit)
-    axes[0].set_ylabel("imaginary part")
-    mapped, label = ScalarMappable(colours, "viridis"), parameter_label(found)
-    bar: Any = drawn.colorbar(mapped, ax=axes, aspect=30, label=label)
-    bar.outline.set_visible(False)
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=columns)
-    return drawn
-
-
-def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
-    """Draw the multipliers of a curve and the unit circle; give how far from 0 they reach."""
-    values, parameters = multipliers_of(curve)
-    size = np.abs(values)
-    far = size > FARTHEST
-    drawn = np.where(far, values / np.maximum(size, 1e-300) * FARTHEST, values)
+    shades: dict[str, Any] = {"vmin": min(places), "vmax": max(places)}
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    axis.plot(np.cos(angle), np.sin(angle), label="unit circle: stable inside", **CIRCLE)
-    look = {"cmap": "viridis", "norm": colours, "linewidths": 0.0, "zorder": 3}
-    near = {"label": "Floquet multipliers, a colour for each motion", "s": 9, **look}
-    axis.scatter(drawn[~far].real, drawn[~far].imag, c=parameters[~far], **near)
-    if np.any(far):
-        axis.scatter(drawn[far].real, drawn[far].imag, c=parameters[far], s=22, marker="D", **look)
-        text = f"diamonds: farther out, up to {size.max():.3g}"
-        axis.text(0.5, 0.01, text, transform=axis.transAxes, ha="center", fontsize=8, color=INK)
-    return float(np.max(np.abs(drawn), initial=1.0))
+    name = "unit circle: stable inside"
+    circle = Line(np.cos(angle), np.sin(angle), label=name, **CIRCLE)
+    sizes = [np.abs(multipliers_of(curve)[0]).max() for curve in curves]
+    reach = 1.15 * min(max(1.0, *sizes), FARTHEST)
+    panels = []
+    for curve in curves:
+        values, parameters = multipliers_of(curve)
+        size = np.abs(values)
+        far = size > FARTHEST
+        drawn = np.where(far, values / np.maximum(size, 1e-300) * FARTHEST, values)
+        shades["bar"] = parameter_label(found) if curve is curves[-1] else ""
+        label = "Floquet multipliers, a colour for each motion"
+        near = drawn[~far].real, drawn[~far].imag, parameters[~far]
+        items: list[Item] = [circle, Dots(*near, markersize=3.0, label=label, **shades)]
+        if np.any(far):
+            outer = drawn[far].real, drawn[far].imag, parameters[far]
+            items.append(Dots(*outer, marker="D", markersize=4.7, **shades | {"bar": ""}))
+            text = f"diamonds: farther out, up to {size.max():.3g}"
+            items.append(Text(0.5, 0.03, text, "xy", ha="center", fontsize=8.0))
+        ends = (-reach, reach)
+        title = curve_name(found, curve)
+        panels.append(Panel(items, title=title, xlim=ends, ylim=ends, square=True))
+    labels = {"xlabel": "real part", "ylabel": "imaginary part"}
+    return Plot(panels, 3.2 * len(curves) + 1.8, 0.0, len(curves), share="xy", **labels)
 
 
 def multipliers_of(curve: ResponseCurve) -> tuple[NDArray[np.complex128], Array]:
@@ -125,14 +100,10 @@ def multipliers_of(curve: ResponseCurve) -> tuple[NDArray[np.complex128], Array]
     return values, np.concatenate(parameters)
 
 
-@styled
-def harmonics_figure(found: Response) -> Figure:
-    """Draw the amplitudes of the first harmonics along some curves."""
-    from matplotlib.lines import Line2D
-
+def harmonics_figure(found: Response) -> Plot:
+    """The amplitudes of the first harmonics along some curves."""
     curves = shown_curves(found)
     place, direction = largest_component(found)
-    drawn, axes = new_panels(max(3.1 * len(curves), 6.4) + 0.8, 3.9, 1, len(curves), sharey=True)
 
     def sizes(points: list[CurvePoint]) -> Array:
         """Amplitudes (H, points) of the harmonics, mm."""
@@ -140,17 +111,18 @@ def harmonics_figure(found: Response) -> Figure:
 
     highest = np.max([sizes(curve.points).max(axis=1) for curve in curves], axis=0)
     drawable = np.flatnonzero(highest > FLOOR * highest.max())
-    colours = [COLOURS[k] for k in drawable]
-    for axis, curve in zip(axes, curves, strict=True):
-        draw_curves(axis, found, [curve], lambda points: sizes(points)[drawable], colours)
-        axis.set(yscale="log", title=curve_name(found, curve), xlabel=parameter_label(found))
-    axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
-    axes[0].set_ylabel(f"{direction_name(found)} harmonics, mm")
-    names = [f"harmonic {k + 1}" for k in drawable]
-    lines = [Line2D([], [], color=c, label=n) for c, n in zip(colours, names, strict=True)]
-    handles = [*lines, *style_handles(found)]
-    drawn.legend(handles=handles, loc="outside upper center", ncols=4)
-    return drawn
+    names = {f"harmonic {k + 1}": COLOURS[k] for k in drawable}
+    ends: Any = (FLOOR * highest.max(), 2.0 * highest.max())
+    panels = []
+    for curve in curves:
+        items = curve_items(found, [curve], lambda points: sizes(points)[drawable], names)
+        panels.append(Panel(items, title=curve_name(found, curve), log="y", ylim=ends))
+    samples = [Line(color=color, label=name) for name, color in names.items()]
+    width = max(3.1 * len(curves), 6.4) + 0.8
+    legend = [*samples, *style_samples(found)]
+    look: dict[str, Any] = {"share": "y", "xlabel": parameter_label(found), "legend": legend}
+    ylabel = f"{direction_name(found)} harmonics, mm"
+    return Plot(panels, width, 4.2, len(curves), ylabel=ylabel, **look)
 
 
 POINTS = 3  # largest number of contact points that are drawn
@@ -178,18 +150,18 @@ def folds_back(curve: ResponseCurve) -> bool:
     return False
 
 
-def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> None:
-    """Draw the map of one contact point along a curve; a gap between two pieces stays white.
+def map_panel(curve: ResponseCurve, contact: int, folded: bool, **look: Any) -> Panel:
+    """The map of one contact point along a curve; a gap between two pieces stays white.
 
     Args:
-        axis: the axes.
         curve: the curve.
         contact: the contact point.
         folded: whether the abscissa is the length along the curve instead of the parameter.
+        look: texts of the panel.
     """
     parts = [piece for piece in curve.pieces if piece.points]
     pieces = [piece.points for piece in parts]
-    places, begin = [], 0.0
+    places, items, begin = [], list[Item](), 0.0
     for points, along in zip(pieces, lengths_along(parts), strict=True):
         places.append(np.array([point.parameter for point in points]))
         if folded:
@@ -197,12 +169,11 @@ def draw_map(axis: Axes, curve: ResponseCurve, contact: int, folded: bool) -> No
             begin = places[-1][-1]
         states = np.array([point.period_states[:, contact] for point in points]).T
         instants = (np.arange(len(states)) + 0.5) / len(states)
-        axis.pcolormesh(places[-1], instants, states, **state_map())
+        items.append(state_map(places[-1], instants, states))
     ends = np.concatenate(places)
-    axis.set(xlim=(ends.min(), ends.max()), ylim=(0.0, 1.0))
-    axis.grid(False)
-    if folded:
-        axis.set_xticks(*zip(*_marks(pieces, places, np.ptp(ends)), strict=True))
+    marks = dict(_marks(pieces, places, float(np.ptp(ends)))) if folded else {}
+    limits: Any = {"xlim": (ends.min(), ends.max()), "ylim": (0.0, 1.0)}
+    return Panel(items, **look, **limits, xticks=marks)
 
 
 def _marks(
@@ -225,29 +196,25 @@ def _marks(
     return sorted(kept)
 
 
-@styled
-def contact_map(found: Response) -> Figure:
-    """Draw the contact states: the period upwards, a row of maps for each contact point."""
+def contact_map(found: Response) -> Plot:
+    """The contact states: the period upwards, a row of maps for each contact point."""
     curves, contacts = shown_curves(found), shown_points(found)
     wide = max(4.6 if len(curves) == 1 else 3.2, 9.6 / max(len(curves), 2))
-    drawn = new_figure(wide * len(curves) + 1.0, 2.3 * len(contacts) + 1.2)
-    axes = drawn.subplots(len(contacts), len(curves), squeeze=False, sharey=True)
-    for column, curve in enumerate(curves):
-        folded = folds_back(curve)
-        for row, contact in enumerate(contacts):
-            axis = axes[row, column]
-            draw_map(axis, curve, int(contact), folded)
-            axis.tick_params(labelbottom=row == len(contacts) - 1)
-            if column == 0:
+    label, panels = parameter_label(found), []
+    for contact in contacts:
+        for curve in curves:
+            look, folded = dict[str, str](), folds_back(curve)
+            if curve is curves[0]:
                 point = f"point {contact + 1}: " if found.contacts > 1 else ""
-                axis.set_ylabel(f"{point}time / period")
-        axes[0, column].set_title(curve_name(found, curve))
-        label = parameter_label(found)
-        axes[-1, column].set_xlabel(f"{label} (along the curve)" if folded else label)
-    present = {int(state) for c in curves for p in c.points for state in np.unique(p.period_states)}
-    handles = state_handles(present)
-    drawn.legend(handles=handles, loc="outside upper center", ncols=len(handles))
-    return drawn
+                look["ylabel"] = f"{point}time / period"
+            if contact == contacts[0]:
+                look["title"] = curve_name(found, curve)
+            if contact == contacts[-1]:
+                look["xlabel"] = f"{label} (along the curve)" if folded else label
+            panels.append(map_panel(curve, int(contact), folded, **look))
+    states = np.concatenate([point.period_states.ravel() for c in curves for point in c.points])
+    size = wide * len(curves) + 1.0, 2.3 * len(contacts) + 1.2
+    return Plot(panels, *size, len(curves), share="y", legend=state_samples(states))
 
 
 CHECKS_NOTE = (
@@ -276,10 +243,17 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     told = response_tables.check_quantities(found)
     checks = response_tables.each(found, lambda curve: curve.checks, told)
     more = {"response_full.csv": rows_of(*full), "response_peaks.csv": rows_of(*peaks)}
-    states = Picture(
-        "Contact states over the period", "contact_map.png", lambda: contact_map(found)
-    )
-    over = Picture(PEAKS_HEADING, "peaks.png", lambda: peak_figure(found))
+    pictures = [
+        Picture(
+            "Response curves",
+            "response.png",
+            lambda: figure(found, clicked),
+            "Amplitude, phase and energies over the parameter. Stable parts are solid, unstable "
+            "ones dashed.",
+            "response.csv",
+        )
+    ]
+    pictures += [] if found.interrupted else _more_pictures(found, bool(peaks[0]))
     return Report(
         "response",
         "response curves",
@@ -299,20 +273,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         ],
         response_tables.rows(found),
         response_tables.summary(found),
-        [Picture("Response curves", "response.png", lambda: figure(found, clicked))]
-        if found.interrupted
-        else [
-            Picture("Response curves", "response.png", lambda: figure(found, clicked)),
-            *([over] if peaks[0] else []),
-            *([states] if found.contacts else []),
-            Picture(
-                "Floquet multipliers",
-                "multipliers.png",
-                lambda: multiplier_figure(found),
-                MULTIPLIER_NOTE,
-            ),
-            Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
-        ],
+        pictures,
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
         quantities=[
@@ -322,6 +283,43 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         ],
         unjudged=[PEAK_FORCE, DISSIPATION] if found.contacts else [],
     )
+
+
+def _more_pictures(found: Response, peaks: bool) -> list[Picture]:
+    """The pictures besides that of the curves."""
+    over = Picture(
+        PEAKS_HEADING,
+        "peaks.png",
+        lambda: peak_figure(found),
+        "The largest amplitude of the probe over the frequency, and its frequency, over a second "
+        "number. Thin lines are the peaks that were followed; the diamond marks the smallest.",
+        "response_peaks.csv",
+    )
+    states = Picture(
+        "Contact states over the period",
+        "contact_map.png",
+        lambda: contact_map(found),
+        "The state of contact over the period, along the curve.",
+        "response.csv",
+    )
+    return [
+        *([over] if peaks else []),
+        *([states] if found.contacts else []),
+        Picture(
+            "Floquet multipliers",
+            "multipliers.png",
+            lambda: multiplier_figure(found),
+            MULTIPLIER_NOTE,
+            "response.csv",
+        ),
+        Picture(
+            "Harmonics",
+            "harmonics.png",
+            lambda: harmonics_figure(found),
+            "Amplitudes of the harmonics along the curve.",
+            "response.csv",
+        ),
+    ]
 
 
 def write(

@@ -20,7 +20,7 @@ from fenicsrom.assess.curves.trust import Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.continuation import ForcedPeak
 from fenicsrom.online.curves.curve import COMPLETE, HARMONICS, CurvePoint
-from fenicsrom.post.base.style import Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot
 from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.backbone_report import WIDE
 from fenicsrom.post.curves.response_figures import (
@@ -145,34 +145,31 @@ def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | N
     return rows_of([curve.optimum], told)[0]
 
 
-@styled
-def peak_figure(found: Response) -> Figure:
-    """Draw amplitude and frequency of the largest peaks, and thin those that were followed."""
-    drawn, (upper, lower) = new_panels(8.4, 6.0, 2, sharex=True)
+def peak_figure(found: Response) -> Plot:
+    """Amplitude and frequency of the largest peaks, and thin those that were followed."""
+    upper: list[Item] = []
+    lower: list[Item] = []
+
+    def add(peaks: Sequence[ForcedPeak], **look: Any) -> None:
+        values = [peak.value for peak in peaks]
+        upper.append(Line(values, [1e3 * peak.amplitude for peak in peaks], **look))
+        lower.append(Line(values, [peak.frequency for peak in peaks], **look))
+
     for curve in found.curves:
-        colour = colour_of(found, curve)
-        others = [sorted(one, key=lambda peak: peak.value) for one in curve.peaks]
-        for peaks, width in [*((one, 0.6) for one in others), (_with_optimum(curve), 1.8)]:
-            values = [peak.value for peak in peaks]
-            look = {"color": colour, "linewidth": width}
-            upper.plot(values, [1e3 * peak.amplitude for peak in peaks], **look)
-            lower.plot(values, [peak.frequency for peak in peaks], **look)
+        look: dict[str, Any] = {"color": colour_of(found, curve), "label": curve_name(found, curve)}
+        for peaks in curve.peaks:
+            add(sorted(peaks, key=lambda peak: peak.value), linewidth=0.6, **look)
+        add(_with_optimum(curve), linewidth=1.8, **look)
         if curve.optimum is not None:
-            best, look = curve.optimum.peak, {"color": colour, "label": curve_name(found, curve)}
-            upper.plot(best.value, 1e3 * best.amplitude, "D", **look)
-            lower.plot(best.value, best.frequency, "D", **look)
+            add([curve.optimum.peak], linestyle="", marker="D", **look)
     sizes = [peak.amplitude for curve in found.curves for peak in _with_optimum(curve)]
-    if max(sizes) > WIDE * min(sizes):
-        upper.set_yscale("log")
-    else:
-        upper.set_ylim(bottom=0.0)
-    upper.set_ylabel("largest amplitude of the probe, mm")
-    lower.set_ylabel("frequency, Hz")
-    lower.set(xscale="log", xlabel=key_label(found, str(found.table.peak_over)))
-    if found.table.families is not None:
-        upper.legend()
-    drawn.align_ylabels([upper, lower])
-    return drawn
+    wide = max(sizes) > WIDE * min(sizes)
+    amplitude = "largest amplitude of the probe, mm"
+    panels = [
+        Panel(upper, "", amplitude, log="xy" if wide else "x", ylim=(None if wide else 0.0, None)),
+        Panel(lower, key_label(found, str(found.table.peak_over)), "frequency, Hz", log="x"),
+    ]
+    return Plot(panels, 8.4, 6.0, share="x")
 
 
 def varied_keys(found: Response) -> list[str]:

@@ -1,4 +1,4 @@
-"""Figures of motions, contacts, energies, mode shapes and wear."""
+"""Plots of motions, contacts, energies, mode shapes and wear."""
 
 import itertools
 import re
@@ -10,33 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.sizing import NestedSize
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.measures import NEGLIGIBLE, Wear, has_contact, point_summaries, wear_of
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.post.base.chart import noted
-from fenicsrom.post.base.style import (
-    STATES,
-    Axes,
-    Figure,
-    line_styles,
-    new_figure,
-    new_panels,
-    state_handles,
-    styled,
-)
+from fenicsrom.post.base.plot import Bars, Item, Line, Map, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS, EDGE, STATES, line_styles
 from fenicsrom.post.base.tables import plain_names, write_rows
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 
+HISTORY = "history.npz"
 LOADS = "the loads"
 LOADS_AND_SURFACES = "the loads and of moving surfaces"
-NARROW = 4  # largest number of intervals between the ticks of a narrow panel
 LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
 
 
-@styled
-def plot_motion(motions: Mapping[str, Motion], names: Sequence[str] = ()) -> Figure:
-    """Draw displacements of the first point over the last two periods, one panel per direction.
+def plot_motion(motions: Mapping[str, Motion], names: Sequence[str] = ()) -> Plot:
+    """Displacements of the first point over the last two periods, one panel per direction.
 
     Each panel shows all models, as figure 5 of the paper does. A direction in which they move by
     rounding errors only has no curves.
@@ -49,62 +39,71 @@ def plot_motion(motions: Mapping[str, Motion], names: Sequence[str] = ()) -> Fig
     directions = max(motion.displacement.shape[2] for motion in motions.values())
     touching = any(map(has_contact, motions.values()))
     names = names or plain_names(directions, touching)
-    figure, axes = new_panels(8.6, 0.7 + 2.2 * directions, directions, sharex=True)
     parts = {name: _phase(motion, 2) for name, motion in motions.items()}
     moved = {name: 1e3 * each.displacement[parts[name][1], 0] for name, each in motions.items()}
     sizes = {name: np.ptp(values, axis=0) for name, values in moved.items()}
     largest = max(float(size.max()) for size in sizes.values())
-    for k, axis in enumerate(axes):
-        there = [name for name, values in moved.items() if k < values.shape[1]]
-        if all(sizes[name][k] < NEGLIGIBLE * largest for name in there):
-            note_noise(axis)
-            there = []
-        for name in there:
-            axis.plot(parts[name][0], moved[name][:, k], label=name, **styles[name])
-        axis.set_ylabel(f"{names[k]}\ndisplacement, mm")
-        axis.margins(x=0)
-    periodic = all(motion.period is not None for motion in motions.values())
-    axes[-1].set_xlabel("time / period" if periodic else "time, s")
     count = max(motion.state.shape[1] for motion in motions.values())
     place = "contact point" if touching else "probe"
-    axes[0].set_title(f"{place} 1 of {count}" if count > 1 else place)
-    _legend(figure, next((axis for axis in axes if axis.lines), axes[0]))
-    figure.align_ylabels()
-    return figure
+    panels = []
+    for k in range(directions):
+        there = [name for name, values in moved.items() if k < values.shape[1]]
+        lines: list[Item] = [
+            Line(parts[name][0], moved[name][:, k], label=name, **styles[name]) for name in there
+        ]
+        look: dict[str, Any] = {"ylabel": f"{names[k]}\ndisplacement, mm", "tight": "x"}
+        if all(sizes[name][k] < NEGLIGIBLE * largest for name in there):
+            lines, look["yticks"] = [NOISE], {0.0: ""}
+        if k == 0:
+            look["title"] = f"{place} 1 of {count}" if count > 1 else place
+        panels.append(Panel(lines, **look))
+    height = 0.7 + 2.2 * directions
+    return Plot(panels, 8.6, height, share="x", xlabel=_time_label(motions))
 
 
-@styled
-def plot_sizes(sizes: Sequence[NestedSize], size: int) -> Figure:
-    """Draw the error due to the basis over the run time, for models of several sizes.
+def _time_label(motions: Mapping[str, Motion]) -> str:
+    """The label of the axis of time."""
+    periodic = all(motion.period is not None for motion in motions.values())
+    return "time / period" if periodic else "time, s"
+
+
+def probe_motions(found: Study | Rerun) -> dict[str, Motion]:
+    """The motions of [probe] where they stand beside those of contact points."""
+    if found.scene.probe is None or not found.scene.contacts:
+        return {}
+    pairs = ((name, motion.at_probe()) for name, motion in found.motions.items())
+    return {name: motion for name, motion in pairs if motion is not None}
+
+
+def plot_sizes(errors: Mapping[int, float], size: int, limit: float) -> Plot:
+    """The error due to the basis over the number of coordinates.
 
     Args:
-        sizes: the models; each point has its number of coordinates.
-        size: number of coordinates of the run, whose point is filled.
+        errors: number of coordinates of each model that was tried -> its estimated error.
+        size: that of the run, whose point is filled.
+        limit: largest accepted error.
     """
-    figure, (axis,) = new_panels(4.6, 3.2)
-    seconds, errors = ([getattr(each, name) for each in sizes] for name in ("seconds", "error"))
-    axis.plot(seconds, np.multiply(100.0, errors), "-", color="#b0b6bc", lw=0.8)
-    for each in sizes:
-        fill = None if each.size == size else "white"
-        axis.plot(each.seconds, 100.0 * each.error, "o", color="#0072B2", markerfacecolor=fill)
-        place = each.seconds, 100.0 * each.error
-        axis.annotate(str(each.size), place, (4, 4), textcoords="offset points")
-    axis.set(xscale="log", yscale="log", xlabel="run time of the steps, s")
-    axis.set_ylabel("estimated error of the basis, %")
-    axis.set_title("numbers of coordinates; filled: this run")
-    return figure
+    sizes = sorted(errors)
+    percent = [100.0 * errors[n] for n in sizes]
+    chosen = [n == size for n in sizes]
+    look: dict[str, Any] = {"linestyle": "", "marker": "o"}
+    items: list[Item] = [
+        Line(None, np.full(2, 100.0 * limit), "--", EDGE, 1.0, label="basis.accuracy"),
+        Line(sizes, percent, "-", "#b0b6bc", 0.8),
+        Line(sizes, percent, hollow=True, label="tried", **look),
+        Line(np.extract(chosen, sizes), np.extract(chosen, percent), label="this run", **look),
+    ]
+    labels = {"xlabel": "number of coordinates", "ylabel": "estimated error of the basis, %"}
+    return Plot([Panel(items, **labels, log="y", whole="x")], 5.4, 3.6)
 
 
-def note_noise(axis: Axes) -> None:
-    """Say in an empty panel that its curves would show rounding errors."""
-    _note(axis, f"amplitude below {NEGLIGIBLE:g} of the largest")
-    axis.set_yticks([])
+def note(text: str) -> Text:
+    """A text in the middle of an empty panel."""
+    return Text(0.5, 0.6, text, "xy", ha="center", fontsize=10.5)
 
 
-def _note(axis: Axes, text: str) -> None:
-    """Write into the middle of an empty panel."""
-    axis.text(0.5, 0.6, text, color="#5b636b", transform=axis.transAxes, ha="center")
-
+NOISE = note(f"amplitude below {NEGLIGIBLE:g} of the largest")
+"""What an empty panel says whose curves would show rounding errors."""
 
 # Number of directions -> the panels of a contact point, each with its quantities on the x and y
 # axis. A quantity is the displacement u or the force f in direction 0 (normal), 1 or 2
@@ -115,11 +114,8 @@ _LOOPS = {
 }
 
 
-@styled
-def plot_contact(
-    motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()
-) -> Figure:
-    """Draw contact states over the last period, and contact forces against displacements.
+def plot_contact(motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()) -> Plot:
+    """Contact states over the last period, and contact forces against displacements.
 
     The loops show the tangential force against the tangential displacement, one panel per tangent
     direction, and the normal force against the normal displacement (figures 6 and 13 of the paper).
@@ -132,25 +128,22 @@ def plot_contact(
         names: names of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
-    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
-    loops = len(_LOOPS[directions])
-    columns = 3 if loops == 3 else 2
-    rows = loops // columns
+    loops = _loops(motions, point, names)
+    columns = 3 if len(loops) == 3 else 2
+    rows = len(loops) // columns
     strip = 0.75 + 0.33 * len(motions)
-    figure = new_figure(4.1 * columns if columns == 2 else 10.8, 0.4 + strip + 3.3 * rows)
-    grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
-    _plot_states(figure.add_subplot(grid[0, :]), motions, point)
-    panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
-    _plot_loops(panels, motions, point, names)
-    _legend(figure, panels[0])
-    return figure
+    panels = [_states(motions, point, (0, 0, 1, columns))]
+    for k, (items, look) in enumerate(loops):
+        panels.append(Panel(items, **look, place=(1 + k // columns, k % columns, 1, 1)))
+    size = 4.1 * columns if columns == 2 else 10.8, 0.7 + strip + 3.3 * rows
+    heights = [0.33 * len(motions), *[2.5] * rows]
+    return Plot(panels, *size, columns, heights)
 
 
-@styled
 def plot_points(
     motions: Mapping[str, Motion], names: Sequence[str] = (), places: ContactPoints | None = None
-) -> Figure:
-    """Draw the peak force, the time in contact and the dissipation of all contact points.
+) -> Plot:
+    """The peak force, the time in contact and the dissipation of all contact points.
 
     Points on a line stand at their positions, with their numbers above. Force and dissipation are
     per length or area. Below are the loops of the point with the largest normal force in the first
@@ -165,11 +158,6 @@ def plot_points(
     points = {name: point_summaries(motion) for name, motion in motions.items()}
     styles, first = line_styles(motions), next(iter(motions))
     hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
-    directions = motions[first].displacement.shape[2]
-    loops = len(_LOOPS[directions])
-    figure = new_figure(3.6 * loops, 7.2)
-    grid = figure.add_gridspec(2, COLUMNS)
-    axes = [figure.add_subplot(grid[0, part]) for part in _columns(3)]
     line = contact_axis(places, len(points[first]))
     work = f"friction dissipation, {line.unit.replace('N', 'J')}"
     curves: dict[str, tuple[Callable[[Mapping[str, Any]], float], Any]] = {
@@ -177,65 +165,64 @@ def plot_points(
         "time in contact, %": (lambda point: 100.0 * (1.0 - point["fraction"]["open"]), 1.0),
         work: (itemgetter("friction_dissipation_per_period_J"), line.share),
     }
-    for axis, (label, (value, share)) in zip(axes, curves.items(), strict=True):
+    panels = []
+    for k, (label, (value, share)) in enumerate(curves.items()):
+        items: list[Item] = [*line.numbers()]
         for name in motions:
             found, at = np.array([value(point) for point in points[name]]), line.at
             heights = found / share if found.size == at.size else found
             at = at if found.size == at.size else np.arange(1.0, found.size + 1.0)
-            look = {"marker": "o", "markersize": 3.5, "label": name, **styles[name]}
-            (drawn,) = axis.plot(at, heights, **look)
-            noted(drawn, [f"contact point {k + 1}" for k in range(len(found))])
-        axis.set(xlabel=line.label, ylabel=label)
-        axis.xaxis.get_major_locator().set_params(integer=True)
-        line.write_numbers(axis)
-    panels = [figure.add_subplot(grid[1, part]) for part in _columns(loops)]
+            notes = [f"contact point {k + 1}" for k in range(len(found))]
+            look: dict[str, Any] = {"marker": "o", "markersize": 3.5, **styles[name]}
+            items.append(Line(at, heights, label=name, notes=notes, **look))
+        at_row = (0, *_columns(3)[k])
+        panels.append(Panel(items, line.label, label, whole="x", place=at_row))
     there = {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}
-    _plot_loops(panels, there, hardest, names)
-    panels[0].set_title(f"point {hardest + 1}: largest force")
-    _legend(figure, axes[0])
-    return figure
+    loops = _loops(there, hardest, names)
+    for k, (items, shown) in enumerate(loops):
+        title = f"point {hardest + 1}: largest force" if k == 0 else shown.pop("title", "")
+        at_row = (1, *_columns(len(loops))[k])
+        panels.append(Panel(items, **shown, title=title, place=at_row))
+    return Plot(panels, 3.6 * len(loops), 7.2)
 
 
 COLUMNS = 12
 """Columns of a grid with a row of three panels and a row of three or four."""
 
 
-def _columns(count: int) -> list[slice]:
-    """The columns of each of some panels in a row."""
+def _columns(count: int) -> list[tuple[int, int, int]]:
+    """The first column, and the number of rows and columns, of each of some panels in a row."""
     width = COLUMNS // count
-    return [slice(k * width, (k + 1) * width) for k in range(count)]
+    return [(k * width, 1, width) for k in range(count)]
 
 
-def _plot_loops(
-    panels: Sequence[Axes], motions: Mapping[str, Motion], point: int, names: Sequence[str]
-) -> None:
-    """Draw the loops of a contact point over the last period, one panel for each of `_LOOPS`."""
+def _loops(
+    motions: Mapping[str, Motion], point: int, names: Sequence[str]
+) -> list[tuple[list[Item], dict[str, str]]]:
+    """The lines and labels of each of `_LOOPS` of a contact point over the last period."""
     styles = line_styles(motions)
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
     names = names or plain_names(directions, touching=True)
-    for axis, pair in zip(panels, _LOOPS[directions], strict=True):
+    found = []
+    for pair in _LOOPS[directions]:
+        items: list[Item] = []
         for name, motion in motions.items():
             part = motion.last_period()
             if all(int(k) < motion.displacement.shape[2] for _, k in pair):
                 values = {"u": 1e3 * motion.displacement[part], "f": motion.force[part]}
-                curve = [values[kind][:, point, int(k)] for kind, k in pair]
-                axis.plot(*curve, label=name, **styles[name])
-        axis.set(xlabel=_quantity(pair[0], names), ylabel=_quantity(pair[1], names))
-        axis.locator_params(axis="x", nbins=NARROW)
-    panels[-1].set_title("orbit")
+                x, y = (values[kind][:, point, int(k)] for kind, k in pair)
+                items.append(Line(x, y, label=name, **styles[name]))
+        units = {"u": "displacement, mm", "f": "force, N"}
+        across, up = (f"{names[int(k)]} {units[kind]}" for kind, k in pair)
+        found.append((items, {"xlabel": across, "ylabel": up}))
+    found[-1][1]["title"] = "orbit"
+    return found
 
 
-def _quantity(name: str, names: Sequence[str]) -> str:
-    """Compose the axis label of a quantity of `_LOOPS`."""
-    kind, k = name
-    return f"{names[int(k)]} {'displacement, mm' if kind == 'u' else 'force, N'}"
-
-
-@styled
 def plot_modes(
     labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray, names: Sequence[str]
-) -> Figure:
-    """Draw the displacement of shapes along the axis of a slender body.
+) -> Plot:
+    """The displacement of shapes along the axis of a slender body.
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
     Normal modes, static modes and derivatives have one row each. Every shape is divided by its
@@ -248,8 +235,6 @@ def plot_modes(
         shapes: (n_labels, k, d) components, the axial one first.
         names: (d,) names of the components.
     """
-    from matplotlib.lines import Line2D
-
     shapes = np.asarray(shapes, dtype=float)
     largest = np.abs(shapes).max(axis=(1, 2), keepdims=True)
     shapes = shapes / np.where(largest > 0, largest, 1.0)
@@ -259,35 +244,29 @@ def plot_modes(
         alone = "normal modes" if letters == "V" else "static modes"
         kind = "derivatives" if len(letters) > 1 else alone
         kinds.setdefault(kind, []).append(i)
-    columns = shapes.shape[2]
-    size = 1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds)
-    figure, panels = new_panels(*size, len(kinds), columns, sharex=True, sharey=True)
-    axes = np.reshape(panels, (-1, columns))
-    for row, (kind, members) in zip(axes, kinds.items(), strict=True):
+    columns, panels = shapes.shape[2], []
+    for row, (kind, members) in enumerate(kinds.items()):
         styles = line_styles(labels[i] for i in members)
-        for k, axis in enumerate(row):
+        for k in range(columns):
             seen = [i for i in members if np.abs(shapes[i, :, k]).max() >= LEAST_COMPONENT]
-            for i in seen:
-                axis.plot(positions, shapes[i, :, k], **styles[labels[i]])
-            if not seen:
-                _note(axis, f"all below {100.0 * LEAST_COMPONENT:g} %")
-        row[0].set_ylabel(f"{kind}\ndisplacement / largest")
-        row[-1].legend(
-            handles=[Line2D([], [], label=labels[i], **styles[labels[i]]) for i in members],
-            loc="center left",
-            bbox_to_anchor=(1.0, 0.5),
-            ncols=1 + (len(members) - 1) // 9,
-        )
-    for axis, name in zip(axes[0], names, strict=True):
-        axis.set_title(name)
-    for axis in axes[-1]:
-        axis.set_xlabel("position along the axis, m")
-    return figure
+            items: list[Item] = [
+                Line(positions, shapes[i, :, k], label=labels[i], **styles[labels[i]]) for i in seen
+            ]
+            look: dict[str, Any] = {"title": names[k]} if row == 0 else {}
+            if k == 0:
+                look["ylabel"] = f"{kind}\ndisplacement / largest"
+            if k == columns - 1:
+                look["legend"] = [Line(label=labels[i], **styles[labels[i]]) for i in members]
+            panels.append(
+                Panel(items or [note(f"all below {100.0 * LEAST_COMPONENT:g} %")], **look)
+            )
+    size = 1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds)
+    across = "position along the axis, m"
+    return Plot(panels, *size, columns, share="xy", xlabel=across, legend=())
 
 
-@styled
-def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
-    """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
+def plot_energy(motion: Motion, work: str = LOADS) -> Plot:
+    """The energy balance of a motion: work, dissipation, energy and imbalance.
 
     The elastic energy is relative to the equilibrium. It may be negative, because static loads
     stress the body in the equilibrium.
@@ -297,58 +276,51 @@ def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
         work: what does work.
     """
     touching = has_contact(motion)
-    figure, (above, below) = new_panels(8.6, 4.8, 2, sharex=True, height_ratios=[3, 1])
-    periodic = motion.load_period is not None
-    time = motion.time / motion.load_period if motion.load_period is not None else motion.time
+    time = motion.time / (motion.load_period or 1.0)
     energy = motion.kinetic + motion.elastic + motion.contact_energy
     # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
-    above.plot(time, motion.work, color="#000000", linewidth=3.6, label=f"work of {work}")
-    damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
-    above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
+    above: list[Item] = [
+        Line(time, motion.work, color=COLOURS[-1], linewidth=3.6, label=f"work of {work}"),
+        Line(time, motion.damping_dissipation, "--", zorder=2.2, label="dissipated by damping"),
+    ]
     if touching:
         friction = motion.friction_dissipation
-        above.plot(time, friction, color="#D55E00", label="dissipated by friction")
+        above.append(Line(time, friction, color=COLOURS[1], label="dissipated by friction"))
+    below: list[Item] = []
     kinds = "kinetic + elastic + contact" if touching else "kinetic + elastic"
+    label = f"{kinds}, relative to the equilibrium"
     for part in motion.parts:
-        label = f"{kinds}, relative to the equilibrium" if part.start == 0 else None
-        above.plot(time[part], energy[part], color="#009E73", label=label)
-        below.plot(time[part], motion.imbalance[part], color="#555B61")
+        above.append(Line(time[part], energy[part], color=COLOURS[2], label=label))
+        below.append(Line(time[part], motion.imbalance[part], color=EDGE))
         if part.start > 0:
-            for axis, name in ((above, "Newton's method: periodic from here"), (below, None)):
-                axis.axvline(time[part.start], color="#8c8c8c", linestyle="--", label=name)
-    above.set_ylabel("energy, J")
-    above.margins(x=0)
-    below.set(ylabel="imbalance, J", xlabel="time / period" if periodic else "time, s")
-    below.margins(x=0)
-    _legend(figure, above, columns=2)
-    return figure
+            name = "Newton's method: periodic from here"
+            jump = Line(np.full(2, time[part.start]), None, "--", "#8c8c8c", label=name)
+            above.append(jump)
+            below.append(jump)
+    across = "time / period" if motion.load_period is not None else "time, s"
+    panels = [
+        Panel(above, ylabel="energy, J", tight="x"),
+        Panel(below, across, "imbalance, J", tight="x"),
+    ]
+    return Plot(panels, 8.6, 5.0, heights=(3, 1), share="x")
 
 
-def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
-    """Draw one bar per model, coloured by the contact state over the last period."""
+def _states(motions: Mapping[str, Motion], point: int, place: Any) -> Panel:
+    """One row for each model, coloured by the contact state over the last period."""
+    bars = []
     for row, motion in enumerate(motions.values()):
         time, part = _phase(motion, 1)
         state = motion.state[part, point]
         ends = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
         starts = np.flatnonzero(np.diff(state, prepend=state[0] + 1))
-        for start, stop in itertools.pairwise([*starts, len(state)]):
-            colour = STATES[int(state[start])][1]
-            axis.barh(row, ends[stop] - ends[start], 0.72, ends[start], color=colour)
-    axis.set_yticks(range(len(motions)), list(motions))
-    axis.invert_yaxis()
-    axis.grid(visible=False)
-    axis.spines[:].set_visible(False)
-    axis.tick_params(left=False)
-    axis.margins(x=0)
-    periodic = all(motion.period is not None for motion in motions.values())
-    axis.set_xlabel("time / period" if periodic else "time, s")
-    place: dict[str, Any] = {
-        "loc": "lower right",
-        "bbox_to_anchor": (1.0, 1.0),
-        "borderaxespad": 0.2,
-    }
-    axis.legend(handles=state_handles(), ncols=3, **place)
-    axis.set_title("contact state")
+        pairs = np.array([*itertools.pairwise([*starts, len(state)])])
+        for number, (name, colour) in STATES.items():
+            begin, stop = ends[pairs[state[pairs[:, 0]] == number]].T
+            low = np.full(begin.shape, -row - 0.36)
+            bars.append(Bars(begin, stop, low, low + 0.72, colour, label=name))
+    names = {-float(row): name for row, name in enumerate(motions)}
+    look: dict[str, Any] = {"title": "contact state", "yticks": names, "plain": True}
+    return Panel(bars, _time_label(motions), **look, tight="x", place=place)
 
 
 def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
@@ -366,13 +338,6 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     start = max(last - periods, 0)
     part = cycles >= start - 1e-9
     return cycles[part] - start, part
-
-
-def _legend(figure: Figure, axis: Axes, columns: int | None = None) -> None:
-    """Put one legend above the whole figure."""
-    handles, labels = axis.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper right", ncols=columns or len(labels))
 
 
 SAME_LENGTH = 0.1
@@ -398,20 +363,17 @@ class ContactAxis(NamedTuple):
     share: Array
     unit: str
 
-    def write_numbers(self, axes: Axes, upright: bool = False) -> None:
-        """Write numbers of contact points beside an axis that shows their positions."""
+    def numbers(self, upright: bool = False) -> list[Text]:
+        """Numbers of contact points beside an axis that shows their positions."""
         if self.at[0] == 1.0:
-            return
+            return []
         wanted = np.linspace(0, self.at.size - 1, min(self.at.size, MOST_NUMBERS))
-        look: dict[str, Any] = {"fontsize": 8, "color": "#0072B2"}
-        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # beside the first number
+        look: dict[str, Any] = {"fontsize": 8.0, "color": COLOURS[0]}
+        chosen = np.unique(wanted.round().astype(int))
         if upright:
-            look |= {"transform": axes.get_yaxis_transform(), "va": "center"}
-        else:
-            look |= {"transform": axes.get_xaxis_transform(), "va": "bottom", "ha": "center"}
-        for k in np.unique(wanted.round().astype(int)):
-            x, y = (1.005, self.at[k]) if upright else (self.at[k], 1.0)
-            axes.text(x, y, str(k + 1), **look)
+            return [Text(1.005, self.at[k], f"{k + 1}", "x", **look) for k in chosen]
+        look |= {"ha": "center", "va": "bottom", "shift": (0.0, 1.0)}
+        return [Text(self.at[k], 1.0, f"{k + 1}", "y", **look) for k in chosen]
 
 
 def contact_axis(points: ContactPoints | None, count: int) -> ContactAxis:
@@ -507,42 +469,37 @@ def write_wear(
     return [write_rows(folder / WEAR, rows)] if rows else []
 
 
-@styled
-def plot_wear(found: Sequence[Wear]) -> Figure:
-    """Draw the worn depth over the angle: a line for each of a few worn rings, or a map of many."""
-    figure, (axis,) = new_panels(8.6, 3.6)
+def plot_wear(found: Sequence[Wear]) -> Plot:
+    """The worn depth over the angle: a line for each of a few worn rings, or a map of many."""
     worn = [one for one in found if np.any(one.depth)] or list(found[:1])
     worn = sorted(worn, key=lambda one: one.ring.position)
+    items: list[Item] = []
+    look: dict[str, Any] = {"ylabel": "worn depth, µm", "ylim": (0.0, None)}
     if len(worn) <= FEW_RINGS:
-        for one in worn:
-            label = f"at {1e3 * one.ring.position:.4g} mm along the axis"
+        for one, style in zip(worn, line_styles(map(str, range(len(worn)))).values(), strict=True):
+            label = f"at {1e3 * one.ring.position:.4g} mm along the axis" if worn[1:] else ""
             degrees = np.append(np.degrees(one.ring.angle), 360.0)
-            axis.plot(degrees, 1e6 * np.append(one.depth, one.depth[0]), label=label)
-        axis.set(ylabel="worn depth, µm")
-        axis.set_ylim(bottom=0.0)
-        if len(worn) > 1:
-            figure.legend(loc="outside upper right", ncols=len(worn))
+            depth = 1e6 * np.append(one.depth, one.depth[0])
+            items.append(Line(degrees, depth, label=label, **style))
     else:
         alike = [one for one in worn if one.ring.angle.size == worn[0].ring.angle.size]
         along = [1e3 * one.ring.position for one in alike]
         depth = 1e6 * np.array([one.depth for one in alike])
         degrees = np.degrees(alike[0].ring.angle)
-        mesh = axis.pcolormesh(degrees, along, depth, cmap="viridis", shading="nearest")
-        axis.set(ylabel="position along the axis, mm")
-        axis.grid(visible=False)
-        figure.colorbar(mesh, ax=axis, pad=0.01, label="worn depth, µm")
-    axis.set(xlabel="angle around the axis, degrees", xlim=(0.0, 360.0))
-    axis.set_xticks(np.arange(0.0, 361.0, 45.0))
-    return figure
+        items.append(Map(degrees, along, depth, bar="worn depth, µm"))
+        look = {"ylabel": "position along the axis, mm", "tight": "y"}
+    ticks = {float(angle): f"{angle}" for angle in range(0, 361, 45)}
+    across = "angle around the axis, degrees"
+    return Plot([Panel(items, across, xlim=(0.0, 360.0), xticks=ticks, **look)], 8.6, 3.6)
 
 
-@styled
-def plot_wear_over_time(time: Array, worn: Array, points: Sequence[int]) -> Figure:
-    """Draw the worn depth (ns, P) before some points over the time (ns,), s."""
-    figure, (axis,) = new_panels(8.6, 3.6)
-    for p in points:
-        axis.plot(time, 1e6 * worn[:, p], linewidth=1.0)
-        axis.annotate(f"{p + 1}", (time[-1], 1e6 * worn[-1, p]), fontsize="x-small", va="center")
-    axis.set(xlabel="time, s", ylabel="worn depth before each point, µm")
-    axis.set_ylim(bottom=0.0)
-    return figure
+def plot_wear_over_time(time: Array, worn: Array, points: Sequence[int]) -> Plot:
+    """The worn depth (ns, P) before some points over the time (ns,), s."""
+    styles = line_styles(f"{p}" for p in points)
+    items: list[Item] = []
+    for p, style in zip(points, styles.values(), strict=True):
+        depth = 1e6 * worn[:, p]
+        items.append(Line(time, depth, **{**style, "linewidth": 1.0}))
+        items.append(Text(time[-1], depth[-1], f"{p + 1}", fontsize=8.0, shift=(2.0, 0.0)))
+    labels = "time, s", "worn depth before each point, µm"
+    return Plot([Panel(items, *labels, ylim=(0.0, None))], 8.6, 3.6)

@@ -1,13 +1,16 @@
 """The table of responses, run-ups, and pictures of motions that answer one question each."""
 
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import (
+    LEAST_SAMPLES,
     energy_per_period,
     envelope,
     moving_spectrum,
@@ -16,26 +19,86 @@ from fenicsrom.assess.errors.signals import (
     strongest_oscillation,
 )
 from fenicsrom.assess.rotation.run_up import RunUp
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.motion.measures import (
     NEGLIGIBLE,
     has_contact,
+    is_unsteady,
     point_summaries,
     response_summary,
+    wear_of,
+    worn_under_points,
 )
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import (
-    Figure,
-    new_figure,
-    new_panels,
-    state_handles,
-    state_map,
-    styled,
+from fenicsrom.post.base.plot import Bars, Dots, Item, Line, Map, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS, EDGE, STATES
+from fenicsrom.post.base.tables import (
+    Quantity,
+    direction_names,
+    in_order,
+    millimetres,
+    plain_names,
+    rows_of,
+    table_of,
 )
-from fenicsrom.post.base.tables import in_order, millimetres, plain_names, table_of
-from fenicsrom.post.run.figures import LOADS, contact_axis, note_noise
+from fenicsrom.post.run.figures import (
+    HISTORY,
+    LOADS,
+    LOADS_AND_SURFACES,
+    NOISE,
+    WEAR,
+    contact_axis,
+    plot_contact,
+    plot_energy,
+    plot_motion,
+    plot_points,
+    plot_wear,
+    plot_wear_over_time,
+    probe_motions,
+)
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
+from fenicsrom.scene.keys.schema import surface_spin
+
+Draw = Callable[[], Plot]
+CAPTIONS = {
+    "setup": "The body with its supports, loads and contact points.",
+    "shapes": "The shapes of the basis: normal modes (V) with nodal lines, static modes (S), and "
+    "modal derivatives. Displacements are magnified.",
+    "equilibrium": "The equilibrium under the static loads. The grey lines are the body at rest.",
+    "stress": "The von Mises stress at the instant and on the side of its largest value.",
+    "motion": "Displacement of the contact point or probe. Where the motion repeats, this is its "
+    "last period. Lines that lie on each other agree.",
+    "probe": "Displacement of the probe, beside that of the contact points.",
+    "spectra": "The motion over time, and its spectrum beside the natural frequencies (dashed).",
+    "section": "One point for each period of the load. A motion that repeats gives a few points, a "
+    "quasi-periodic one a closed curve.",
+    "contact": "States and forces of contact over the last period. The area inside a loop of the "
+    "tangential force over the displacement is the energy that friction dissipates.",
+    "rub_map": "The state of each contact point over the last period.",
+    "energy": "The work of the loads is the sum of the stored and the dissipated energy. The "
+    "imbalance is the error of this sum.",
+    "energy_per_period": "Energies of each period. Bars of the same height mean a steady motion.",
+    "wear": "The depth that the body wore of the abradable layer, over the angle of the casing; or "
+    "before each contact point over time, if the surface does not turn.",
+    "run_up": "Each revolution over its mean speed: the largest distance from the equilibrium of "
+    "the same speed, the largest normal force, and the mean torque of the shaft. Dashed: speeds "
+    "where an engine order of the loads or waves meets a mode without contact.",
+    "coordinates": "The part of each normal mode in the motion. Later modes should be small.",
+    "modes": "The shapes of the basis along the axis of the body, relative to their largest value.",
+    "mac": "Agreement of the modes: 1 on the diagonal means the same shapes.",
+    "sizes": "A larger basis has a smaller error. The run has the filled point.",
+    "motion.gif": "The last period. Displacements are magnified as stated.",
+}
+"""Name of a picture of a run -> what to see in it."""
+
+
+def picture(heading: str, name: str, draw: Draw, numbers: str = HISTORY, **more: Any) -> Picture:
+    """A picture of a run by the name of its caption, or this name with a number."""
+    caption = CAPTIONS[name.rstrip("_0123456789")]
+    return Picture(heading, f"{name}.png", draw, caption, numbers, **more)
+
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
 PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
@@ -148,19 +211,26 @@ RUN_UP = "run_up.csv"
 ROWS = ("time", "speed", "amplitude", "peak_force", "friction", "torque", "power")
 
 
-def run_up_rows(found: RunUp) -> list[dict[str, float]]:
-    """The rows of `run_up.csv`, one for each revolution."""
-    columns = {
-        "time_s": found.time,
-        "speed_rpm": 30.0 / np.pi * found.speed,
-        "amplitude_m": found.amplitude,
-        "peak_normal_force_N": found.peak_force,
-        "friction_dissipation_J": found.friction,
-        "shaft_torque_Nm": found.torque,
-        "shaft_power_W": found.power,
+def revolutions(found: RunUp) -> list[Quantity]:
+    """What is told of each revolution, by its number."""
+    told = {
+        ("time_s", ""): found.time,
+        ("speed_rpm", "speed, rpm"): 30.0 / np.pi * found.speed,
+        ("amplitude_m", "amplitude, mm"): found.amplitude,
+        ("peak_normal_force_N", "peak normal force, N"): found.peak_force,
+        ("friction_dissipation_J", ""): found.friction,
+        ("shaft_torque_Nm", "shaft torque, N m"): found.torque,
+        ("shaft_power_W", ""): found.power,
     }
-    rows = zip(*columns.values(), strict=True)
-    return [dict(zip(columns, map(float, row), strict=True)) for row in rows]
+    return [
+        Quantity(key, partial(operator.getitem, values.tolist()), head)
+        for (key, head), values in told.items()
+    ]
+
+
+def run_up_rows(found: RunUp) -> list[dict[str, Any]]:
+    """The rows of `run_up.csv`, one for each revolution."""
+    return rows_of(range(found.time.size), revolutions(found))
 
 
 def run_up_summary(found: RunUp | None) -> dict[str, Any]:
@@ -200,34 +270,30 @@ def run_up_pictures(found: RunUp | None) -> list[Picture]:
     """List the picture of a motion at a varying speed, if it is one."""
     if found is None:
         return []
-    return [Picture("Amplitude over the speed", "run_up.png", lambda: plot_run_up(found))]
+    draw = partial(plot_run_up, found)
+    return [picture("Amplitude over the speed", "run_up", draw, RUN_UP)]
 
 
-@styled
-def plot_run_up(found: RunUp) -> Figure:
-    """Draw amplitude, peak force and shaft torque over the speed, with the critical speeds."""
-    rub = bool(np.any(found.peak_force > 0.0))
-    drawn = [("amplitude, mm", 1e3 * found.amplitude, "#0072B2")]
-    drawn += [("peak normal force, N", found.peak_force, "#D55E00")] if rub else []
-    drawn += [("shaft torque, N m", found.torque, "#009E73")]
-    figure, axes = new_panels(8.0, 2.2 * len(drawn) + 0.5, len(drawn), sharex=True)
-    for mode, order, speed in found.critical:
-        for axis in axes:
-            axis.axvline(speed, color="grey", linewidth=0.8, linestyle="--")
-        axes[0].annotate(
-            f"order {order}, mode {mode}",
-            (speed, 1.0),
-            xycoords=("data", "axes fraction"),
-            rotation=90.0,
-            ha="right",
-            va="top",
-            fontsize="x-small",
-        )
-    for axis, (name, values, colour) in zip(axes, drawn, strict=True):
-        axis.plot(30.0 / np.pi * found.speed, values, color=colour, marker=".", markersize=3)
-        axis.set_ylabel(name)
-    axes[-1].set_xlabel("speed, rpm")
-    return figure
+def plot_run_up(found: RunUp) -> Plot:
+    """Amplitude, peak force and shaft torque over the speed, with the critical speeds."""
+    numbers = range(found.time.size)
+    speed, *told = (one for one in revolutions(found) if one.head)
+    drawn = {one: one.column(numbers) for one in told}
+    chosen = {one: values for one, values in drawn.items() if np.any(values)}  # a rub or none
+    rpm = speed.column(numbers)
+    speeds: list[Item] = [
+        Line(np.full(2, place), None, "--", EDGE, 0.8, zorder=1.0) for *_, place in found.critical
+    ]
+    names: list[Item] = [
+        Text(place, 0.98, f"order {order}, mode {mode}", "y", rotation=90.0, ha="right", va="top")
+        for mode, order, place in found.critical
+    ]
+    panels = []
+    for (one, values), color in zip(chosen.items(), COLOURS, strict=False):
+        curve = Line(rpm, values, color=color, marker=".", markersize=3.0)
+        texts = [] if panels else names
+        panels.append(Panel([*speeds, curve, *texts], ylabel=one.head))
+    return Plot(panels, 8.0, 2.2 * len(panels) + 0.5, share="x", xlabel=speed.head)
 
 
 WINDOWS = 100  # largest number of windows of an envelope
@@ -237,9 +303,8 @@ COLUMNS = 600  # instants of a map
 MOST_COORDINATES = 6
 
 
-@styled
-def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ()) -> Figure:
-    """Draw a motion that does not repeat: envelope, spectrum and spectrogram.
+def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ()) -> Plot:
+    """A motion that does not repeat: envelope, spectrum and spectrogram.
 
     The direction is that with the largest motion of the first contact point or the probe.
 
@@ -251,43 +316,36 @@ def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ())
     moved = motion.displacement[:, 0]
     k = int(np.argmax(np.ptp(moved, axis=0)))
     time, x = motion.time, 1e3 * moved[:, k]
-    figure = new_figure(9.6, 6.2)
-    grid = figure.add_gridspec(2, 2, width_ratios=[2.2, 1.0])
-    above = figure.add_subplot(grid[0, :])
-    below = figure.add_subplot(grid[1, 0])
-    side = figure.add_subplot(grid[1, 1], sharey=below)
     name = (names or plain_names(moved.shape[1], has_contact(motion)))[k]
-    above.plot(time, x, color="#0072B2", linewidth=0.6, label=f"{name} displacement")
     hertz, size = spectrum(time, x)
     strongest = max(strongest_oscillation(hertz, size), 1e-300)
     width = max((time[-1] - time[0]) / WINDOWS, SWINGS / strongest)
     middle, low, high = envelope(time, x, min(width, 0.25 * (time[-1] - time[0])))
-    above.plot(middle, high, color="#D55E00", linewidth=1.2, label="envelope")
-    above.plot(middle, low, color="#D55E00", linewidth=1.2)
-    above.set(xlabel="time, s", ylabel="displacement, mm")
-    above.set_xlim(time[0], time[-1])
+    above: list[Item] = [Line(time, x, linewidth=0.6, label=f"{name} displacement")]
+    for edge in (high, low):
+        above.append(Line(middle, edge, color=COLOURS[1], linewidth=1.2, label="envelope"))
     top = _highest(hertz, size)
     least = LEAST * float(size.max()) or 1e-12
     frequencies, instants, sizes = moving_spectrum(time, x)
     shown = frequencies <= top
     level = 20.0 * np.log10(np.maximum(sizes[shown], least) / (float(sizes.max()) or 1.0))
-    mesh = below.pcolormesh(
-        instants, frequencies[shown], level, cmap="magma", vmin=-60.0, vmax=0.0, rasterized=True
-    )
-    below.set(xlabel="time, s", ylabel="frequency, Hz", ylim=(0.0, top))
-    below.set_xlim(time[0], time[-1])
-    below.grid(visible=False)
-    label = "dB of the largest"
-    figure.colorbar(mesh, ax=[below, side], location="right", pad=0.01, label=label)
-    side.plot(np.maximum(size, least), hertz, color="#0072B2", linewidth=1.0)
-    side.set(xscale="log", xlabel="amplitude, mm", xlim=(least, 2.0 * float(size.max()) or 1.0))
-    marked = [value for value in natural_hz if value <= top]
-    for number, value in enumerate(marked):
-        look: dict[str, Any] = {"color": "#555B61", "linestyle": "--", "linewidth": 0.8}
-        side.axhline(value, label="natural frequencies" if number == 0 else None, **look)
-    handles = [*above.get_legend_handles_labels()[0], *side.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    return figure
+    look: dict[str, Any] = {"cmap": "magma", "vmin": -60.0, "vmax": 0.0, "bar": "dB of the largest"}
+    map_ = Map(instants, frequencies[shown], level, **look)
+    across: list[Item] = [
+        Line(None, np.full(2, value), "--", EDGE, 0.8, label="natural frequencies")
+        for value in natural_hz
+        if value <= top
+    ]
+    across.append(Line(np.maximum(size, least), hertz, linewidth=1.0))
+    ends = (least, 2.0 * float(size.max()) or 1.0)
+    upper: Any = {"tight": "x", "place": (0, 0, 1, 2)}
+    lower: Any = {"ylabel": "frequency, Hz", "ylim": (0.0, top)}
+    panels = [
+        Panel(above, "time, s", "displacement, mm", **upper),
+        Panel([map_], "time, s", **lower, xlim=(time[0], time[-1]), place=(1, 0, 1, 1)),
+        Panel(across, "amplitude, mm", **lower, xlim=ends, log="x", place=(1, 1, 1, 1)),
+    ]
+    return Plot(panels, 9.6, 6.2, widths=(2.2, 1.0))
 
 
 def _highest(hertz: Array, size: Array) -> float:
@@ -296,25 +354,22 @@ def _highest(hertz: Array, size: Array) -> float:
     return float(min(1.2 * hertz[large[-1]], hertz[-1])) if large.size else float(hertz[-1])
 
 
-@styled
-def plot_section(motion: Motion, names: Sequence[str] = ()) -> Figure:
-    """Draw the states of the first point once per period of the loads: velocity, displacement."""
+def plot_section(motion: Motion, names: Sequence[str] = ()) -> Plot:
+    """The states of the first point once per period of the loads: velocity over displacement."""
     names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
     displacement, velocity = (1e3 * found for found in stroboscopic_states(motion))
     count, directions = displacement.shape
-    figure, axes = new_panels(3.9 * directions + 1.0, 3.9, 1, directions)
-    for k, axis in enumerate(axes):
-        look = {"c": np.arange(count), "s": 14, "cmap": "viridis"}
-        dots = axis.scatter(displacement[:, k], velocity[:, k], **look)
-        axis.set(xlabel=f"{names[k]} displacement, mm", ylabel=f"{names[k]} velocity, mm/s")
-    bar: Any = figure.colorbar(dots, ax=axes, label="period of the loads")
-    bar.ax.yaxis.get_major_locator().set_params(integer=True)
-    return figure
+    bars = [""] * (directions - 1) + ["period of the loads"]
+    panels = []
+    for k, bar in enumerate(bars):
+        dots = Dots(displacement[:, k], velocity[:, k], np.arange(count), bar=bar)
+        labels = f"{names[k]} displacement, mm", f"{names[k]} velocity, mm/s"
+        panels.append(Panel([dots], *labels))
+    return Plot(panels, 3.9 * directions + 1.0, 3.9, directions)
 
 
-@styled
-def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
-    """Draw the normal force and the state of all contact points over the last period.
+def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Plot:
+    """The normal force and the state of all contact points over the last period.
 
     The axis of the contact points is that of `contact_axis`.
     """
@@ -323,56 +378,63 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Figure:
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
     line = contact_axis(places, motion.state.shape[1])
     across = (instants - instants[0]) / (motion.period or 1.0)
-    figure, (force, state) = new_panels(9.0, 5.6, 2, sharex=True)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
-    look: dict[str, Any] = {"vmin": 0.0, "shading": "nearest", "rasterized": True}
-    drawn = force.pcolormesh(across, line.at, shown, cmap="viridis_r", **look)
-    state.pcolormesh(across, line.at, motion.state[rows].T, **state_map())
-    figure.colorbar(drawn, ax=force, pad=0.03, label=f"normal force, {line.unit}")
-    state.set_xlim(across[0], across[-1])
-    for axis in (force, state):
-        axis.set_ylabel(line.label.replace(" along", "\nalong"))
-        axis.locator_params(axis="y", integer=True)
-        axis.grid(visible=False)
-        line.write_numbers(axis, upright=True)
-    state.set_xlabel("time / period" if motion.period is not None else "time, s")
-    handles = state_handles({int(number) for number in np.unique(motion.state[rows])})
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    return figure
+    bar = f"normal force, {line.unit}"
+    force = Map(across, line.at, shown, cmap="viridis_r", vmin=0.0, bar=bar)
+    states = motion.state[rows].T
+    label = line.label.replace(" along", "\nalong")
+    look: dict[str, Any] = {"ylabel": label, "tight": "xy", "whole": "y"}
+    numbers = line.numbers(upright=True)
+    time = "time / period" if motion.period is not None else "time, s"
+    panels = [
+        Panel([force, *numbers], **look),
+        Panel([state_map(across, line.at, states), *numbers], time, **look),
+    ]
+    return Plot(panels, 9.0, 5.8, share="x", legend=state_samples(states))
 
 
-@styled
-def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
-    """Draw the work and the dissipated energies of each period of the loads.
+def state_map(x: Any, y: Any, states: Any) -> Map:
+    """A map of contact states (r, c)."""
+    colours = [STATES[state][1] for state in sorted(STATES)]
+    return Map(x, y, states, cmap=colours, vmin=-1.5, vmax=1.5)
+
+
+def state_samples(states: Any) -> list[Bars]:
+    """The samples in a legend of the contact states that occur."""
+    present = {int(state) for state in np.unique(states)}
+    return [
+        Bars(color=color, label=name) for state, (name, color) in STATES.items() if state in present
+    ]
+
+
+def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Plot:
+    """The work and the dissipated energies of each period of the loads.
 
     Args:
         motion: the motion.
         source: what does work.
     """
     found = energy_per_period(motion)
-    figure, (axis,) = new_panels(8.6, 3.6)
     work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
-    for name, colour in (("damping", "#56B4E9"), ("friction", "#E69F00")):
+    items: list[Item] = []
+    for name, color in (("damping", COLOURS[5]), ("friction", COLOURS[4])):
         if np.any(found[name] != 0.0):
-            top = base + found[name]
             part = 100.0 * found[name][-1] / max(abs(float(work[-1])), 1e-300)
             label = f"{name} (last period: {part:.3g} % of the work)"
-            axis.stairs(top, edges, baseline=base, fill=True, color=colour, label=label)
+            top = base + found[name]
+            items.append(Bars(edges[:-1], edges[1:], base, top, color, label=label))
             base = top
-    axis.stairs(work, edges, color="#000000", label=f"work of {source}", linewidth=1.4)
-    axis.set(xlabel="period of the loads", ylabel="energy per period, J")
-    axis.set_xlim(edges[0], edges[-1])
-    axis.locator_params(axis="x", integer=True)
-    figure.legend(loc="outside upper right", ncols=2)
-    return figure
+    steps = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(work, 2), [0.0]])
+    items.append(Line(*steps, color=COLOURS[-1], linewidth=1.4, label=f"work of {source}"))
+    labels = "period of the loads", "energy per period, J"
+    return Plot([Panel(items, *labels, tight="x", whole="x")], 8.6, 3.6)
 
 
-@styled
-def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Figure:
-    """Draw the modal coordinates of a reduced motion over its last period, one panel each.
+def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Plot:
+    """The modal coordinates of a reduced motion over its last period, one panel each.
 
     The largest coordinates are drawn, in the order of the modes; a coordinate that is only rounding
     error has no curve.
@@ -391,16 +453,86 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Fig
     order = np.argsort(-np.abs(moved).max(axis=0), kind="stable")
     chosen = np.sort(order[:MOST_COORDINATES])
     shown = (time[part] - time[part][0]) / (motion.period or 1.0)
-    figure, axes = new_panels(8.6, 0.9 + 1.25 * len(chosen), len(chosen), sharex=True)
-    for axis, k in zip(axes, chosen, strict=True):
-        if sizes[k] < NEGLIGIBLE * sizes.max():
-            note_noise(axis)
-        else:
-            axis.plot(shown, moved[:, k], color="#0072B2")
-        axis.set_ylabel(f"{labels[int(k)]}\nmm")
-        axis.margins(x=0)
-    axes[-1].set_xlabel("time / period" if motion.period is not None else "time, s")
     left = f"; the largest {len(chosen)} of {len(labels)}" if len(labels) > len(chosen) else ""
-    axes[0].set_title(f"modal coordinate × largest displacement of the mode{left}")
-    figure.align_ylabels()
-    return figure
+    title = f"modal coordinate × largest displacement of the mode{left}"
+    panels = []
+    for k in chosen:
+        look: dict[str, Any] = {"ylabel": f"{labels[int(k)]}\nmm", "tight": "x"}
+        look["title"] = "" if panels else title
+        noise = sizes[k] < NEGLIGIBLE * sizes.max()
+        look["yticks"] = {0.0: ""} if noise else {}
+        panels.append(Panel([NOISE if noise else Line(shown, moved[:, k])], **look))
+    across = "time / period" if motion.period is not None else "time, s"
+    return Plot(panels, 8.6, 0.9 + 1.25 * len(chosen), share="x", xlabel=across)
+
+
+LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
+LEAST_SECTION = 20  # fewer periods make no section
+
+
+def motion_pictures(found: Study | Rerun) -> list[Picture]:
+    """List the pictures of the motions, of the contact, of the energy and of the wear of a run."""
+    if not found.motions:
+        return []
+    motions, points = found.motions, found.points
+    names, work = direction_names(found.scene, points), working(found.scene)
+    first = next(iter(motions.values()))
+    listed = [picture("Motion", "motion", lambda: plot_motion(motions, names))]
+    if probes := probe_motions(found):
+        listed.append(picture("Motion of the probe", "probe", partial(plot_motion, probes)))
+    if first.period is None and first.time.size >= LEAST_SAMPLES:
+        draw = partial(plot_transient, first, found.frequencies_hz, names)
+        listed.append(picture("Spectra", "spectra", draw))
+    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+        listed.append(picture("Poincaré section", "section", partial(plot_section, first, names)))
+    listed += _contact_pictures(motions, names, points)
+    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
+        listed.append(picture("Rub map", "rub_map", partial(plot_rub_map, first, points)))
+    listed.append(picture("Energy", "energy", partial(plot_energy, first, work)))
+    if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
+        draw = partial(plot_energy_per_period, first, work)
+        listed.append(picture("Energy per period", "energy_per_period", draw))
+    if "reduced" in motions:
+        listed += wear_pictures(motions["reduced"], found.scene, points)
+    return listed
+
+
+def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
+    """The picture of the worn depth of abradable layers: of a casing, or before single points."""
+    found = wear_of(motion, scene, points)
+    if rings := [one for one in found if one.ring.radius]:
+        return [picture("Wear of the casing", "wear", partial(plot_wear, rings), WEAR)]
+    if not found:
+        return []
+    worn = worn_under_points(motion, contacts_of(scene, points))
+    mine = [one.ring.points[0] for one in found]
+    draw = partial(plot_wear_over_time, motion.time, worn, mine)
+    return [picture("Wear of the layer", "wear", draw, WEAR)]
+
+
+def working(scene: Scene) -> str:
+    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
+    turning = [
+        surface_spin(contact.surface, scene.rotation)
+        for contact in scene.contacts
+        if contact.surface is not None
+    ]
+    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
+    return LOADS_AND_SURFACES if moving else LOADS
+
+
+def _contact_pictures(
+    motions: Mapping[str, Motion], names: Sequence[str], points: ContactPoints | None
+) -> list[Picture]:
+    """List the pictures of contact points: one for each of a few points, or one for many points."""
+    touching, count = touching_points(motions), next(iter(motions.values())).force.shape[1]
+    if count > FEW_POINTS and touching:
+        draw = partial(plot_points, motions, names, points)
+        return [picture(f"Contact of {count} points", "contact", draw)]
+    listed = []
+    for k in touching:
+        mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > k}
+        heading = f"Contact point {k + 1}" if count > 1 else "Contact"
+        name = f"contact_{k + 1}" if count > 1 else "contact"
+        listed.append(picture(heading, name, partial(plot_contact, mine, k, names)))
+    return listed

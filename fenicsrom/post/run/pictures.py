@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -12,17 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.assess.errors.sizing import Sized
-from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.online.motion.measures import is_unsteady, wear_of, worn_under_points
-from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.reactions import Peak, Stresses
 from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.post.base.page import Page
-from fenicsrom.post.base.picture import Drawn, Picture, caption, draw_pictures, not_drawn, softly
-from fenicsrom.post.base.style import Figure
-from fenicsrom.post.base.tables import direction_names
+from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
+from fenicsrom.post.base.plot import Plot
 from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.body.body_figures import (
     SIZE,
@@ -53,28 +48,23 @@ from fenicsrom.post.paraview.paraview import (
 )
 from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.run.figures import (
-    LOADS,
-    LOADS_AND_SURFACES,
-    plot_contact,
-    plot_energy,
+    HISTORY,
     plot_modes,
-    plot_motion,
-    plot_points,
     plot_sizes,
-    plot_wear,
-    plot_wear_over_time,
 )
 from fenicsrom.post.run.motion_figures import (
-    FEW_POINTS,
+    CAPTIONS,
+    Draw,
+    motion_pictures,
+    picture,
     plot_coordinates,
-    plot_energy_per_period,
-    plot_rub_map,
-    plot_section,
-    plot_transient,
     run_up_pictures,
-    touching_points,
 )
-from fenicsrom.post.run.summary import agreement_figure, probe_motions
+from fenicsrom.post.run.summary import (
+    STRESSES_FILE,
+    SUMMARY,
+    agreement_plot,
+)
 from fenicsrom.post.setup.setup import (
     Mark,
     gathered_marks,
@@ -85,7 +75,6 @@ from fenicsrom.post.setup.setup import (
 )
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene, scene_heading
-from fenicsrom.scene.keys.schema import surface_spin
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
@@ -97,6 +86,11 @@ ROWS_PER_FRAME = 2
 TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
 EQUILIBRIUM = "equilibrium"
+
+
+def body_picture(heading: str, name: str, draw: Draw, numbers: str = "") -> Picture:
+    """A picture of the body in space."""
+    return picture(heading, name, draw, numbers, in_space=True)
 
 
 @dataclass(eq=False)
@@ -165,20 +159,16 @@ def body_pictures(study: Study) -> list[Picture]:
     modes = list(shapes(study).get("normal_modes", ()))
     largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
     title = f"equilibrium: largest displacement {largest:.4g} mm"
-    drawn = [
-        (True, "Set-up", lambda: setup_figure(body.grid, body.marks, _title(scene), body.view)),
-        (body.titles, "Shapes", lambda: shape_figure(body.surface, body.titles, modes, body.view)),
-        (
-            study.solid.loaded,
-            "Equilibrium",
-            lambda: deflection_figure(body.surface, EQUILIBRIUM, title, body.view),
-        ),
-    ]
-    return [
-        Picture(heading, f"{heading.lower().replace('-', '')}.png", draw, in_space=True)
-        for there, heading, draw in drawn
-        if there
-    ]
+    seen = body.view
+    setup = partial(setup_figure, body.grid, body.marks, _title(scene), seen)
+    listed = [body_picture("Set-up", "setup", setup)]
+    if body.titles:
+        draw = partial(shape_figure, body.surface, body.titles, modes, seen)
+        listed.append(body_picture("Shapes", "shapes", draw))
+    if study.solid.loaded:
+        draw = partial(deflection_figure, body.surface, EQUILIBRIUM, title, seen)
+        listed.append(body_picture("Equilibrium", EQUILIBRIUM, draw))
+    return listed
 
 
 def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
@@ -187,7 +177,8 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     if found is None:
         return None
     grid, _, marks = found
-    return Picture("Set-up", name, lambda: setup_figure(grid, marks, _title(scene)), in_space=True)
+    draw = partial(setup_figure, grid, marks, _title(scene))
+    return replace(body_picture("Set-up", "setup", draw), name=name)
 
 
 def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
@@ -305,12 +296,11 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
 
     state = stress_state(table, peak, measure)
-    return Picture(
-        "Von Mises stress",
-        "stress.png",
-        lambda: stress_figure(surface_of(*state), "displacement", title),
-        in_space=True,
-    )
+
+    def draw() -> Plot:
+        return stress_figure(surface_of(*state), "displacement", title)
+
+    return body_picture("Von Mises stress", "stress", draw, STRESSES_FILE)
 
 
 def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:
@@ -330,80 +320,6 @@ def _title(scene: Scene) -> str:
     return textwrap.fill(whole, TITLE_WIDTH)
 
 
-LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
-LEAST_SECTION = 20  # fewer periods make no section
-
-
-def motion_pictures(found: Study | Rerun) -> list[Picture]:
-    """List the pictures of the motions, of the contact, of the energy and of the wear of a run."""
-    if not found.motions:
-        return []
-    motions, points = found.motions, found.points
-    names, work = direction_names(found.scene, points), working(found.scene)
-    first = next(iter(motions.values()))
-    listed = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names))]
-    if probes := probe_motions(found):
-        listed.append(Picture("Motion of the probe", "probe.png", lambda: plot_motion(probes)))
-    if first.period is None and first.time.size >= LEAST_SAMPLES:
-        draw = partial(plot_transient, first, found.frequencies_hz, names)
-        listed.append(Picture("Spectra", "spectra.png", draw))
-    if is_unsteady(first) and first.periods >= LEAST_SECTION:
-        draw = partial(plot_section, first, names)
-        listed.append(Picture("Poincaré section", "section.png", draw))
-    listed += _contact_pictures(motions, names, points)
-    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
-        listed.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first, points)))
-    listed.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
-    if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
-        draw = partial(plot_energy_per_period, first, work)
-        listed.append(Picture("Energy per period", "energy_per_period.png", draw))
-    if "reduced" in motions:
-        listed += wear_pictures(motions["reduced"], found.scene, points)
-    return listed
-
-
-def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
-    """The picture of the worn depth of abradable layers: of a casing, or before single points."""
-    found = wear_of(motion, scene, points)
-    if rings := [one for one in found if one.ring.radius]:
-        return [Picture("Wear of the casing", "wear.png", lambda: plot_wear(rings))]
-    if not found:
-        return []
-    worn = worn_under_points(motion, contacts_of(scene, points))
-    mine = [one.ring.points[0] for one in found]
-    draw = partial(plot_wear_over_time, motion.time, worn, mine)
-    return [Picture("Wear of the layer", "wear.png", draw)]
-
-
-def working(scene: Scene) -> str:
-    """Say what does work: the loads, and the surfaces if one of them moves, turns or wears."""
-    turning = [
-        surface_spin(contact.surface, scene.rotation)
-        for contact in scene.contacts
-        if contact.surface is not None
-    ]
-    moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
-    return LOADS_AND_SURFACES if moving else LOADS
-
-
-def _contact_pictures(
-    motions: Mapping[str, Motion], names: Sequence[str], points: ContactPoints | None
-) -> list[Picture]:
-    """List the pictures of contact points: one for each of a few points, or one for many points."""
-    touching, count = touching_points(motions), next(iter(motions.values())).force.shape[1]
-    if count > FEW_POINTS and touching:
-        heading = f"Contact of {count} points"
-        return [Picture(heading, "contact.png", lambda: plot_points(motions, names, points))]
-
-    def picture(point: int) -> Picture:
-        mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
-        heading = f"Contact point {point + 1}" if count > 1 else "Contact"
-        file = f"contact_{point + 1}.png" if count > 1 else "contact.png"
-        return Picture(heading, file, lambda: plot_contact(mine, point, names))
-
-    return [picture(point) for point in touching]
-
-
 def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     """Draw the body, the motions and the shapes of a study, or warn why not. Collective.
 
@@ -414,9 +330,9 @@ def write_pictures(study: Study, folder: Path) -> list[Drawn]:
     coordinates, found = _coordinates(study), study.agreement
     if study.solid.comm.rank != 0:
         return []
-    name = "MAC of the reduced and the full modes"
-    agreement = [Picture(name, "mac.png", lambda: agreement_figure(found))] if found else []
-    listed = [*bodies[:1], *motion_pictures(study), *coordinates, *bodies[1:], *along, *agreement]
+    heading = "MAC of the reduced and the full modes"
+    mac = [picture(heading, "mac", partial(agreement_plot, found), SUMMARY)] if found else []
+    listed = [*bodies[:1], *motion_pictures(study), *coordinates, *bodies[1:], *along, *mac]
     return draw_pictures([*listed, *_of_sizes(study.sized)], folder, study.warnings)
 
 
@@ -431,11 +347,13 @@ def write_rerun_pictures(found: Rerun, folder: Path) -> list[Drawn]:
 
 
 def _of_sizes(found: Sized | None) -> list[Picture]:
-    """The picture of the error over the run time, of a nonlinear model with several sizes."""
-    if found is None or len(found.sizes) < 2:
+    """The picture of the error over the number of coordinates, if several were tried."""
+    known = {n: e for n, e in (found.tried if found else {}).items() if np.isfinite(e)}
+    if found is None or len(known) < 2:
         return []
-    size = found.stored.size
-    return [Picture("Error over run time", "sizes.png", lambda: plot_sizes(found.sizes, size))]
+    stored = found.stored
+    draw = partial(plot_sizes, known, stored.size, stored.scene.basis.accuracy)
+    return [picture("Error over the size of the basis", "sizes", draw, SUMMARY)]
 
 
 def _coordinates(study: Study) -> list[Picture]:
@@ -449,7 +367,7 @@ def _coordinates(study: Study) -> list[Picture]:
     parts = study.solid.mass_inner(modes.normal, basis.vectors)
     modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
     draw = partial(plot_coordinates, motion, modes.labels[:count], modal)
-    return [Picture("Modal coordinates", "coordinates.png", draw)]
+    return [picture("Modal coordinates", "coordinates", draw)]
 
 
 def _along_the_axis(body: Body | None) -> list[Picture]:
@@ -461,10 +379,10 @@ def _along_the_axis(body: Body | None) -> list[Picture]:
     axis, *across = np.argsort(np.ptp(points, axis=0).max() - np.ptp(points, axis=0) > 0.0)
     names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in sorted(across))]
 
-    def draw() -> Figure:
+    def draw() -> Plot:
         return plot_modes(list(body.titles), *centreline(points, np.array(fields)), names)
 
-    return [Picture("Shapes along the axis", "modes.png", draw)]
+    return [picture("Shapes along the axis", "modes", draw, "")]
 
 
 def turning_pages(study: Study) -> list[Page]:
@@ -492,7 +410,7 @@ def write_animation(study: Study, folder: Path) -> list[Drawn]:
         return []
     with softly("motion.gif", study.warnings):
         file = write_film(folder / "motion.gif", film)
-        return [Drawn("Animation", file, caption(file.name))]
+        return [Drawn("Animation", file, CAPTIONS[file.name], HISTORY)]
     return []
 
 

@@ -53,7 +53,6 @@ from fenicsrom.post.run.summary import (
     errors_of,
     probe_motions,
     quantities,
-    stress_sentences,
     support_summary,
     unjudged,
     write_numbers,
@@ -296,7 +295,7 @@ def periodic_sentence(motion: Motion) -> str | None:
 
 
 def basis_sentences(study: Study) -> list[str]:
-    """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
+    """State the coordinates of the basis, and what it leaves out."""
     basis, modes, dropped = study.basis, study.modes, study.dropped_modes
     if basis is None or modes is None:
         derivatives = () if study.derivatives is None else study.derivatives.labels
@@ -310,8 +309,6 @@ def basis_sentences(study: Study) -> list[str]:
     return [
         f"Basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}.",
         *left,
-        f"Condition number: {basis.condition:.3g} of the scaled reduced mass, "
-        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility.",
     ]
 
 
@@ -349,18 +346,16 @@ def step_sentence(reduced: float, full: float) -> Note | None:
 
 
 def size_sentence(found: Sized) -> str:
-    """State which coordinates a basis took, and how many are left."""
+    """State how many coordinates of the model a basis has, and why."""
     stored = found.stored
     known = stored.size + len(stored.further)
-    taken = [f"{label} ({100.0 * size:.2g} %)" for label, size in found.energies.items()]
-    joined = f" By their elastic energy it took {', '.join(taken)}." if taken else ""
     basis, reached = stored.scene.basis, "is not reached" if found.warning else "is reached"
     why = f"basis.accuracy = {basis.accuracy:g} {reached}"
     if basis.size is not None:
         why = "basis.size asks for them"
     return (
         f"Size of the basis: {stored.size} of the {counted(known, 'coordinate')} of the model; "
-        f"{why}.{joined}"
+        f"{why}."
     )
 
 
@@ -394,7 +389,6 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told += [] if found.sized is None else [size_sentence(found.sized)]
     if reduced is not None:
         told += [f"{note.key}: {note}" for note in out_of_reach(reduced, found.points)]
-    told += [] if found.stresses is None else stress_sentences(found.stresses)
     return [sentence for sentence in told if sentence]
 
 
@@ -545,13 +539,13 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     if stresses is None:
         return []
     name = stress_tables.MEASURE_NAMES[stresses.measure]
-    tables: list[Any] = [f"Von Mises and principal values of the {name}."]
-    tables += [stress_tables.stress_table(stresses.peaks), stress_tables.RECOVERY_NOTE]
-    if stresses.modes:
-        tables += [stress_tables.stress_table(stresses.modes), stress_tables.MODAL_NOTE]
+    peaks = [f"Largest {name}:", stress_tables.stress_table(stresses.peaks)]
+    modes = [stress_tables.stress_table(stresses.modes), stress_tables.MODAL_NOTE]
     reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
     return [
-        Section("Stresses", tables, terminal=False),
+        Section("Stresses", peaks),
+        Section("Recovery of stresses", [stress_tables.RECOVERY_NOTE], terminal=False),
+        Section("Modal stresses", modes if stresses.modes else [], terminal=False),
         Section("Reactions", reactions, terminal=False),
     ]
 
@@ -610,14 +604,9 @@ def _of_study(study: Study) -> Iterator[Section]:
 
 
 def _sizes(found: Sized | None) -> list[list[Any]]:
-    """The table of the models of several sizes."""
-    if found is None or not found.stored.scene.output.pictures:
-        return []
+    """The table of the models of several sizes that were tried."""
+    told = {} if found is None else found.tried
     return table_of(
-        {
-            "coordinates": each.size,
-            "run time of the steps, s": f"{each.seconds:.2g}",
-            "estimated error of the basis %": f"{100.0 * each.error:.2g}",
-        }
-        for each in found.sizes
+        {"coordinates": size, "estimated error of the basis %": _percent(told[size])}
+        for size in sorted(told)
     )

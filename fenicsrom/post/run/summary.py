@@ -30,7 +30,7 @@ from fenicsrom.online.store.store import provenance, save_end
 from fenicsrom.online.stress.reactions import Peak, Reactions, Stresses
 from fenicsrom.online.stress.stress import extremes
 from fenicsrom.post.base.page import failure_of, told
-from fenicsrom.post.base.style import Figure, new_panels, styled
+from fenicsrom.post.base.plot import Map, Panel, Plot, Text
 from fenicsrom.post.base.tables import (
     FACTORS,
     Quantity,
@@ -44,7 +44,7 @@ from fenicsrom.post.base.tables import (
     write_summary,
 )
 from fenicsrom.post.paraview.paraview import contact_places
-from fenicsrom.post.run.figures import wear_summary, write_wear
+from fenicsrom.post.run.figures import HISTORY, probe_motions, wear_summary, write_wear
 from fenicsrom.post.run.motion_figures import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
@@ -87,7 +87,7 @@ def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
 
 def agreement_summary(found: ModeAgreement) -> dict[str, Any]:
     """The frequencies and the MAC for `summary.json`."""
-    return {"full_hz": found.full_hz, "reduced_hz": found.reduced_hz, "mac": found.mac}
+    return {"full_Hz": found.full_hz, "reduced_Hz": found.reduced_hz, "mac": found.mac}
 
 
 def agreement_sentence(found: ModeAgreement) -> str:
@@ -109,25 +109,24 @@ def _hz(frequency: float) -> str:
     return f"{frequency:.0f}" if frequency >= 1e3 else f"{frequency:.4g}"
 
 
-@styled
-def agreement_figure(found: ModeAgreement) -> Figure:
-    """Draw the MAC of the full modes and as many reduced modes as a matrix with its numbers."""
+def agreement_plot(found: ModeAgreement) -> Plot:
+    """The MAC of the full modes and as many reduced modes as a matrix with its numbers."""
     mac = found.mac[:, : len(found.full_hz)]
     rows, columns = mac.shape
-    figure, (axis,) = new_panels(2.6 + 0.62 * columns, 1.6 + 0.42 * rows)
-    image = axis.imshow(mac, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto", origin="lower")
-    axis.grid(False)
+    x, y = np.arange(columns), np.arange(rows)
+    bar: dict[str, Any] = {"bar": "MAC", "ticks": {0.0: "0", 0.5: "0.5", 1.0: "1"}}
+    items: list[Any] = [Map(x, y, mac, cmap="Blues", vmin=0.0, vmax=1.0, **bar)]
     for i, j in np.ndindex(rows, columns):
         if mac[i, j] >= 0.005:
-            colour = "white" if mac[i, j] > DARK else "#30363C"
-            text = f"{mac[i, j]:.2f}"
-            axis.text(j, i, text, ha="center", va="center", color=colour, fontsize=8)
-    axis.set_xticks(range(columns), [_hz(f) for f in found.reduced_hz[:columns]], rotation=45)
-    axis.set_yticks(range(rows), [_hz(f) for f in found.full_hz])
-    axis.set(xlabel="reduced model, Hz", ylabel="full model, Hz")
-    bar: Any = figure.colorbar(image, ax=axis, label="MAC", ticks=[0.0, 0.5, 1.0], aspect=30)
-    bar.outline.set_visible(False)
-    return figure
+            color = "white" if mac[i, j] > DARK else "#30363C"
+            items.append(Text(j, i, f"{mac[i, j]:.2f}", color=color, ha="center", fontsize=8.0))
+    reduced, full = (
+        {float(k): _hz(hertz) for k, hertz in enumerate(each)}
+        for each in (found.reduced_hz[:columns], found.full_hz)
+    )
+    labels = "reduced model, Hz", "full model, Hz"
+    panel = Panel(items, *labels, tight="xy", xticks=reduced, yticks=full)
+    return Plot([panel], 2.8 + 0.62 * columns, 1.4 + 0.42 * rows)
 
 
 STRESSES_FILE = "stresses.csv"
@@ -148,7 +147,6 @@ MODAL_NOTE = (
     "Modal stresses are the derivatives of the second Piola-Kirchhoff stress about the "
     "equilibrium, for a largest displacement of 1 mm of a vertex."
 )
-MPA = 1e-6
 ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
 
 
@@ -272,21 +270,6 @@ def reaction_note(stresses: Stresses) -> str:
     )
 
 
-def stress_sentences(stresses: Stresses) -> list[str]:
-    """State the largest stress and the reactions in the terminal."""
-    found = []
-    for peak in stresses.peaks[:2]:
-        if peak.von_mises == 0.0:
-            continue  # the equilibrium without static loads
-        when = "" if peak.time is None else f", t = {peak.time:.6g} s"
-        found.append(
-            f"Von Mises stress ({MEASURE_NAMES[stresses.measure]}), {peak.state}: "
-            f"{MPA * peak.von_mises:.4g} MPa at {place_text(peak.position)} m{when}; "
-            f"{MPA * peak.point_von_mises:.4g} MPa at a Gauss point."
-        )
-    return found
-
-
 def place_text(position: Array) -> str:
     """A place as text, in m."""
     return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
@@ -304,14 +287,13 @@ def _largest(reactions: Reactions) -> int:
 
 
 SUMMARY = "summary.json"
-HISTORY = "history.npz"
 CHECKPOINT = "checkpoint.npz"
 
 
 def summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the contents of `summary.json`."""
     first = _of_model(found) if isinstance(found, Rerun) else _of_stages(found)
-    begin = {"dofs": first.pop("dofs"), "frequencies_hz": found.frequencies_hz}
+    begin = {"dofs": first.pop("dofs"), "frequencies_Hz": found.frequencies_hz}
     contents = {"scene": found.scene.source, **begin, **first}
     contents |= motions_summary(found)
     contents |= support_summary(found)
@@ -380,7 +362,7 @@ def _of_stages(study: Study) -> dict[str, Any]:
     if study.contact_hz is not None:
         first, stuck = study.contact_hz.T
         name = "closed_points_stuck" if study.scene.joined else "free"
-        found["contact_frequencies_hz"] = {name: first, "stuck": stuck}
+        found["contact_frequencies_Hz"] = {name: first, "stuck": stuck}
     if study.agreement is not None:
         found["modes"] = agreement_summary(study.agreement)
     if study.deflection is not None:
@@ -466,14 +448,6 @@ def size_summary(found: Sized | None) -> dict[str, Any]:
         "joined": found.energies,
         "further": found.stored.further,
     }
-
-
-def probe_motions(found: Study | Rerun) -> dict[str, Motion]:
-    """The motions of [probe] where they stand beside those of contact points."""
-    if found.scene.probe is None or not found.scene.contacts:
-        return {}
-    pairs = ((name, motion.at_probe()) for name, motion in found.motions.items())
-    return {name: motion for name, motion in pairs if motion is not None}
 
 
 def motions_summary(found: Study | Rerun) -> dict[str, Any]:

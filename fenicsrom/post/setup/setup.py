@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import SceneError
-from fenicsrom.post.base.style import Figure, styled
+from fenicsrom.post.base.plot import Bars, Item, Line, Plot
 from fenicsrom.post.body.body_view import (
     NODE,
     PolyData,
@@ -38,11 +38,12 @@ from fenicsrom.post.body.body_view import (
 from fenicsrom.post.body.rendering import (
     GREY,
     Part,
-    body_figure,
+    body_panel,
     drawn_lines,
+    image_of,
+    names_at,
     painted,
-    show,
-    write_names,
+    width_of,
 )
 from fenicsrom.post.body.surface_mesh import surface_grid
 from fenicsrom.post.paraview.paraview import contact_places
@@ -65,7 +66,7 @@ WEIGHTY = 0.1
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
 
-ARROW = r"$\rightarrow$"
+ARROW = ">"
 """The marker of an arrow in the legend."""
 
 CONTACT_FORMS = ("o", "s", "D", "^")
@@ -309,8 +310,7 @@ OVERVIEW = 0.32
 """Width of the second panel, relative to the picture of the body."""
 
 
-@styled
-def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | None = None) -> Figure:
+def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | None = None) -> Plot:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
     Several loads and contact points have numbers. The projection is that of `setup_view` by
@@ -325,26 +325,21 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
     body = [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
     body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]
     around = surroundings(marks, grid.points)
-
-    handles = _legend_handles(marks)
-    columns = 2 if len(handles) > 3 else len(handles)
-    rows = -(-len(handles) // max(columns, 1))
-    spare = 0.6 + 0.21 * (rows + title.count("\n"))
-    figure, axis, wide = body_figure([*body, *around], frame, spare)
-    write_names(axis, _numbers(marks, view, (high[0] - low[0]) / (72.0 * wide)), wide)
+    wide = width_of(frame)
+    numbers = _numbers(marks, view, (high[0] - low[0]) / (72.0 * wide))
+    panels = [
+        body_panel([image_of([*body, *around], frame, wide), *names_at(numbers, frame, wide)])
+    ]
+    widths = [1.0]
     reach = [part.mesh.points for part in around]
     if any(np.any((seen < low) | (seen > high)) for seen in map(view.project, reach)):
         far = replace(view, length=float(np.ptp(np.concatenate(reach), axis=0).max()))
-        layout: Any = figure.get_layout_engine()
-        layout.set(rect=(0.0, 0.0, 1.0 / (1.04 + OVERVIEW), 1.0))  # it does not know the panel
-        figure.set_figwidth(figure.get_figwidth() * (1.04 + OVERVIEW))
-        panel = axis.inset_axes((1.02, 0.0, OVERVIEW, 1.0))
         whole = frame_of(far, [*places, *reach])
-        show(panel, [painted(surface), *around], whole, OVERVIEW * wide)
-    figure.suptitle(title, x=0.005, ha="left", fontsize=11)
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
-    return figure
+        overview = image_of([painted(surface), *around], whole, OVERVIEW * wide)
+        panels.append(body_panel([overview]))
+        widths.append(OVERVIEW)
+    look: dict[str, Any] = {"columns": len(panels), "widths": widths, "legend": _samples(marks)}
+    return Plot(panels, wide * sum(widths), 0.0, title=title, **look)
 
 
 def setup_view(surface: PolyData, marks: Sequence[Mark], moved: Array | None = None) -> View:
@@ -359,24 +354,21 @@ def setup_view(surface: PolyData, marks: Sequence[Mark], moved: Array | None = N
     return view_of(surface, facing, moved=moved)
 
 
-def _legend_handles(marks: Sequence[Mark]) -> list[Any]:
-    """The entries of the legend: the loaded regions, each label once, and round walls."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = []
+def _samples(marks: Sequence[Mark]) -> list[Item]:
+    """The samples in the legend: the loaded regions, each label once, and round walls."""
+    found: list[Item] = []
     for mark in {mark.label: mark for mark in marks}.values():
         look: dict[str, Any] = {"color": COLOURS[mark.kind], "label": mark.label}
         if mark.label == CLAMPED:
-            handles.append(Patch(**look))
+            found.append(Bars(**look))
             continue
-        look |= {"marker": mark.marker, "markersize": 13.0 if "$" in mark.marker else 7.0}
-        handles.append(Line2D([], [], linestyle="none", **look))
+        line = "-" if mark.marker == ARROW else ""
+        found.append(Line(linestyle=line, marker=mark.marker, markersize=7.0, **look))
     if any(mark.kind == "load" and mark.on.any() for mark in marks):
-        handles.append(Patch(color=LOADED, label="loaded region"))
+        found.append(Bars(color=LOADED, label="loaded region"))
     if any(mark.wall is not None for mark in marks):
-        handles.append(Patch(color=COLOURS["contact"], alpha=0.35, label="round wall"))
-    return handles
+        found.append(Bars(color=WALL, label="round wall"))
+    return found
 
 
 def _numbers(marks: Sequence[Mark], view: View, point: float) -> Iterator[tuple[str, Array, str]]:
@@ -412,8 +404,8 @@ COLOURS = {
     "rotation": "#332288",
 }
 
-LOADED, HELD = "#F3C6A5", "#9AA1A8"
-"""Colours of the regions of loads, and of supports that hold some components."""
+LOADED, HELD, WALL = "#F3C6A5", "#9AA1A8", "#A6CEE4"
+"""Colours of regions of loads, of supports that hold some components, and of round walls."""
 
 REACH = 0.14
 """Length of the arrow of a load, relative to the size of the body."""

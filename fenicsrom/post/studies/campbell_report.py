@@ -1,6 +1,7 @@
 """The report of a Campbell diagram: tables, picture and files."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ from fenicsrom.assess.rotation.campbell import Campbell
 from fenicsrom.notes import CRITICAL, FREQUENCIES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
-from fenicsrom.post.base.tables import table_of
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS, EDGE
+from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.words import counted
 
 SMOOTH = 201  # points of a curve between the computed frequencies
-LEGEND_COLUMNS = 4
 NAME_WIDTH, NAME_HEIGHT = 0.06, 0.035  # of the name of an engine order, relative to the axes
 
 
@@ -27,12 +28,12 @@ def summary(found: Campbell) -> dict[str, Any]:
         "dofs": found.unknowns,
         "coriolis": rotation.coriolis,
         "speeds_rpm": found.speeds_rpm,
-        "frequencies_hz": found.frequencies_hz,
+        "frequencies_Hz": found.frequencies_hz,
         "mac": found.mac,
         "largest_displacement_m": found.largest,
         "mode_names": found.names,
         "engine_orders": list(found.scene.campbell.engine_orders),
-        "critical_speeds": [vars(item) for item in found.critical],
+        "critical_speeds": rows_of(found.critical, critical_quantities(found)),
         "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
         "margins": None if found.margins is None else _without_nan(found.margins),
         "complex_change": found.change,
@@ -49,40 +50,44 @@ def five_digits(value: float) -> str:
     return f"{value:#.5g}".rstrip(".")
 
 
-def frequency_table(found: Campbell) -> list[list[Any]]:
-    """Frequencies against speed; the first row is the header."""
-    head = ["rpm", *(f"mode {label} Hz" for label in found.labels)]
-    rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
-    return [head, *([f"{speed:.6g}", *(map(five_digits, line))] for speed, line in rows)]
+def quantities(found: Campbell) -> list[Quantity]:
+    """What is told of each speed, by its number."""
+    modes = range(1, found.squares.shape[1] + 1)
+    hertz = components("mode_{}_Hz", lambda k: found.frequencies_hz[k], modes)
+    return [
+        Quantity("speed_rpm", lambda k: float(found.speeds_rpm[k]), "speed, rpm", 6),
+        *(
+            replace(one, head=f"mode {label}, Hz")
+            for one, label in zip(hertz, found.labels, strict=True)
+        ),
+        *components("mode_{}_mac", lambda k: found.mac[k], modes),
+    ]
 
 
-def critical_table(found: Campbell) -> list[list[Any]]:
-    """The critical speeds; empty if there are none."""
-    return table_of(
-        {
-            "engine order": item.order,
-            "mode": found.labels[item.mode - 1],
-            "rpm": five_digits(item.speed_rpm),
-            "Hz": five_digits(item.frequency_hz),
-            "mode computed there Hz": item.computed_hz and five_digits(item.computed_hz),
-            "difference %": None if item.difference is None else f"{100 * item.difference:.1e}",
-        }
-        for item in found.critical
-    )
+def critical_quantities(found: Campbell) -> list[Quantity]:
+    """What is told of each critical speed."""
+    return [
+        *(Quantity("mode"), Quantity("order", head="engine order")),
+        Quantity("", lambda one: found.labels[one.mode - 1], "mode"),
+        Quantity("speed_rpm", head="speed, rpm"),
+        Quantity("frequency_Hz", "frequency_hz", "frequency, Hz"),
+        Quantity("computed_Hz", "computed_hz", "frequency computed there, Hz"),
+        *(Quantity("difference", head="difference, %", digits=2), Quantity("mac")),
+    ]
 
 
 def margin_table(found: Campbell) -> list[list[Any]]:
     """The margins at the speed of operation, if known; the first row is the header."""
-    if found.margins is None:
+    if found.margins is None or found.operating_squares is None:
         return []
-    assert found.operating_squares is not None
-    orders = found.scene.campbell.engine_orders
     hertz = np.sqrt(np.maximum(found.operating_squares, 0.0)) / (2.0 * np.pi)
-    rows = [
-        [label, five_digits(value), *(f"{100 * margin:+.1f}" for margin in line)]
-        for label, value, line in zip(found.labels, hertz, found.margins, strict=True)
+    orders = found.scene.campbell.engine_orders
+    shown = [
+        Quantity("", lambda k: found.labels[k], "mode"),
+        Quantity("", lambda k: float(hertz[k]), "frequency, Hz"),
+        *components("", lambda k: found.margins[k], orders, "EO {}, %", 3),
     ]
-    return [["mode", "Hz", *(f"EO {order} %" for order in orders)], *rows]
+    return table_of(range(len(found.labels)), shown)
 
 
 def sentences(found: Campbell) -> list[str]:
@@ -127,72 +132,68 @@ def sentences(found: Campbell) -> list[str]:
     return lines
 
 
-@styled
-def figure(found: Campbell) -> Figure:
+def figure(found: Campbell) -> Plot:
     """Frequencies of the modes and lines of the engine orders against speed."""
-    drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
     top = 1.08 * float(frequencies.max(initial=1.0))
     right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
-    draw_orders(axis, found, right, top)
+    items = order_lines(found, right, top)
     fine, curves = np.linspace(speeds[0], speeds[-1], SMOOTH), found.curves()
     for mode, label in enumerate(found.labels):
-        colour = COLOURS[mode % len(COLOURS)]
+        look: dict[str, Any] = {"color": COLOURS[mode % len(COLOURS)], "label": f"mode {label}"}
         style = ("-", "--", ":")[mode // len(COLOURS) % 3]
-        marks = axis.plot(speeds, frequencies[:, mode], "o", color=colour, markersize=3.0)
-        named = marks
         if curves:
             hertz = np.sqrt(np.maximum(curves[mode].at(fine), 0.0))
-            named = axis.plot(fine, hertz, style, color=colour)
-        named[0].set_label(f"mode {label}")
-    draw_critical(axis, found)
+            items.append(Line(fine, hertz, style, **look))
+        items.append(Line(speeds, frequencies[:, mode], "", marker="o", markersize=3.0, **look))
+    items += critical_marks(found)
     if found.margins is not None and found.scene.rotation is not None:
-        operating = found.scene.rotation.speed_rpm
-        axis.axvline(operating, color="#555B61", linestyle="-.", linewidth=1.0, label="operation")
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
-    drawn.legend(loc="outside upper center", ncols=LEGEND_COLUMNS)
-    return drawn
+        operating = np.full(2, found.scene.rotation.speed_rpm)
+        items.append(Line(operating, None, "-.", EDGE, 1.0, label="operation"))
+    ends: Any = {"xlim": (0.0, right), "ylim": (0.0, top)}
+    return Plot([Panel(items, "speed, rpm", "frequency, Hz", **ends)], 9.0, 5.8)
 
 
-def draw_critical(axis: Axes, found: Campbell) -> None:
-    """Mark the critical speeds."""
-    look: dict[str, Any] = {"linestyle": "none", "color": "black", "zorder": 3}
+def critical_marks(found: Campbell) -> list[Item]:
+    """The marks of the critical speeds."""
+    items: list[Item] = []
     for name, marker, confirmed in (
         ("critical speed", "o", True),
         ("critical speed, not confirmed", "x", False),
     ):
-        chosen = [item for item in found.critical if item.confirmed is confirmed]
-        if chosen:
+        if chosen := [item for item in found.critical if item.confirmed is confirmed]:
             places = [item.speed_rpm for item in chosen], [item.frequency_hz for item in chosen]
-            axis.plot(*places, marker, markerfacecolor="white", markersize=6, label=name, **look)
+            look: dict[str, Any] = {
+                "marker": marker,
+                "markersize": 6.0,
+                "hollow": True,
+                "zorder": 3.0,
+            }
+            items.append(Line(*places, "", "black", label=name, **look))
+    return items
 
 
-def draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
-    """Draw the lines of the engine orders with their names at their ends.
+def order_lines(found: Campbell, right: float, top: float) -> list[Item]:
+    """The lines of the engine orders with their names at their ends.
 
     A name that would overlap the one before it is left out.
     """
     taken = (np.inf, np.inf)  # end of the last line with a name
+    items: list[Item] = []
     for order in sorted(found.scene.campbell.engine_orders):
         end = min(right, 60.0 * top / order)
         height = order * end / 60.0
-        axis.plot([0.0, end], [0.0, height], color="#A6ABB0", linewidth=1.0, zorder=1)
+        items.append(Line([0.0, end], [0.0, height], "-", "#A6ABB0", 1.0, zorder=1.0))
         apart = abs(end - taken[0]) / right, abs(height - taken[1]) / top
         if apart[0] < NAME_WIDTH and apart[1] < NAME_HEIGHT:
             continue
         taken = end, height
-        beside = end >= right
-        axis.annotate(
-            f"EO {order}",
-            taken,
-            (3, 0) if beside else (0, 3),
-            textcoords="offset points",
-            fontsize=9,
-            color="#5b636b",
-            ha="left" if beside else "center",
-            va="center" if beside else "bottom",
-            annotation_clip=False,
-        )
+        x, y = end / right, height / top
+        beside: dict[str, Any] = {"shift": (3.0, 0.0)}
+        above: dict[str, Any] = {"shift": (0.0, 3.0), "ha": "center", "va": "bottom"}
+        look = beside if end >= right else above
+        items.append(Text(x * (1.0 + 1e-6), y, f"EO {order}", "xy", **look))
+    return items
 
 
 def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
@@ -202,21 +203,30 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         found: the diagram.
         more: other pictures.
     """
-    numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
-    modes = range(1, found.squares.shape[1] + 1)
-    columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
+    told, criticals = quantities(found), critical_quantities(found)
+    speeds = range(found.speeds_rpm.size)
     return Report(
         "campbell",
         "Campbell diagram",
         found,
         sentences(found),
         [
-            Section("Critical speeds", [critical_table(found)]),
+            Section("Critical speeds", [table_of(found.critical, criticals)], keys=2),
             Section("Margins at the speed of operation", [margin_table(found)]),
-            Section("Frequencies", [frequency_table(found)]),
+            Section("Frequencies", [table_of(speeds, told)]),
         ],
-        [dict(zip(columns, map(float, row), strict=True)) for row in numbers],
+        rows_of(speeds, told),
         summary(found),
-        [Picture("Campbell diagram", "campbell.png", lambda: figure(found)), *more],
+        [
+            Picture(
+                "Campbell diagram",
+                "campbell.png",
+                lambda: figure(found),
+                "Natural frequencies over the speed. Where an engine order crosses a frequency, "
+                "the mode can resonate.",
+                "campbell.csv",
+            ),
+            *more,
+        ],
         quantities=[FREQUENCIES, CRITICAL],
     )

@@ -10,10 +10,10 @@ from fenicsrom.assess.errors.estimates import pareto_front
 from fenicsrom.assess.full.full_motions import machine
 from fenicsrom.assess.studies.compare import REPEATS, Comparison, Outcome
 from fenicsrom.online.motion.measures import response_summary
-from fenicsrom.post.base.chart import noted
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, error_names, rows_of, table_of
 from fenicsrom.words import counted
 
@@ -22,12 +22,11 @@ SHORT = {"rubin": "R", "craig-bampton": "CB"}
 # large hollow squares: equal values of the other method stay visible
 LINES: dict[str, dict[str, Any]] = {
     "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
-    "craig-bampton": {"marker": "s", "markersize": 9, "markerfacecolor": "none", "linestyle": "--"},
+    "craig-bampton": {"marker": "s", "markersize": 9.0, "hollow": True, "linestyle": "--"},
 }
 DOT: dict[str, Any] = {"marker": "o", "linestyle": ""}
 DOTS = {method: DOT | {"marker": look["marker"]} for method, look in LINES.items()}
 INK, FRONT = "#5b636b", "#9AA0A6"
-LEGEND_WIDTH = 1.5  # inches of an entry
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
@@ -232,75 +231,63 @@ def _name(outcome: Outcome) -> str:
     return f"{SHORT[c.method]}{c.modes}·{len(outcome.labels)}{steps}{c.mesh.partition('=')[2]}"
 
 
-@styled
-def pareto_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the amplitude against online and total time, with the Pareto front."""
+def pareto_figure(comparison: Comparison) -> Plot:
+    """The error of the amplitude against online and total time, with the Pareto front."""
     outcomes, full = rated(comparison), comparison.full
     errors = _drawn_errors(outcomes)
     assert full is not None
-    figure, axes = new_panels(10.5, 5.8, 1, 2, sharey=True)
-    for axis, title, offline in zip(
-        axes, ("online time", "offline and online time"), (False, True), strict=True
-    ):
+    panels = []
+    for title, offline in (("online time", False), ("offline and online time", True)):
         costs = [o.online_seconds + offline * o.offline_seconds for o in outcomes]
         front = pareto_front(costs, errors)
         # a staircase: between two points of the front, the left one is the best available
         x, y = np.repeat([(costs[k], errors[k]) for k in front], 2, axis=0).T
-        axis.plot(x[1:], y[:-1], color=FRONT, linewidth=1.2, zorder=1)
-        axis.axvline(full.seconds, color="#000000", linewidth=1.0, linestyle=":")
-        axis.set(xscale="log", yscale="log", xlabel=f"{title}, s", title=title)
-        _draw_points(axis, outcomes, costs, front)
-    axes[0].set_ylabel(_error_label(comparison))
-    more = {"Pareto front": {"color": FRONT}, "full model": {"color": "#000000", "linestyle": ":"}}
+        items: list[Item] = [
+            Line(x[1:], y[:-1], "-", FRONT, 1.2, label="Pareto front", zorder=1.0),
+            Line(np.full(2, full.seconds), None, ":", "#000000", 1.0, label="full model"),
+            *_points(outcomes, costs, front),
+        ]
+        up = "" if panels else _error_label(comparison)
+        panels.append(Panel(items, f"{title}, s", up, title, log="xy"))
+    samples = _samples(outcomes, DOT, DOTS)
     if any(o.combination.elastic_force == "projection" for o in outcomes):
-        more = {"projection": {"color": INK, "markerfacecolor": "white", **DOT}} | more
-    _legend(figure, outcomes, DOT, DOTS, more)
-    return figure
+        samples.append(Line(label="projection", color=INK, hollow=True, **DOT))
+    more = [item for item in panels[0].items[:2]]
+    return Plot(panels, 10.5, 6.2, 2, share="y", legend=[*samples, *more])
 
 
-def _draw_points(
-    axis: Axes, outcomes: Sequence[Outcome], xs: Sequence[float], named: Sequence[int]
-) -> None:
-    """Draw a point for each basis, and the names of some; a chart has the names of all."""
+def _points(outcomes: Sequence[Outcome], xs: Sequence[float], named: Sequence[int]) -> list[Item]:
+    """A point for each basis, and the names of some; a chart has the names of all."""
     ys, colours = _drawn_errors(outcomes), _colours(outcomes)
+    items: list[Item] = []
     for k, outcome in enumerate(outcomes):
         c = outcome.combination
-        look: dict[str, Any] = {"color": colours[c.chosen], "markersize": 7 if k in named else 5}
-        if c.elastic_force == "projection":
-            look["markerfacecolor"] = "white"
-        (point,) = axis.plot(xs[k], ys[k], **DOTS[c.method], **look)
-        noted(point, [_name(outcome)])
+        look: dict[str, Any] = {"markersize": 7.0 if k in named else 5.0, **DOTS[c.method]}
+        look |= {"label": c.chosen, "also": (METHODS[c.method], c.elastic_force)}
+        look |= {"color": colours[c.chosen], "hollow": c.elastic_force == "projection"}
+        items.append(Line([xs[k]], [ys[k]], notes=[_name(outcome)], **look))
         if k in named:
-            place: dict[str, Any] = {"xytext": (6, 5), "textcoords": "offset points", "fontsize": 8}
-            axis.annotate(_name(outcome), (xs[k], ys[k]), **place)
+            items.append(Text(xs[k], ys[k], _name(outcome), shift=(6.0, 5.0), fontsize=8.0))
+    return items
 
 
-def _legend(
-    figure: Figure,
-    outcomes: Sequence[Outcome],
-    look: Mapping[str, Any],
-    looks: Mapping[str, Mapping[str, Any]],
-    more: Mapping[str, Mapping[str, Any]],
-) -> None:
-    """Draw the legend: colours for derivatives, looks for methods, and more entries by names."""
-    from matplotlib.lines import Line2D
-
-    entries = {name: {"color": c, **look} for name, c in _colours(outcomes).items()}
+def _samples(
+    outcomes: Sequence[Outcome], look: Mapping[str, Any], looks: Mapping[str, Mapping[str, Any]]
+) -> list[Item]:
+    """The samples of the legend: colours for derivatives, looks for methods."""
     methods = dict.fromkeys(o.combination.method for o in outcomes)
-    entries |= {METHODS[method]: {"color": INK, **looks[method]} for method in methods}
-    handles = [Line2D([], [], label=name, **of) for name, of in (entries | {**more}).items()]
-    columns = int(figure.get_figwidth() / LEGEND_WIDTH)
-    figure.legend(handles=handles, loc="outside upper right", ncols=min(len(handles), columns))
+    return [
+        *(Line(color=color, label=name, **look) for name, color in _colours(outcomes).items()),
+        *(Line(color=INK, label=METHODS[method], **looks[method]) for method in methods),
+    ]
 
 
-@styled
-def size_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the amplitude against the number of normal modes and the size.
+def size_figure(comparison: Comparison) -> Plot:
+    """The error of the amplitude against the number of normal modes and the size.
 
     Figures 8, 9 and 14 of the paper have the same axes.
     """
     outcomes = rated(comparison)
-    figure, axes = new_panels(10.5, 5.0, 1, 2, sharey=True)
     colours, first = _colours(outcomes), outcomes[0].combination
     lines: dict[tuple[str, str], list[Outcome]] = {}
     for o in outcomes:
@@ -308,36 +295,35 @@ def size_figure(comparison: Comparison) -> Figure:
         own = {name: getattr(c, name) for name in ("method", "modes", "derivatives", "size")}
         if replace(first, **own) == c:
             lines.setdefault((c.method, c.chosen), []).append(o)
+    by_modes: list[Item] = []
+    by_size: list[Item] = []
     for (method, chosen), members in lines.items():
         free = [o for o in members if o.combination.size is None]
-        for axis, shown, values in (
-            (axes[0], free, lambda o: o.combination.modes),
-            (axes[1], members, lambda o: len(o.labels)),
+        look: dict[str, Any] = {"label": chosen, "also": (METHODS[method],), **LINES[method]}
+        for items, shown, values in (
+            (by_modes, free, lambda o: o.combination.modes),
+            (by_size, members, lambda o: len(o.labels)),
         ):
             ordered = sorted(shown, key=lambda o: (values(o), o.combination.modes))
             places = [values(o) for o in ordered], _drawn_errors(ordered)
-            axis.plot(*places, color=colours[chosen], **LINES[method])
-    for axis, name in zip(axes, ("normal modes", "coordinates"), strict=True):
-        axis.set(yscale="log", xlabel=f"number of {name}")
-        axis.xaxis.get_major_locator().set_params(integer=True)
-    axes[0].set_ylabel(_error_label(comparison))
-    _legend(figure, outcomes, {}, LINES, {})
-    return figure
+            items.append(Line(*places, color=colours[chosen], **look))
+    axes: dict[str, Any] = {"log": "y", "whole": "x"}
+    panels = [
+        Panel(by_modes, "number of normal modes", _error_label(comparison), **axes),
+        Panel(by_size, "number of coordinates", **axes),
+    ]
+    return Plot(panels, 10.5, 5.2, 2, share="y", legend=_samples(outcomes, {}, LINES))
 
 
-@styled
-def indicator_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the amplitude against its indicator, one point for each basis."""
+def indicator_figure(comparison: Comparison) -> Plot:
+    """The error of the amplitude against its indicator, one point for each basis."""
     outcomes = [o for o in rated(comparison) if o.indicator is not None]
-    figure, (axis,) = new_panels(6.4, 5.0)
     indicators = [float(o.indicator or 0.0) for o in outcomes]
     correlation = comparison.rank_correlation()
     title = f"rank correlation {correlation:.2f}" if correlation is not None else ""
-    axis.set(xscale="log", yscale="log", xlabel="indicator (no full run)", title=title)
-    axis.set_ylabel(_error_label(comparison))
-    _draw_points(axis, outcomes, indicators, ())
-    _legend(figure, outcomes, DOT, DOTS, {})
-    return figure
+    labels = "indicator (no full run)", _error_label(comparison), title
+    panel = Panel(_points(outcomes, indicators, ()), *labels, log="xy")
+    return Plot([panel], 6.4, 5.2, legend=_samples(outcomes, DOT, DOTS))
 
 
 def pictures(comparison: Comparison) -> list[Picture]:
@@ -353,14 +339,22 @@ def pictures(comparison: Comparison) -> list[Picture]:
             "dot, the number of coordinates, after a slash the steps per period, and the value of "
             "a change of the mesh. The named points on the line are the Pareto front: no other "
             "basis is both faster and more accurate.",
+            "comparison.csv",
         ),
-        Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),
+        Picture(
+            "Error against the size of the basis",
+            "size.png",
+            lambda: size_figure(comparison),
+            "Lines join the bases of one method with one choice of derivatives.",
+            "comparison.csv",
+        ),
         Picture(
             "Error against the residual",
             "indicator.png",
             lambda: indicator_figure(comparison),
             "The residual of the full equations at the reduced motion, in the energy norm, "
             "relative to the loads.",
+            "comparison.csv",
         ),
     ]
 

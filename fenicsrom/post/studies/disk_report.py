@@ -15,16 +15,17 @@ from fenicsrom.files import atomic_write
 from fenicsrom.notes import CRITICAL, FREQUENCIES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot, Text
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import table_of
 from fenicsrom.post.body.body_figures import shape_figure
 from fenicsrom.post.body.body_view import faces_on, gathered_grid, surface_of
 from fenicsrom.post.paraview.vtk import Attached, Grid, write_vtu
 from fenicsrom.post.studies.campbell_report import (
-    critical_table,
-    draw_critical,
-    draw_orders,
+    critical_marks,
+    critical_quantities,
     five_digits,
+    order_lines,
     sentences,
     summary,
 )
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
 NEAR = 0.3
 """Margins up to this size stand in the table."""
 
-LOOKS = {0: ("o-", ""), 1: ("^-", ", forward"), -1: ("v--", ", backward")}
-"""Style and name of the lines of modes that run either way."""
+LOOKS = {0: ("-", "o", ""), 1: ("-", "^", ", forward"), -1: ("--", "v", ", backward")}
+"""Style, mark and name of the lines of modes that run either way."""
 
 CLOSE = 0.1
 """Margins up to this size are written into the interference diagram."""
@@ -101,19 +102,18 @@ def rows_of(found: Campbell) -> Iterator[dict[str, Any]]:
             "nodal_diameter": wave.diameter,
             "mode": wave.number,
             "direction": wave.direction,
-            "frequency_hz": float(value),
+            "frequency_Hz": float(value),
             "mac": float(found.mac[s, mode]),
         }
 
 
-@styled
-def interference_figure(found: Campbell) -> Figure:
+def interference_figure(found: Campbell) -> Plot:
     """Frequencies over the nodal diameter, with the engine orders at the speed of operation."""
-    drawn, (axis,) = new_panels(8.0, 5.2)
     values = found.frequencies_hz[-1]
     if found.operating_squares is not None:
         values = hertz(found.operating_squares)
     ways = sorted({wave.direction for wave in found.waves if wave.direction}) or [0]
+    items: list[Item] = []
     for number in range(1, max(wave.number for wave in found.waves) + 1):
         for way in ways:
             own = [
@@ -121,65 +121,57 @@ def interference_figure(found: Campbell) -> Figure:
                 for k, wave in enumerate(found.waves)
                 if wave.number == number and wave.direction in (0, way)
             ]
-            style, word = LOOKS[way]
-            axis.plot(
-                [found.waves[k].diameter for k in own],
-                values[own],
-                style,
-                color=COLOURS[(number - 1) % len(COLOURS)],
-                markersize=4,
-                label=f"mode {number}{word}",
-            )
+            style, marker, word = LOOKS[way]
+            look: dict[str, Any] = {"marker": marker, "markersize": 4.0}
+            look |= {"color": COLOURS[(number - 1) % len(COLOURS)], "label": f"mode {number}{word}"}
+            items.append(Line([found.waves[k].diameter for k in own], values[own], style, **look))
     top = 1.08 * float(values.max(initial=1.0))
     if found.margins is not None:
-        _draw_folded_line(axis, found, found.margins, top)
-    axis.set(xlabel="nodal diameter", ylabel="frequency, Hz", ylim=(0.0, top))
-    axis.set_xticks(_diameters(found))
-    drawn.legend(loc="outside upper center", ncols=3)
-    return drawn
+        items += _folded_line(found, found.margins, top)
+    marks = {float(h): f"{h}" for h in _diameters(found)}
+    labels = "nodal diameter", "frequency, Hz"
+    return Plot([Panel(items, *labels, ylim=(0.0, top), xticks=marks)], 8.0, 5.4)
 
 
-def _draw_folded_line(axis: Axes, found: Campbell, margins: Array, top: float) -> None:
-    """Draw k Ω over the nodal diameter that engine order k excites, with the margins on it."""
+def _folded_line(found: Campbell, margins: Array, top: float) -> list[Item]:
+    """The line k Ω over the nodal diameter that engine order k excites, with the margins on it."""
     rotation, n = found.scene.rotation, found.waves[0].sectors
     assert rotation is not None
     turn = rotation.speed_rpm / 60.0
     orders = np.arange(int(top / turn) + 2)
     corners = np.unique([0, *orders[np.isin(orders % n, (0, n // 2, -(-n // 2)))], orders[-1]])
     fold = np.minimum(corners % n, -corners % n)
-    grey: dict[str, Any] = {"color": "#A6ABB0", "linewidth": 1.0, "zorder": 1}
-    axis.plot(fold, corners * turn, label="engine orders (margin)", **grey)
+    name = "engine orders (margin)"
+    items: list[Item] = [Line(fold, corners * turn, "-", "#A6ABB0", 1.0, label=name, zorder=1.0)]
     for k, order in enumerate(found.scene.campbell.engine_orders):
         h = min(order % n, -order % n)
         if order * turn > top or h not in _diameters(found):
             continue
-        axis.plot([h], [order * turn], "s", color="black", markersize=4, zorder=3)
+        look: dict[str, Any] = {"marker": "s", "markersize": 4.0, "zorder": 3.0}
+        items.append(Line([h], [order * turn], "", "black", **look))
         close = margins[np.abs(margins[:, k]) <= CLOSE, k]
         text = str(order)
         if close.size:
             text += f" ({100.0 * close[np.argmin(np.abs(close))]:+.1f} %)"
-        axis.annotate(text, (h, order * turn), (5, -3), textcoords="offset points", fontsize=9)
+        items.append(Text(h, order * turn, text, shift=(5.0, 0.0), color="black"))
+    return items
 
 
-@styled
-def speed_figure(found: Campbell) -> Figure:
+def speed_figure(found: Campbell) -> Plot:
     """Frequencies against speed, coloured by the nodal diameter, with the critical speeds."""
-    drawn, (axis,) = new_panels(9.0, 5.6)
     top = 1.08 * float(found.frequencies_hz.max(initial=1.0))
     right = float(found.speeds_rpm[-1]) or 1.0
-    draw_orders(axis, found, right, top)
+    items = order_lines(found, right, top)
     for k, h in enumerate(_diameters(found)):
-        label = counted(h, "nodal diameter")
+        look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)]}
+        look |= {"label": counted(h, "nodal diameter"), "linewidth": 1.0 + k // len(COLOURS)}
         for wave, values in zip(found.waves, found.frequencies_hz.T, strict=True):
             if wave.diameter == h:
                 style = "--" if wave.direction < 0 else "-"
-                look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "label": label}
-                axis.plot(found.speeds_rpm, values, style, linewidth=1 + k // len(COLOURS), **look)
-                label = "_"  # one line of a colour is named
-    draw_critical(axis, found)
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
-    drawn.legend(loc="outside upper center", ncols=4)
-    return drawn
+                items.append(Line(found.speeds_rpm, values, style, **look))
+    items += critical_marks(found)
+    ends: Any = {"xlim": (0.0, right), "ylim": (0.0, top)}
+    return Plot([Panel(items, "speed, rpm", "frequency, Hz", **ends)], 9.0, 5.8)
 
 
 def whole_disk(found: Campbell, modes: Sequence[int]) -> PolyData | None:
@@ -286,7 +278,9 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         [line for line in lines if line],
         [
             Section("Frequencies by nodal diameter", [wave_table(found)]),
-            Section("Critical speeds", [critical_table(found)]),
+            Section(
+                "Critical speeds", [table_of(found.critical, critical_quantities(found))], keys=2
+            ),
             Section("Smallest margins at the speed of operation", [margin_table(found)]),
         ],
         list(rows_of(found)),

@@ -18,7 +18,8 @@ from fenicsrom.online.motion.motion import read_history
 from fenicsrom.post.base.origin import SCENE_FILE
 from fenicsrom.post.base.page import write_report
 from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import in_order, table_of, text_table
 
 FILES = {"run": "summary.json", "response": "response.json", "backbone": "backbone.json"}
@@ -228,13 +229,12 @@ def _label(column: str) -> str:
     return f"{name}, {unit}" if name else column
 
 
-@styled
-def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
-    """Draw response curves and backbones with the same parameter over each other."""
-    figure, (axis,) = new_panels(8.4, 5.0)
+def curves_figure(found: Sequence[Outcome], parameter: str) -> Plot:
+    """Response curves and backbones with the same parameter over each other."""
+    items: list[Item] = []
     named = [(one, *curve) for one in found for curve in _curves(one)]
     for k, (one, name, rows) in enumerate(named):
-        label, colour = f"{one.name}, {name}", COLOURS[k % len(COLOURS)]
+        label, color = f"{one.name}, {name}", COLOURS[k % len(COLOURS)]
         for _, piece in groupby(rows, key=lambda row: row.get("piece")):
             points = list(piece)
             x = np.array([float(row[parameter]) for row in points])
@@ -244,23 +244,17 @@ def curves_figure(found: Sequence[Outcome], parameter: str) -> Figure:
             for part in np.split(np.arange(x.size), cuts):
                 style = ":" if one.kind == "backbone" else "-" if stable[part[0]] else "--"
                 shown = slice(part[0], part[-1] + 2)
-                axis.plot(x[shown], y[shown], style, color=colour, label=label)
-                label = "_"
-    axis.set(xlabel=_label(parameter), ylabel="largest amplitude, mm")
-    axis.set_ylim(0.0)
-    figure.legend(loc="outside upper center", ncols=min(3, len(named)))
-    return figure
+                items.append(Line(x[shown], y[shown], style, color, label=label))
+    labels = _label(parameter), "largest amplitude, mm"
+    return Plot([Panel(items, *labels, ylim=(0.0, None))], 8.4, 5.0)
 
 
-@styled
-def motions_figure(found: Sequence[Outcome]) -> Figure:
-    """Draw the reduced motions of runs over the time, at the point that moves most."""
-    figure, (axis,) = new_panels(8.4, 4.0)
-    for one, colour in zip(found, COLOURS * len(found), strict=False):
+def motions_figure(found: Sequence[Outcome]) -> Plot:
+    """The reduced motions of runs over the time, at the point that moves most."""
+    items: list[Item] = []
+    for one, color in zip(found, COLOURS * len(found), strict=False):
         motion = read_history(one.folder / "history.npz")["reduced"]
         time, moved = motion.time, motion.displacement.reshape(motion.time.size, -1)
         most = moved[:, int(np.argmax(np.ptp(moved, axis=0)))]
-        axis.plot(time, 1e3 * most, color=colour, label=one.name)
-    axis.set(xlabel="time, s", ylabel="displacement, mm")
-    figure.legend(loc="outside upper center", ncols=min(3, len(found)))
-    return figure
+        items.append(Line(time, 1e3 * most, color=color, label=one.name))
+    return Plot([Panel(items, "time, s", "displacement, mm")], 8.4, 4.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from operator import itemgetter, methodcaller
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,15 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.interaction import LARGE, InteractionMap
-from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, WEARING, Line
+from fenicsrom.assess.studies.map_line import OTHER, PERIOD, TORUS, UNSETTLED, WEARING
+from fenicsrom.assess.studies.map_line import Line as MapLine
 from fenicsrom.files import atomic_write
 from fenicsrom.notes import AMPLITUDES, PEAK_FORCE, WEAR, Note, NoteKind
 from fenicsrom.online.motion.measures import Wear, lobes_of, worn_profile
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Axes, Figure, missing_module, new_panels, styled
+from fenicsrom.post.base.plot import Bars, Item, Line, Map, Panel, Plot
+from fenicsrom.post.base.style import COLOURS, missing_module
 from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.words import counted
 
@@ -44,7 +47,7 @@ ONSETS = [
 def quantities(found: InteractionMap) -> list[Quantity]:
     """What is told of each line."""
 
-    def order(line: Line) -> float:
+    def order(line: MapLine) -> float:
         return float(found.orders[np.argmax(line.amplitudes)])
 
     modes = range(1, 1 + (found.lines[0].free_hz.size if found.lines else 0))
@@ -55,18 +58,18 @@ def quantities(found: InteractionMap) -> list[Quantity]:
         *(*ERRORS, Quantity("peak_normal_force_error", "force_error")),
         Quantity("other_amplitude_m", "other", "amplitude from another start, mm", 4),
         *(_wear(found) if found.rings else ()),
-        *components("mode_{}_free_hz", "free_hz", modes),
-        *components("mode_{}_closed_hz", "closed_hz", modes),
+        *components("mode_{}_free_Hz", "free_hz", modes),
+        *components("mode_{}_closed_Hz", "closed_hz", modes),
     ]
 
 
 def _wear(found: InteractionMap) -> list[Quantity]:
     """The wear of a line."""
 
-    def worn(line: Line) -> list[Wear]:
+    def worn(line: MapLine) -> list[Wear]:
         return [Wear(ring, ring.depth(line.worn), 0.0) for ring in found.rings]
 
-    def lobes(line: Line) -> int | None:
+    def lobes(line: MapLine) -> int | None:
         return lobes_of(worn_profile(found.rings, line.worn)[1]) or None
 
     return [
@@ -102,39 +105,31 @@ def profile_rows(found: InteractionMap) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in table]
 
 
-@styled
-def wear_figure(found: InteractionMap, edges: Array) -> Figure:
-    """Worn depth over speed and angle, the largest depth, and the number of lobes.
-
-    Args:
-        found: the map.
-        edges: (s + 1,) the edges of the speeds, rev/min.
-    """
+def wear_figure(found: InteractionMap) -> Plot:
+    """Worn depth over speed and angle, the largest depth, and the number of lobes."""
     speeds, (angle, depth) = found.speeds_rpm, profiles(found, "worn")
     errors = found.column("worn_errors").max(axis=1)
-    drawn, (shade, line, lobes) = new_panels(9.0, 7.0, 3, sharex=True, height_ratios=[3, 1.4, 1])
+    edges = _edges(speeds)
     sides = np.degrees(np.append(angle, 2.0 * np.pi) - 0.5 * angle[1])
     wrong = profiles(found, "worn_errors")[1] > LARGE
-    mesh = shade.pcolormesh(
-        edges, sides, np.where(wrong, np.nan, 1e6 * depth).T, cmap="viridis", rasterized=True
-    )
-    mesh.cmap.set_bad("#D9DDE1")
-    drawn.colorbar(mesh, ax=shade, label="worn depth, µm")
-    shade.set(ylabel="angle, degrees", ylim=sides[[0, -1]], yticks=np.arange(0.0, 361.0, 90.0))
-    shade.grid(False)
+    shade: list[Item] = []
     if wrong.any():
-        shade.set_title(f"grey: estimated error above {100 * LARGE:g} % of the largest depth")
+        name = f"estimated error above {100 * LARGE:g} % of the largest depth"
+        shade.append(Bars(edges[:1], edges[-1:], sides[:1], sides[-1:], "#D9DDE1", label=name))
+    shown = np.where(wrong, np.nan, 1e6 * depth).T
+    shade.append(Map(edges, sides, shown, bar="worn depth, µm"))
     largest = DEPTH.column(found.lines)
-    line.errorbar(speeds, largest, largest * errors, fmt=".-", color=COLOURS[0], capsize=2)
-    line.set(ylabel="largest, µm")
-    line.set_ylim(0.0, 1.1 * np.max(largest * (1.0 + errors)))
-    counts = [lobes_of(row) or np.nan for row in depth]
-    lobes.plot(speeds, counts, ".", color=COLOURS[0])
-    most = np.nanmax(counts, initial=1.0)
-    lobes.set(xlabel=SPEED.label, ylabel="lobes", xlim=speeds[[0, -1]], ylim=(0.0, most + 1.0))
-    lobes.yaxis.get_major_locator().set_params(integer=True)
-    lobes.ticklabel_format(axis="x", style="plain")
-    return drawn
+    line = Line(speeds, largest, marker=".", spread=largest * errors)
+    counts = np.array([lobes_of(row) or np.nan for row in depth])
+    lobes = Line(speeds, counts, "", marker=".")
+    ticks = {float(k): f"{k}" for k in range(0, 361, 90)}
+    most = float(np.nanmax(counts, initial=1.0))
+    panels = [
+        Panel(shade, "", "angle, degrees", tight="xy", yticks=ticks),
+        Panel([line], "", "largest, µm", ylim=(0.0, None), tight="x"),
+        Panel([lobes], SPEED.label, "lobes", ylim=(0.0, most + 1.0), whole="y", tight="x"),
+    ]
+    return Plot(panels, 9.0, 7.0, heights=(3.0, 1.4, 1.0), share="x")
 
 
 SMALLEST = 1e-3  # smaller amplitudes, relative to the largest one, are not drawn
@@ -144,7 +139,7 @@ VERDICTS = {PERIOD: "o", TORUS: "D", OTHER: "x", UNSETTLED: "_", WEARING: "v"}
 """Mark of each verdict."""
 
 
-def _judged(line: Line) -> str:
+def _judged(line: MapLine) -> str:
     """The estimated errors of a line in words; empty if it was not checked."""
     known = [one for one in ERRORS if one.value(line) is not None]
     found = [f"{one.text(line)} by the {one.head.split()[0]}" for one in known]
@@ -199,10 +194,8 @@ def summary(found: InteractionMap) -> dict[str, Any]:
     }
 
 
-@styled
-def figure(found: InteractionMap) -> Figure:
+def figure(found: InteractionMap) -> Plot:
     """Amplitudes over speed and frequency, with excitation, modes, errors and other motions."""
-    drawn, (axis,) = new_panels(9.0, 5.6)
     speeds, orders, values = found.speeds_rpm, found.orders, 1e3 * found.amplitudes
     top = float(values.max(initial=0.0)) or 1.0
     seen = values > SMALLEST * top
@@ -213,23 +206,18 @@ def figure(found: InteractionMap) -> Figure:
     sides = np.linspace(0.0, orders[-1] + orders[1], ROWS + 1, dtype=np.float64)
     widths = np.asarray(THICKNESS * highest * 60.0 / speeds, dtype=np.float64)
     image = _image(values, orders, widths, sides, SMALLEST * top)
-    mesh = axis.pcolormesh(
+    decades = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
+    shade = Map(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
         np.log10(image).T,
         cmap="viridis_r",
-        rasterized=True,
+        bar=AMPLITUDE.head,
+        ticks={float(tick): f"{10.0**tick:g}" for tick in decades},
     )
-    bar = drawn.colorbar(mesh, ax=axis, label=AMPLITUDE.head)
-    ticks = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
-    bar.set_ticks(list(ticks), labels=[f"{10.0**tick:g}" for tick in ticks])
-    _draw_modes(axis, found)
-    _draw_marks(axis, found)
-    axis.set(xlabel=SPEED.label, ylabel="frequency, Hz", xlim=edges[[0, -1]], ylim=(0.0, highest))
-    axis.ticklabel_format(axis="x", style="plain")
-    axis.grid(False)
-    drawn.legend(loc="outside upper center", ncols=4)
-    return drawn
+    items: list[Item] = [shade, *_mode_lines(found), *_marks(found)]
+    ends: Any = {"xlim": (edges[0], edges[-1]), "ylim": (0.0, highest)}
+    return Plot([Panel(items, SPEED.label, "frequency, Hz", **ends)], 9.0, 5.8)
 
 
 def _image(values: Array, orders: Array, widths: Array, sides: Array, least: float) -> Array:
@@ -256,58 +244,54 @@ def _edges(speeds: Array) -> Array:
     return np.concatenate([speeds[:1], 0.5 * (speeds[1:] + speeds[:-1]), speeds[-1:]])
 
 
-def _draw_modes(axis: Axes, found: InteractionMap) -> None:
-    """Draw the excited engine orders and the frequencies of the modes, free and closed."""
+def _mode_lines(found: InteractionMap) -> list[Item]:
+    """The excited engine orders and the frequencies of the modes, free and closed."""
     speeds = found.speeds_rpm
-    for k, order in enumerate(found.excited):
-        label = None if k else "excitation"
-        axis.plot(speeds, order * speeds / 60.0, ":", color=COLOURS[0], lw=0.8, label=label)
+    items: list[Item] = [
+        Line(speeds, order * speeds / 60.0, ":", linewidth=0.8, label="excitation")
+        for order in found.excited
+    ]
     for name, style, label in (("free_hz", "-", "modes"), ("closed_hz", "--", "modes, closed")):
-        for mode, column in enumerate(found.column(name).T):
-            first = None if mode else label
-            axis.plot(speeds, column, style, color=COLOURS[1], lw=1.2, label=first)
+        look: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.2, "label": label}
+        items += [Line(speeds, column, style, **look) for column in found.column(name).T]
+    return items
 
 
-def _draw_marks(axis: Axes, found: InteractionMap) -> None:
-    """Mark cells with large errors, and speeds with several motions."""
-    x, y = [], []
-    for line in found.lines:
-        for order in found.orders[: line.errors.size][line.errors > LARGE]:
-            x.append(line.speed_rpm)
-            y.append(order * line.speed_rpm / 60.0)
-    if x:
-        label = f"error above {100 * LARGE:g} %"
-        axis.plot(x, y, "s", color=COLOURS[3], ms=4, mfc="none", label=label)
-    several = [line.speed_rpm for line in found.lines if line.coexists]
-    if several:
-        look: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "clip_on": False}
-        top = np.ones(len(several))
-        axis.plot(several, top, "v", color=COLOURS[2], label="several motions", **look)
+def _marks(found: InteractionMap) -> list[Item]:
+    """The marks of cells with large errors, and of speeds with several motions."""
+    places = [
+        (line.speed_rpm, order * line.speed_rpm / 60.0)
+        for line in found.lines
+        for order in found.orders[: line.errors.size][line.errors > LARGE]
+    ]
+    items: list[Item] = []
+    if places:
+        name = f"error above {100 * LARGE:g} %"
+        look: dict[str, Any] = {"marker": "s", "markersize": 4.0, "hollow": True}
+        items.append(Line(*zip(*places, strict=True), "", COLOURS[3], label=name, **look))
+    if several := [line.speed_rpm for line in found.lines if line.coexists]:
+        items.append(Line(several, None, "", COLOURS[2], marker="v", label="several motions"))
+    return items
 
 
-@styled
-def curves_figure(found: InteractionMap) -> Figure:
+def curves_figure(found: InteractionMap) -> Plot:
     """Amplitude, peak force, contact and clearance over the speed."""
     drawable = {one: one.column(found.lines) for one in (AMPLITUDE, FORCE, CONTACT, CLEARANCE)}
     chosen = {one: values for one, values in drawable.items() if np.isfinite(values).any()}
-    drawn, panels = new_panels(9.0, 1.9 * len(chosen), len(chosen), sharex=True)
     speeds, verdicts = found.speeds_rpm, found.column("verdict")
-    for panel, (quantity, values) in zip(panels, chosen.items(), strict=True):
-        panel.plot(speeds, values, "-", color="#A6ABB0", lw=1.0)
-        for verdict, mark in VERDICTS.items():
-            mine = verdicts == verdict
-            if mine.any():
-                look = {"ms": 3.5, "color": COLOURS[0], "label": verdict}
-                panel.plot(speeds[mine], values[mine], mark, **look)
-        panel.set_ylabel(quantity.label)
     others = [(line.speed_rpm, 1e3 * line.other) for line in found.lines if line.coexists]
-    if others:
-        panels[0].plot(*np.transpose(others), "v", color=COLOURS[2], label="from another start")
-    panels[-1].set_xlabel(SPEED.label)
-    panels[-1].ticklabel_format(axis="x", style="plain")
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside upper center", ncols=5)
-    return drawn
+    panels = []
+    for quantity, values in chosen.items():
+        items: list[Item] = [Line(speeds, values, color="#A6ABB0", linewidth=1.0)]
+        for verdict, mark in VERDICTS.items():
+            if (mine := verdicts == verdict).any():
+                look: dict[str, Any] = {"marker": mark, "markersize": 3.5, "label": verdict}
+                items.append(Line(speeds[mine], values[mine], "", **look))
+        if others and not panels:
+            look = {"marker": "v", "label": "from another start"}
+            items.append(Line(*np.transpose(others), "", COLOURS[2], **look))
+        panels.append(Panel(items, ylabel=quantity.label))
+    return Plot(panels, 9.0, 1.9 * len(chosen) + 0.3, share="x", xlabel=SPEED.label)
 
 
 def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
@@ -341,12 +325,29 @@ def report(found: InteractionMap) -> Report:
     """The report of a map: `map.csv`, `map.json`, `map.png`, `map_curves.png`, and its wear."""
     shown = quantities(found)
     pictures = [
-        Picture("Interaction map", "map.png", lambda: figure(found)),
-        Picture("Over the speed", "map_curves.png", lambda: curves_figure(found)),
+        Picture(
+            "Interaction map",
+            "map.png",
+            lambda: figure(found),
+            "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed "
+            "curves: natural frequencies, free and with the contact closed.",
+            "map.csv",
+        ),
+        Picture(
+            "Over the speed",
+            "map_curves.png",
+            lambda: curves_figure(found),
+            "One number for each speed.",
+            "map.csv",
+        ),
     ]
     if around := any(ring.radius for ring in found.rings) and found.column("worn").any():
-        edges = _edges(found.speeds_rpm)
-        pictures.append(Picture("Wear", "map_wear.png", lambda: wear_figure(found, edges)))
+        caption = (
+            "The depth that the body wore of the abradable layer, over the angle of the casing, "
+            "and the number of its lobes."
+        )
+        draw = partial(wear_figure, found)
+        pictures.append(Picture("Wear", "map_wear.png", draw, caption, "map_wear.csv"))
     return Report(
         "map",
         "interaction map",

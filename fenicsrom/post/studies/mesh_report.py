@@ -1,5 +1,6 @@
 """The output of `fenicsrom inspect`: a table of the mesh and its groups, and a picture."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +116,8 @@ def _point(place: Array) -> str:
 
 def group_picture(found: Inspection) -> Picture:
     """The picture of a mesh that can be used, with its groups coloured."""
-    return Picture("Mesh", "mesh.png", lambda: group_figure(*_drawn(found)), in_space=True)
+    draw, caption = partial(group_figure, *_drawn(found)), "The mesh with its groups."
+    return Picture("Mesh", "mesh.png", draw, caption, in_space=True)
 
 
 def write_group_page(found: Inspection, folder: Path, notes: list[Note]) -> list[Path]:

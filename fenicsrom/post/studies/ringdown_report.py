@@ -6,7 +6,7 @@ from fenicsrom.assess.studies.ringdown import Ringdown
 from fenicsrom.notes import AMPLITUDES, FREQUENCIES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import COLOURS, Figure, new_panels, styled
+from fenicsrom.post.base.plot import Line, Panel, Plot
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.post.curves.backbone_report import DAMPING, FREQUENCY, LINEAR
 from fenicsrom.words import counted
@@ -58,19 +58,25 @@ def report(found: Ringdown) -> Report:
         [Section("Periods", [table_of(shown, TOLD)])],
         rows_of(periods, TOLD),
         summary,
-        [Picture("Ring-down", "ringdown.png", lambda: figure(found))],
+        [
+            Picture(
+                "Ring-down",
+                "ringdown.png",
+                lambda: figure(found),
+                "The decay, and the frequency and damping of its periods over their amplitude.",
+                "ringdown.csv",
+            )
+        ],
         quantities=[FREQUENCIES, AMPLITUDES],
     )
 
 
-@styled
-def figure(found: Ringdown) -> Figure:
-    """Draw the decay, and frequency and damping ratio over the amplitude."""
+def figure(found: Ringdown) -> Plot:
+    """The decay, and frequency and damping ratio over the amplitude."""
     (time, displacement), periods = found.curve, found.periods
-    drawn, (top, *others) = new_panels(8.4, 8.8, 3)
-    top.plot(time, 1e3 * displacement, color=COLOURS[0], linewidth=0.8)
-    top.set(xlabel="time, s", ylabel=f"probe along {'xyz'[found.direction]}\nin the mode, mm")
-    for panel, quantity in zip(others, (FREQUENCY, DAMPING), strict=True):
-        panel.plot(LINEAR.column(periods), quantity.column(periods), ".-", color=COLOURS[0])
-        panel.set(xlabel=LINEAR.head, ylabel=quantity.label)
-    return drawn
+    label = f"probe along {'xyz'[found.direction]}\nin the mode, mm"
+    panels = [Panel([Line(time, 1e3 * displacement, linewidth=0.8)], "time, s", label)]
+    for quantity in (FREQUENCY, DAMPING):
+        curve = Line(LINEAR.column(periods), quantity.column(periods), marker=".")
+        panels.append(Panel([curve], LINEAR.head, quantity.label))
+    return Plot(panels, 8.4, 8.8)

@@ -3,10 +3,12 @@
 import textwrap
 from typing import Any
 
+import numpy as np
+
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import new_panels, styled
+from fenicsrom.post.base.plot import Bars, Item, Panel, Plot, Text
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.words import counted
 
@@ -64,34 +66,30 @@ def sentences(matrix: Matrix) -> list[str]:
     ]
 
 
-@styled
-def figure(matrix: Matrix) -> Any:
+def figure(matrix: Matrix) -> Plot:
     """The verdicts: one line of tiles for each axis and model."""
-    from matplotlib.patches import Patch
-
     lines: dict[str, list[Finding]] = {}
     for finding in matrix.findings:
         model = finding.case.model
         name = finding.case.axis + ("" if model == "reduced" else f", {model} model")
         lines.setdefault(name, []).append(finding)
     widest = max(map(len, lines.values()), default=1)
-    made, (axis,) = new_panels(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
+    tiles: dict[Verdict, list[tuple[int, int]]] = {verdict: [] for verdict in COLOURS}
+    items: list[Item] = []
     for y, findings in enumerate(lines.values()):
         for x, finding in enumerate(findings):
-            axis.barh(y + 0.5, 0.96, 0.92, x + 0.02, color=COLOURS[finding.verdict])
-            words = textwrap.wrap(finding.case.value, 19)[:2]
-            axis.text(x + 0.5, y + 0.5, "\n".join(words), ha="center", va="center", fontsize=5.5)
-    axis.set(xlim=(0, widest), ylim=(max(len(lines), 1), 0), xticks=[])
-    axis.set_yticks([y + 0.5 for y in range(len(lines))], list(lines), fontsize=8)
-    axis.tick_params(length=0)
-    axis.grid(False)
-    axis.spines[:].set_visible(False)
-    handles = [
-        Patch(color=colour, label=f"{verdict} ({matrix.count(verdict)})")
-        for verdict, colour in COLOURS.items()
-    ]
-    made.legend(handles=handles, ncols=4, loc="outside upper left", fontsize=8)
-    return made
+            tiles[finding.verdict].append((x, -y))
+            words = "\n".join(textwrap.wrap(finding.case.value, 19)[:2])
+            look: dict[str, Any] = {"ha": "center", "fontsize": 5.5, "color": "black"}
+            items.append(Text(x, -y, words, **look))
+    for verdict, places in tiles.items():
+        x, y = np.array(places, dtype=float).reshape(-1, 2).T
+        sides = x - 0.48, x + 0.48, y - 0.46, y + 0.46
+        name = f"{verdict} ({matrix.count(verdict)})"
+        items.append(Bars(*sides, COLOURS[verdict], label=name))
+    look = {"yticks": {-float(k): name for k, name in enumerate(lines)}, "xticks": {0.0: ""}}
+    panel = Panel(items, **look, tight="xy", plain=True)
+    return Plot([panel], max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
 
 
 def report(matrix: Matrix) -> Report:
@@ -119,6 +117,14 @@ def report(matrix: Matrix) -> Report:
             "left_out": matrix.left_out,
             "runs": rows,
         },
-        [Picture("Verdicts", "stability.png", lambda: figure(matrix))],
+        [
+            Picture(
+                "Verdicts",
+                "stability.png",
+                lambda: figure(matrix),
+                "A tile for each run: what it varies, and its verdict.",
+                "stability.csv",
+            )
+        ],
         [HOW],
     )

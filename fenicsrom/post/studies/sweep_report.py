@@ -12,7 +12,8 @@ from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.notes import AMPLITUDES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.style import Figure, line_styles, new_panels, styled
+from fenicsrom.post.base.plot import Item, Line, Map, Panel, Plot
+from fenicsrom.post.base.style import line_styles
 from fenicsrom.post.base.tables import Quantity, table_of
 from fenicsrom.scene.reading.overrides import column_name, given_unit_of
 from fenicsrom.words import counted
@@ -118,7 +119,9 @@ def report(found: Sweep) -> Report:
             for row in found.rows
         ],
         summary(found),
-        [Picture("Results", "sweep.png", lambda: figure(found))] if drawn else [],
+        [Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")]
+        if drawn
+        else [],
         varied=keys,
         quantities=[AMPLITUDES, *contact_quantities(found.scene)],
     )
@@ -131,11 +134,10 @@ def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[st
 
 
 MOST_CURVES = 8  # more curves are drawn as a map
-LEGEND_COLUMNS = 4
+CAPTION = "One point for each run of the sweep."
 
 
-@styled
-def figure(found: Sweep) -> Figure:
+def figure(found: Sweep) -> Plot:
     """The amplitudes and the largest normal force of all runs.
 
     The first axis is the abscissa. There is a curve for each combination of the others, or a map
@@ -144,24 +146,24 @@ def figure(found: Sweep) -> Figure:
     """
     usable = found.with_outcome(DONE, DOUBTFUL)
     drawn = [item for item in COLUMNS if item.unit and any(item.key in row for row in usable)]
-    made, panels = new_panels(7.4, 3.1 * max(len(drawn), 1), max(len(drawn), 1), 1, sharex=True)
     shape = tuple(len(axis.values) for axis in found.axes)
-    as_map = len(shape) == 2 and shape[1] > MOST_CURVES
-    for panel, column in zip(panels, drawn, strict=False):
+    panels = []
+    for column in drawn:
         numbers = column.column(found.rows).reshape(shape)
-        if as_map:
-            _map(made, panel, found, numbers, column.label)
+        if len(shape) == 2 and shape[1] > MOST_CURVES:
+            panels.append(_map(found, numbers, column.label))
         else:
-            _curves(panel, found, numbers)
-            panel.set_ylabel(column.label)
-    panels[-1].set_xlabel(" and ".join(key_labels(found, found.axes[0].keys)))
-    if not as_map and len(shape) > 1:
-        others = tuple(key for axis in found.axes[1:] for key in axis.keys)
-        handles, labels = panels[0].get_legend_handles_labels()
-        title = ", ".join(map(_short, key_labels(found, others, " in ")))
-        columns = min(len(handles), LEGEND_COLUMNS)
-        made.legend(handles, labels, title=title, loc="outside upper center", ncols=columns)
-    return made
+            panels.append(_curves(found, numbers, column.label))
+    others = tuple(key for axis in found.axes[1:] for key in axis.keys)
+    title = ", ".join(map(_short, key_labels(found, others, " in ")))
+    height = 3.1 * max(len(panels), 1)
+    across = " and ".join(_labels(found, 0))
+    return Plot(panels or [Panel(())], 7.4, height, share="x", xlabel=across, title=title)
+
+
+def _labels(found: Sweep, axis: int) -> list[str]:
+    """The keys of an axis with their units."""
+    return key_labels(found, found.axes[axis].keys)
 
 
 def _places(found: Sweep, axis: int) -> tuple[Array, list[str] | None]:
@@ -172,8 +174,8 @@ def _places(found: Sweep, axis: int) -> tuple[Array, list[str] | None]:
     return np.arange(len(values), dtype=np.float64), [str(value) for value in values]
 
 
-def _curves(panel: Any, found: Sweep, numbers: Array) -> None:
-    """Draw a curve over the first axis for each combination of values of the other axes."""
+def _curves(found: Sweep, numbers: Array, label: str) -> Panel:
+    """A curve over the first axis for each combination of values of the other axes."""
     x, names = _places(found, 0)
     order = np.argsort(x)
     solid = np.array([row.get("outcome") == DONE and bool(row["settled"]) for row in found.rows])
@@ -189,34 +191,31 @@ def _curves(panel: Any, found: Sweep, numbers: Array) -> None:
         for other in others
     ]
     styles = line_styles(labels)
-    for label, y, filled in zip(labels, *columns, strict=False):
-        style = styles[label]
-        panel.plot(x[order], y[order], label=label, **style)
-        for full, face in ((True, style["color"]), (False, "white")):
+    items: list[Item] = []
+    for name, y, filled in zip(labels, *columns, strict=False):
+        look = styles[name]
+        items.append(Line(x[order], y[order], label=name, **look))
+        for full in (True, False):
             part = filled == full
-            panel.plot(
-                x[part], y[part], "o", markersize=4, color=style["color"], markerfacecolor=face
-            )
-    if names is not None:
-        panel.set_xticks(x, names)
-    elif x.size > 2 and x.min() > 0.0 and np.ptp(np.diff(np.log(x))) < 1e-6:
-        panel.set_xscale("log")
+            dots: dict[str, Any] = {"marker": "o", "markersize": 4.0, "hollow": not full}
+            items.append(Line(x[part], y[part], "", look["color"], label=name, **dots))
+    even = names is None and x.size > 2 and x.min() > 0.0 and np.ptp(np.diff(np.log(x))) < 1e-6
+    log = "x" if even else ""
+    return Panel(items, ylabel=label, log=log, xticks=_ticks(x, names))
 
 
-def _map(made: Figure, panel: Any, found: Sweep, numbers: Array, label: str) -> None:
-    """Draw the values over two axes as colours."""
+def _map(found: Sweep, numbers: Array, label: str) -> Panel:
+    """The values over two axes as colours."""
     (x, x_names), (y, y_names) = _places(found, 0), _places(found, 1)
     rows, columns = np.argsort(y), np.argsort(x)
-    mesh = panel.pcolormesh(
-        x[columns], y[rows], numbers.T[np.ix_(rows, columns)], shading="nearest", cmap="viridis"
-    )
-    panel.grid(False)
-    panel.set_ylabel(" and ".join(key_labels(found, found.axes[1].keys)))
-    made.colorbar(mesh, ax=panel, label=label)
-    if x_names is not None:
-        panel.set_xticks(x, x_names)
-    if y_names is not None:
-        panel.set_yticks(y, y_names)
+    shade = Map(x[columns], y[rows], numbers.T[np.ix_(rows, columns)], bar=label)
+    marks = {"xticks": _ticks(x, x_names), "yticks": _ticks(y, y_names)}
+    return Panel([shade], ylabel=" and ".join(_labels(found, 1)), tight="xy", **marks)
+
+
+def _ticks(places: Array, names: list[str] | None) -> dict[float, str]:
+    """The marks of an axis whose values are no numbers."""
+    return {} if names is None else dict(zip(places.tolist(), names, strict=True))
 
 
 def _short(key: str) -> str:
