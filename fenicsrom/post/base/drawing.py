@@ -226,7 +226,8 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     first, last = (
         0.5 * LETTER * max(map(_width, one), default=0) for one in (shown[:1], shown[-1:])
     )
-    bottom = (LINE + 0.06 if shown else 0.0) + LINE * 1.1 * (1 + panel.xlabel.count("\n"))
+    powers = 0.06 if "x" in panel.log else 0.0
+    bottom = (LINE + 0.06 + powers if shown else 0.0) + LINE * 1.1 * (1 + panel.xlabel.count("\n"))
     bottom -= 0.0 if panel.xlabel else LINE
     top = EDGE_SPACE + (LINE * 1.3 if panel.title else 0.0)
     marks, right = max(marks, first), max(EDGE_SPACE, last)

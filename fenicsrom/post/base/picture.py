@@ -16,9 +16,10 @@ from fenicsrom.progress import tracked
 NAMES = (
     *("setup", "motion", "probe", "spectra", "section", "rub_map", "energy", "energy_per_period"),
     *("contact", "contact_[1-4]", "wear", "stress", "modes", "shapes", "equilibrium", "mac"),
-    *("coordinates", "sizes", "run_up", "campbell", "map", "map_curves", "map_wear", "sweep"),
+    *("coordinates", "sizes", "run_up"),
+    *("campbell", "map", "map_curves", "map_wear", "sweep", "stability"),
     *("response", "peaks", "contact_map", "multipliers", "harmonics", "backbone", "equilibria"),
-    *("ringdown", "comparison", "pareto", "size", "indicator", "stability"),
+    *("ringdown", "comparison", "pareto", "size", "indicator"),
 )
 """Patterns of the names of pictures, without their suffix."""
 

@@ -331,12 +331,12 @@ def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ())
     level = 20.0 * np.log10(np.maximum(sizes[shown], least) / (float(sizes.max()) or 1.0))
     look: dict[str, Any] = {"cmap": "magma", "vmin": -60.0, "vmax": 0.0, "bar": "dB of the largest"}
     map_ = Map(instants, frequencies[shown], level, **look)
-    across: list[Item] = [
+    across: list[Item] = [Line(np.maximum(size, least), hertz, linewidth=1.0)]
+    across += [
         Line(None, np.full(2, value), "--", EDGE, 0.8, label="natural frequencies")
         for value in natural_hz
         if value <= top
     ]
-    across.append(Line(np.maximum(size, least), hertz, linewidth=1.0))
     ends = (least, 2.0 * float(size.max()) or 1.0)
     upper: Any = {"tight": "x", "place": (0, 0, 1, 2)}
     lower: Any = {"ylabel": "frequency, Hz", "ylim": (0.0, top)}
