@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import base64
 import gzip
 import json
@@ -15,12 +16,13 @@ from motions import jenkins, side_by_side
 
 pytest.importorskip("bokeh")
 
+import fenicsrom
 from fenicsrom.notes import verdict_of
 from fenicsrom.post.base.chart import chart
 from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.origin import is_result
 from fenicsrom.post.base.page import Folded, html_report
-from fenicsrom.post.base.picture import NAMES, Picture, draw_pictures
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.plot import Line, Map, Panel, Plot, Text
 from fenicsrom.post.run.figures import plot_points
 
@@ -105,6 +107,13 @@ def test_report_holds_chart_with_its_picture_caption_and_packed_library(tmp_path
     assert page.count('id="chart-motion.png"') == 1 and 'src="motion.png"' in page
 
 
-def test_names_of_pictures_are_those_of_results() -> None:
-    names = [name.replace("[1-4]", "3") for name in NAMES]
-    assert all(is_result(f"{name}.png") for name in names)
+def test_every_picture_has_a_name_of_a_result() -> None:
+    """Of `mesh.png` there is no folder of results."""
+    found = set()
+    for path in (Path(fenicsrom.__file__).parent / "post").rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text())):
+            named = isinstance(call, ast.Call) and ast.unparse(call.func).lower()
+            if named in ("picture", "body_picture") and isinstance(call.args[1], ast.Constant):
+                found.add(str(call.args[1].value).removesuffix(".png"))
+    assert {"motion", "setup", "map", "response"} < found
+    assert [name for name in found if not is_result(f"{name}.png")] == ["mesh"]
