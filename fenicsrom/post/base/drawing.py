@@ -92,7 +92,7 @@ def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
         corners = (item.left, item.low, item.left, item.high, item.right, item.high)
         places = np.array([*corners, item.right, item.low], dtype=np.float64).T.reshape(-1, 4, 2)
         look: dict[str, Any] = {"facecolor": item.color, "edgecolor": "none"}
-        axis.add_collection(PolyCollection(list(places), zorder=item.zorder, **look))
+        axis.add_collection(PolyCollection(list(places), zorder=1.0, **look))
     elif isinstance(item, Text):
         _add_text(axis, item, ends, log)
     elif isinstance(item, Image):

@@ -66,14 +66,13 @@ class Line(_Named):
 
 @dataclass(frozen=True, eq=False)
 class Bars(_Named):
-    """Filled rectangles: their (n,) edges, and one colour; `edge` of the sample in a legend."""
+    """Filled rectangles of one colour: their (n,) edges."""
 
     left: Any = ()
     right: Any = ()
     low: Any = ()
     high: Any = ()
     color: str = COLOURS[0]
-    zorder: float = 1.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
