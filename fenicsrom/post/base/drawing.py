@@ -209,7 +209,7 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
         axis.yaxis.set_label_coords(-before[1, column] / size[0], 0.5)
         for item in panel.items:
             if getattr(item, "bar", ""):
-                _add_bar(figure, item, np.array([x, y, *size]), whole)
+                _add_bar(figure, item, np.array([x, y, *size]), whole, _beside(panel))
 
 
 def _sizes(space: float, parts: Sequence[float], count: int) -> Array:
@@ -231,19 +231,25 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     bottom -= 0.0 if panel.xlabel else LINE
     top = EDGE_SPACE + (LINE * 1.3 if panel.title else 0.0)
     marks, right = max(marks, first), max(EDGE_SPACE, last)
+    right = max(right, _beside(panel))
     for item in panel.items:
-        if isinstance(item, Text) and "x" in item.part and item.x > 1.0:
-            right = max(right, LETTER * len(item.text) + EDGE_SPACE)
         if isinstance(item, Text) and "y" in item.part and item.y >= 1.0 and item.va == "bottom":
             top = max(top, EDGE_SPACE + LINE * (1.0 + 1.3 * bool(panel.title)))
-        if getattr(item, "bar", ""):
-            below = getattr(item, "below", False)
-            space = BAR_BELOW + LINE * item.bar.count("\n")
-            right, bottom = (right, bottom + space) if below else (BAR, bottom)
+        if getattr(item, "bar", "") and getattr(item, "below", False):
+            bottom += BAR_BELOW + LINE * item.bar.count("\n")
+        elif getattr(item, "bar", ""):
+            right = BAR + _beside(panel)
     if panel.legend:
         longest = max(len(item.label) for item in panel.legend if not isinstance(item, Text))
         right += (1 + (len(panel.legend) - 1) // 9) * (SAMPLE + LETTER * longest)
     return label, marks, right, top, bottom
+
+
+def _beside(panel: Panel) -> float:
+    """The space of texts beside axes on the right, inches."""
+    texts = [item for item in panel.items if isinstance(item, Text)]
+    lengths = [len(item.text) for item in texts if "x" in item.part and item.x > 1.0]
+    return LETTER * max(lengths, default=0) + EDGE_SPACE * bool(lengths)
 
 
 def _marks(axis: Any) -> list[str]:
@@ -293,7 +299,7 @@ def _write_head(figure: Figure, plot: Plot, height: float) -> None:
         figure.legend(handles=handles, ncols=columns, borderaxespad=0.2, **at)
 
 
-def _add_bar(figure: Figure, item: Any, box: Array, whole: Array) -> None:
+def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float) -> None:
     """Draw the colour bar of an item beside or below its panel (x, y, width, height), inches."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -302,7 +308,7 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array) -> None:
     values = np.ma.masked_invalid(getattr(item, "values", [0.0, 1.0]))
     low = float(values.min()) if item.vmin is None else item.vmin
     high = float(values.max()) if item.vmax is None else item.vmax
-    place = np.array([x + width + 0.1, y, 0.12, height])
+    place = np.array([x + width + 0.1 + beside, y, 0.12, height])
     if item.below:
         place = np.array([x + 0.25 * width, y - 0.24, 0.5 * width, 0.12])
     look = {"orientation": "horizontal"} if item.below else {}

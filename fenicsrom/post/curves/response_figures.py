@@ -158,7 +158,7 @@ def _degrees(values: Array) -> dict[float, str]:
     """Marks of angles, degrees."""
     step = next((step for step in (15.0, 30.0, 45.0, 90.0) if np.ptp(values) <= 5.0 * step), 180.0)
     low, high = np.floor(values.min() / step), np.ceil(values.max() / step)
-    return {k * step: f"{k * step:g}" for k in np.arange(low, high + 1.0)}
+    return {k * step: f"{k * step:g}".replace("-", "−") for k in np.arange(low, high + 1.0)}
 
 
 def curve_items(
