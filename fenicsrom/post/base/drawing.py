@@ -314,7 +314,7 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float)
     look = {"orientation": "horizontal"} if item.below else {}
     shades = ScalarMappable(Normalize(low, high), _colour_map(item.cmap))
     bar = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
-    if item.ticks:
-        bar.set_ticks(list(item.ticks), labels=list(item.ticks.values()))
+    if marks := {at: text for at, text in item.ticks.items() if low <= at <= high}:
+        bar.set_ticks(list(marks), labels=list(marks.values()))
     bar.set_label(item.bar)
     bar.outline.set_visible(False)
