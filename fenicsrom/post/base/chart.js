@@ -8,7 +8,8 @@ const unpack = (text) => Array.from(
 function drawItem(plot, item, hovered) {  // gives its renderers
   const {color} = item, name = item.label || " ";
   if (item.kind === "text") {
-    const [x, y] = item.at, look = {text_font_size: "11px", text_color: color};
+    const [x, y] = item.at, [x_offset, y_offset] = item.shift;
+    const look = {text_font_size: "11px", text_color: color, text_align: item.align, x_offset, y_offset};
     plot.add_layout(new Bokeh.Label({x, y, text: item.text, ...look}));
     return [];
   }

@@ -67,7 +67,9 @@ def _item(item: Any, ends: Any, panel: Panel) -> dict[str, Any]:
     """An item; its kind, its names in the legend and its look."""
     if isinstance(item, Text):
         place = place_of(item, ends, panel.log)
-        return {"kind": "text", "at": place, "text": item.text, "color": item.color}
+        align = "right" if place[0] >= ends["x"][1] else item.ha
+        at = {"at": (min(place[0], ends["x"][1]), place[1]), "shift": item.shift, "align": align}
+        return {"kind": "text", "text": item.text, "color": item.color, **at}
     found = {"names": [item.label, *item.also], "label": item.label, "color": item.color}
     if isinstance(item, Bars):
         corners = (item.left, item.right, item.low, item.high)

@@ -19,8 +19,8 @@ from fenicsrom.post.base.style import DPI, EDGE, SOFT, STYLE, Axes, Figure
 LINE, LETTER = 0.19, 0.082
 """Height of a line of text and mean width of a letter, inches."""
 
-BAR, BAR_BELOW = 0.95, 0.72
-"""Space of a colour bar beside a panel and below it, inches."""
+BAR, BAR_BELOW = 0.6, 0.72
+"""Space of a colour bar beside a panel, without the texts at its marks, and below it, inches."""
 
 EDGE_SPACE = 0.12  # inches beside the outermost axes
 ROW = 0.225  # height of a row of a legend, inches
@@ -238,7 +238,8 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
         if getattr(item, "bar", "") and getattr(item, "below", False):
             bottom += BAR_BELOW + LINE * item.bar.count("\n")
         elif getattr(item, "bar", ""):
-            right = BAR + _beside(panel)
+            texts = item.ticks.values() or ("0.0001",)
+            right = BAR + LETTER * max(map(len, texts)) + _beside(panel)
     if panel.legend:
         longest = max(len(item.label) for item in panel.legend if not isinstance(item, Text))
         right += (1 + (len(panel.legend) - 1) // 9) * (SAMPLE + LETTER * longest)
