@@ -40,7 +40,7 @@ def chart(plot: Plot) -> str | None:
             "height": round(float(tall[place[0] : place[0] + place[2]].sum())),
             "x": _axis(panel, "x", ends["x"]),
             "y": _axis(panel, "y", ends["y"]),
-            "title": panel.title,
+            "title": panel.title or plot.title * (place[:2] == (0, 0)),
             "items": [_item(item, ends, panel) for item in panel.items],
         }
         for panel, ends, place in zip(plot.panels, limits, places, strict=True)
@@ -52,7 +52,7 @@ def chart(plot: Plot) -> str | None:
     nothing: Any = {"x": (0.0, 1.0), "y": (0.0, 1.0)}
     samples = [*plot.samples, *(item for panel in plot.panels for item in panel.legend)]
     legend = [_item(item, nothing, Panel(())) for item in samples]
-    found = {"panels": panels, "share": plot.share, "legend": legend, "title": plot.title}
+    found = {"panels": panels, "share": plot.share, "legend": legend}
     return json.dumps(found | {"details": details, "detail_labels": plot.detail_labels})
 
 
