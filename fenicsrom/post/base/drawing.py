@@ -100,7 +100,11 @@ def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
         extent = (left, right, low, high)
         axis.imshow(item.pixels, extent=extent, interpolation="bilinear", aspect="auto")
     else:
-        look = {"cmap": _colour_map(item.cmap), "vmin": item.vmin, "vmax": item.vmax}
+        look = {
+            "cmap": _colour_map(item.cmap),
+            "vmin": item.vmin,
+            "vmax": item.vmax,
+        }
         if isinstance(item, Map):
             look |= {"rasterized": True, "zorder": 1.5}
             axis.pcolormesh(item.x, item.y, item.values, **look)
@@ -125,7 +129,7 @@ def _add_line(axis: Axes, item: Line, ends: Limits) -> None:
 def _look(item: Line) -> dict[str, Any]:
     """How matplotlib draws a line."""
     names = ("color", "linewidth", "markersize", "zorder")
-    look = {name: getattr(item, name) for name in names} | {"label": item.label}
+    look: dict[str, Any] = {name: getattr(item, name) for name in names} | {"label": item.label}
     look |= {"linestyle": item.linestyle or "None", "marker": item.marker or "None"}
     return look | ({"markerfacecolor": "white"} if item.hollow else {})
 
@@ -312,7 +316,7 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float)
     place = np.array([x + width + 0.1 + beside, y, 0.12, height])
     if item.below:
         place = np.array([x + 0.25 * width, y - 0.24, 0.5 * width, 0.12])
-    look = {"orientation": "horizontal"} if item.below else {}
+    look: Any = {"orientation": "horizontal"} if item.below else {}
     shades = ScalarMappable(Normalize(low, high), _colour_map(item.cmap))
     bar = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
     if marks := {at: text for at, text in item.ticks.items() if low <= at <= high}:

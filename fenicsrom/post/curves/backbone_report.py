@@ -155,7 +155,7 @@ def figure(found: Backbone) -> Plot:
             items.append(Text(*place, f"× {peak.value:g}", shift=shift, **leader))
     shown = damping if np.max(np.abs(damping)) > 100.0 * NO_DAMPING else np.zeros_like(damping)
     top = float(np.max(shown))
-    ends = (0.0, 1.1 * top if top > 0.0 else 1.0) if np.min(shown) >= 0.0 else (None, None)
+    ends: Any = (0.0, 1.1 * top if top > 0.0 else 1.0) if np.min(shown) >= 0.0 else (None, None)
     reached = [*amplitude, *(size for size, _ in peaks)]
     log = "x" if max(reached) > WIDE * min(reached) else ""
     across = f"amplitude of the probe along {'xyz'[found.direction]}, mm"

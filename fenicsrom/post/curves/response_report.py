@@ -89,7 +89,7 @@ def multiplier_figure(found: Response) -> Plot:
         ends = (-reach, reach)
         title = curve_name(found, curve)
         panels.append(Panel(items, title=title, xlim=ends, ylim=ends, square=True))
-    labels = {"xlabel": "real part", "ylabel": "imaginary part"}
+    labels: dict[str, Any] = {"xlabel": "real part", "ylabel": "imaginary part"}
     return Plot(panels, 3.2 * len(curves) + 1.8, 0.0, len(curves), share="xy", **labels)
 
 

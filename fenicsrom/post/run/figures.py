@@ -93,7 +93,10 @@ def plot_sizes(errors: Mapping[int, float], size: int, limit: float) -> Plot:
         Line(sizes, percent, hollow=True, label="tried", **look),
         Line(np.extract(chosen, sizes), np.extract(chosen, percent), label="this run", **look),
     ]
-    labels = {"xlabel": "number of coordinates", "ylabel": "estimated error of the basis, %"}
+    labels: dict[str, Any] = {
+        "xlabel": "number of coordinates",
+        "ylabel": "estimated error of the basis, %",
+    }
     return Plot([Panel(items, **labels, log="y", whole="x")], 5.4, 3.6)
 
 

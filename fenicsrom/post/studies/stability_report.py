@@ -87,7 +87,10 @@ def figure(matrix: Matrix) -> Plot:
         sides = x - 0.48, x + 0.48, y - 0.46, y + 0.46
         name = f"{verdict} ({matrix.count(verdict)})"
         items.append(Bars(*sides, COLOURS[verdict], label=name))
-    look = {"yticks": {-float(k): name for k, name in enumerate(lines)}, "xticks": {0.0: ""}}
+    look: dict[str, Any] = {
+        "yticks": {-float(k): name for k, name in enumerate(lines)},
+        "xticks": {0.0: ""},
+    }
     panel = Panel(items, **look, tight="xy", plain=True)
     return Plot([panel], max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
 

@@ -209,7 +209,7 @@ def _map(found: Sweep, numbers: Array, label: str) -> Panel:
     (x, x_names), (y, y_names) = _places(found, 0), _places(found, 1)
     rows, columns = np.argsort(y), np.argsort(x)
     shade = Map(x[columns], y[rows], numbers.T[np.ix_(rows, columns)], bar=label)
-    marks = {"xticks": _ticks(x, x_names), "yticks": _ticks(y, y_names)}
+    marks: dict[str, Any] = {"xticks": _ticks(x, x_names), "yticks": _ticks(y, y_names)}
     return Panel([shade], ylabel=" and ".join(_labels(found, 1)), tight="xy", **marks)
 
 
