@@ -195,8 +195,9 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
     wide_of = _sizes(plot.width - before.sum(), plot.widths, columns)
     head, height = _head_of(plot), plot.height
     if not height:  # that of the tallest panel to scale
-        ends, wide = plot.limits(), [wide_of[column] for _, column, _, _ in places]
-        tall = max(w * np.ptp(e["y"]) / np.ptp(e["x"]) for e, w in zip(ends, wide, strict=True))
+        across = [wide_of[column] for _, column, _, _ in places]
+        ends = zip(plot.limits(), across, strict=True)
+        tall = max(width * np.ptp(own["y"]) / np.ptp(own["x"]) for own, width in ends)
         height = head + float(after.sum() + tall)
         figure.set_figheight(height)
     _write_head(figure, plot, height)
@@ -207,13 +208,13 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
         row, column, down, wide = place
         x, y = lefts[column], lows[row + down - 1]
         last = column + wide - 1
-        size = lefts[last] + wide_of[last] - x, lows[row] + tall_of[row] - y
+        extent = lefts[last] + wide_of[last] - x, lows[row] + tall_of[row] - y
         whole = np.array([plot.width, height, plot.width, height])
-        axis.set_position(tuple(np.array([x, y, *size]) / whole))
-        axis.yaxis.set_label_coords(-before[1, column] / size[0], 0.5)
+        axis.set_position(tuple(np.array([x, y, *extent]) / whole))
+        axis.yaxis.set_label_coords(-before[1, column] / extent[0], 0.5)
         for item in panel.items:
             if getattr(item, "bar", ""):
-                _add_bar(figure, item, np.array([x, y, *size]), whole, _beside(panel))
+                _add_bar(figure, item, np.array([x, y, *extent]), whole, _beside(panel))
 
 
 def _sizes(space: float, parts: Sequence[float], count: int) -> Array:
@@ -236,7 +237,8 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     top = EDGE_SPACE + (LINE * 1.3 if panel.title else 0.0)
     marks, right = max(marks, first), max(EDGE_SPACE, last)
     right = max(right, _beside(panel))
-    for item in panel.items:
+    items: Sequence[Any] = panel.items
+    for item in items:
         if isinstance(item, Text) and "y" in item.part and item.y >= 1.0 and item.va == "bottom":
             top = max(top, EDGE_SPACE + LINE * (1.0 + 1.3 * bool(panel.title)))
         if getattr(item, "bar", "") and getattr(item, "below", False):
@@ -310,15 +312,16 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float)
     from matplotlib.colors import Normalize
 
     x, y, width, height = box
-    values = np.ma.masked_invalid(getattr(item, "values", [0.0, 1.0]))
-    low = float(values.min()) if item.vmin is None else item.vmin
-    high = float(values.max()) if item.vmax is None else item.vmax
-    place = np.array([x + width + 0.1 + beside, y, 0.12, height])
+    values = np.asarray(getattr(item, "values", [0.0, 1.0]), dtype=np.float64)
+    known = values[np.isfinite(values)] if np.isfinite(values).any() else np.array([0.0, 1.0])
+    low = float(known.min()) if item.vmin is None else item.vmin
+    high = float(known.max()) if item.vmax is None else item.vmax
+    place: Any = np.array([x + width + 0.1 + beside, y, 0.12, height])
     if item.below:
         place = np.array([x + 0.25 * width, y - 0.24, 0.5 * width, 0.12])
     look: Any = {"orientation": "horizontal"} if item.below else {}
     shades = ScalarMappable(Normalize(low, high), _colour_map(item.cmap))
-    bar = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
+    bar: Any = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
     if marks := {at: text for at, text in item.ticks.items() if low <= at <= high}:
         bar.set_ticks(list(marks), labels=list(marks.values()))
     bar.set_label(item.bar)
