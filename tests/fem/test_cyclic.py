@@ -221,7 +221,7 @@ def test_two_ranks_give_the_waves_of_one(tmp_path: Path) -> None:
             np.genfromtxt(tmp_path / f"on{ranks}" / "modes.csv", delimiter=",", names=True)
         )
     assert len(tables[0]) > 12
-    np.testing.assert_allclose(tables[1]["frequency_hz"], tables[0]["frequency_hz"], rtol=1e-9)
+    np.testing.assert_allclose(tables[1]["frequency_Hz"], tables[0]["frequency_Hz"], rtol=1e-9)
 
 
 def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ NAMES = (
     *("contact", "contact_[1-4]", "wear", "stress", "modes", "shapes", "equilibrium", "mac"),
     *("coordinates", "sizes", "run_up"),
     *("campbell", "map", "map_curves", "map_wear", "sweep", "stability"),
+    *("interference",),
     *("response", "peaks", "contact_map", "multipliers", "harmonics", "backbone", "equilibria"),
     *("ringdown", "comparison", "pareto", "size", "indicator"),
 )

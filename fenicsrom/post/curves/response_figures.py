@@ -127,7 +127,7 @@ def figure(found: Response, details: Sequence[Detail] = ()) -> Plot:
         shown["peak normal\nforce, N"] = each(lambda p: float(p.peak_force.max()))
     work = "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period"
     shown[work] = each(lambda p: p.friction_dissipation + p.damping_dissipation)
-    panels = []
+    panels: list[Panel] = []
     for label, values in shown.items():
         items = curve_items(found, found.curves, values)
         if not panels:
@@ -194,7 +194,7 @@ def curve_items(
             if len(points) == 1:  # of a curve that was interrupted
                 x, y = np.repeat(parameters, len(heights)), heights[:, 0]
                 items.append(Line(x, y, "", color, marker=".", label=name))
-            marks = [] if names else zip(points, heights[0], strict=True)
+            marks: Any = [] if names else zip(points, heights[0], strict=True)
             for point, size in ((point, size) for point, size in marks if point.kind):
                 look = {"marker": MARKERS[point.kind], "hollow": True, "zorder": 4.0}
                 place = [point.parameter], [size]

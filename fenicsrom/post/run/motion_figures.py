@@ -288,7 +288,7 @@ def plot_run_up(found: RunUp) -> Plot:
         Text(place, 0.98, f"order {order}, mode {mode}", "y", rotation=90.0, ha="right", va="top")
         for mode, order, place in found.critical
     ]
-    panels = []
+    panels: list[Panel] = []
     for (one, values), color in zip(chosen.items(), COLOURS, strict=False):
         curve = Line(rpm, values, color=color, marker=".", markersize=3.0)
         texts = [] if panels else names
@@ -360,7 +360,7 @@ def plot_section(motion: Motion, names: Sequence[str] = ()) -> Plot:
     displacement, velocity = (1e3 * found for found in stroboscopic_states(motion))
     count, directions = displacement.shape
     bars = [""] * (directions - 1) + ["period of the loads"]
-    panels = []
+    panels: list[Panel] = []
     for k, bar in enumerate(bars):
         dots = Dots(displacement[:, k], velocity[:, k], np.arange(count), bar=bar)
         labels = f"{names[k]} displacement, mm", f"{names[k]} velocity, mm/s"
@@ -455,7 +455,7 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Plo
     shown = (time[part] - time[part][0]) / (motion.period or 1.0)
     left = f"; the largest {len(chosen)} of {len(labels)}" if len(labels) > len(chosen) else ""
     title = f"modal coordinate × largest displacement of the mode{left}"
-    panels = []
+    panels: list[Panel] = []
     for k in chosen:
         look: dict[str, Any] = {"ylabel": f"{labels[int(k)]}\nmm", "tight": "x"}
         look["title"] = "" if panels else title

@@ -35,23 +35,22 @@ from fenicsrom.post.base.tables import (
     table_of,
 )
 from fenicsrom.post.run import summary as stress_tables
-from fenicsrom.post.run.figures import wear_sentence
+from fenicsrom.post.run.figures import probe_motions, wear_sentence
 from fenicsrom.post.run.motion_figures import (
     PERIODS_NOTE,
     has_period,
+    motion_pictures,
     open_sentence,
     points_note,
     response_note,
     response_rows,
     run_up_sentences,
 )
-from fenicsrom.post.run.pictures import motion_pictures
 from fenicsrom.post.run.summary import (
     AGREEMENT_NOTE,
     agreement_rows,
     agreement_sentence,
     errors_of,
-    probe_motions,
     quantities,
     support_summary,
     unjudged,

@@ -236,7 +236,7 @@ def pareto_figure(comparison: Comparison) -> Plot:
     outcomes, full = rated(comparison), comparison.full
     errors = _drawn_errors(outcomes)
     assert full is not None
-    panels = []
+    panels: list[Panel] = []
     for title, offline in (("online time", False), ("offline and online time", True)):
         costs = [o.online_seconds + offline * o.offline_seconds for o in outcomes]
         front = pareto_front(costs, errors)

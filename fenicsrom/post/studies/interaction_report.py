@@ -268,7 +268,8 @@ def _marks(found: InteractionMap) -> list[Item]:
     if places:
         name = f"error above {100 * LARGE:g} %"
         look: dict[str, Any] = {"marker": "s", "markersize": 4.0, "hollow": True}
-        items.append(Line(*zip(*places, strict=True), "", COLOURS[3], label=name, **look))
+        x, y = zip(*places, strict=True)
+        items.append(Line(x, y, "", COLOURS[3], label=name, **look))
     if several := [line.speed_rpm for line in found.lines if line.coexists]:
         items.append(Line(several, None, "", COLOURS[2], marker="v", label="several motions"))
     return items

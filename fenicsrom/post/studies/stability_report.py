@@ -83,15 +83,15 @@ def figure(matrix: Matrix) -> Plot:
             look: dict[str, Any] = {"ha": "center", "fontsize": 5.5, "color": "black"}
             items.append(Text(x, -y, words, **look))
     for verdict, places in tiles.items():
-        x, y = np.array(places, dtype=float).reshape(-1, 2).T
-        sides = x - 0.48, x + 0.48, y - 0.46, y + 0.46
+        across, up = np.array(places, dtype=float).reshape(-1, 2).T
+        sides = across - 0.48, across + 0.48, up - 0.46, up + 0.46
         name = f"{verdict} ({matrix.count(verdict)})"
         items.append(Bars(*sides, COLOURS[verdict], label=name))
-    look: dict[str, Any] = {
+    axes: dict[str, Any] = {
         "yticks": {-float(k): name for k, name in enumerate(lines)},
         "xticks": {0.0: ""},
     }
-    panel = Panel(items, **look, tight="xy", plain=True)
+    panel = Panel(items, **axes, tight="xy", plain=True)
     return Plot([panel], max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
 
 

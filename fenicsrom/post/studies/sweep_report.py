@@ -215,7 +215,7 @@ def _map(found: Sweep, numbers: Array, label: str) -> Panel:
 
 def _ticks(places: Array, names: list[str] | None) -> dict[float, str]:
     """The marks of an axis whose values are no numbers."""
-    return {} if names is None else dict(zip(places.tolist(), names, strict=True))
+    return {} if names is None else dict(zip(map(float, places), names, strict=True))
 
 
 def _short(key: str) -> str:
