@@ -169,7 +169,7 @@ def critical_marks(found: Campbell) -> list[Item]:
                 "hollow": True,
                 "zorder": 3.0,
             }
-            items.append(Line(*places, "", "black", label=name, zorder=3.0, **look))
+            items.append(Line(*places, "", "black", label=name, **look))
     return items
 
 
