@@ -183,7 +183,9 @@ class MotionErrors(NamedTuple):
         """A rule applied to each error, but to the shift, and to those of other estimates."""
         rows = zip(self.directions, *(other.directions for other in others), strict=True)
         names = "amplitude", "peak_force", "dissipation", "worn", "probe"
-        found = {name: rule(*(getattr(one, name) for one in (self, *others))) for name in names}
+        found: dict[str, Any] = {
+            name: rule(*(getattr(one, name) for one in (self, *others))) for name in names
+        }
         return self._replace(directions=tuple(rule(*row) for row in rows), **found)
 
 

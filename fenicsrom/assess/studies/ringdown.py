@@ -100,7 +100,9 @@ def check_ringdown(scene: Scene) -> None:
         reason = "a ring-down needs a load that varies in time; it is held, and let go at t = 0"
         raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
     require_polynomial(scene, "a ring-down")
-    parts = [("rotation", scene.rotation, ("history", "coriolis"))]
+    parts: list[tuple[str, object, tuple[str, str]]] = [
+        ("rotation", scene.rotation, ("history", "coriolis"))
+    ]
     for k, contact in enumerate(scene.contacts):
         parts.append((f"contacts[{k}]", contact, ("approach", "abradable")))
         parts.append((f"contacts[{k}].surface", contact.surface, ("spin", "waves")))

@@ -34,7 +34,10 @@ class Dual(NamedTuple):
     a: float
     b: float
     c: float
-    __array_ufunc__ = None  # numbers of numpy leave the arithmetic to this class
+
+
+# numbers of numpy leave the arithmetic to this class
+Dual.__array_ufunc__ = None  # type: ignore[attr-defined]
 
 
 def _divided(x, y):  # type: ignore[no-untyped-def]

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -447,7 +447,7 @@ def _polynomial(cubic: Array, stiffness: Array, **others: Array) -> ElasticPolyn
     return ElasticPolynomial(stiffness=stiffness, cubic=paired, **others)
 
 
-FORMS = {
+FORMS: dict[str, Callable[..., dict[str, Any]]] = {
     "StoredModel": without("scene", "file"),
     "ReducedModel": without("work", "load_histories"),
     "ElasticPolynomial": _with_unique_cubic,

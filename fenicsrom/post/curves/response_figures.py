@@ -182,7 +182,7 @@ def curve_items(
             if not points:
                 continue
             parameters = np.array([point.parameter for point in points])
-            heights: Array = np.atleast_2d(values(points))
+            heights: list[Array] = list(np.atleast_2d(values(points)))
             for stable, part in stretches(points):
                 word, style = STYLES[stable]
                 notes = [", ".join(state_names(points[j])) for j in part] if found.contacts else []
@@ -192,7 +192,7 @@ def curve_items(
                     items.append(Line(x, y, style, color, **look, label=name, also=(word,)))
             name, color = next(iter(looks.items()))
             if len(points) == 1:  # of a curve that was interrupted
-                x, y = np.repeat(parameters, len(heights)), heights[:, 0]
+                x, y = np.repeat(parameters, len(heights)), np.asarray(heights)[:, 0]
                 items.append(Line(x, y, "", color, marker=".", label=name))
             marks: Any = [] if names else zip(points, heights[0], strict=True)
             for point, size in ((point, size) for point, size in marks if point.kind):

@@ -281,7 +281,7 @@ def curves_figure(found: InteractionMap) -> Plot:
     chosen = {one: values for one, values in drawable.items() if np.isfinite(values).any()}
     speeds, verdicts = found.speeds_rpm, found.column("verdict")
     others = [(line.speed_rpm, 1e3 * line.other) for line in found.lines if line.coexists]
-    panels = []
+    panels: list[Panel] = []
     for quantity, values in chosen.items():
         items: list[Item] = [Line(speeds, values, color="#A6ABB0", linewidth=1.0)]
         for verdict, mark in VERDICTS.items():
@@ -290,7 +290,8 @@ def curves_figure(found: InteractionMap) -> Plot:
                 items.append(Line(speeds[mine], values[mine], "", **look))
         if others and not panels:
             look = {"marker": "v", "label": "from another start"}
-            items.append(Line(*np.transpose(others), "", COLOURS[2], **look))
+            x, y = np.transpose(others)
+            items.append(Line(x, y, "", COLOURS[2], **look))
         panels.append(Panel(items, ylabel=quantity.label))
     return Plot(panels, 9.0, 1.9 * len(chosen) + 0.3, share="x", xlabel=SPEED.label)
 
