@@ -198,7 +198,7 @@ def see_residual(run: Run) -> None:
 
     from fenicsrom.assess.errors import judge
     from fenicsrom.assess.errors.estimates import beside
-    from fenicsrom.assess.errors.sizing import accuracy_limit, candidate_motion, unreached
+    from fenicsrom.assess.errors.sizing import accuracy_limit, candidate_motion, limited, unreached
 
     study, motion, sized = run.study, run.study.motions["reduced"], run.study.sized
     stored, known = study.stored, study.judge
@@ -215,7 +215,7 @@ def see_residual(run: Run) -> None:
     study.judge, study.errors["basis"] = replace(found.stored, scene=study.scene), found.errors
     if sized is None or stored.scene.basis.size is not None or sized.warning is not None:
         return
-    limit, error = accuracy_limit(stored, motion), found.errors.amplitude
+    limit, error = accuracy_limit(stored, motion), limited(stored.scene, found.errors)
     if error > limit:
         study.sized = replace(sized, warning=unreached(stored, error, limit))
         study.warnings.append(study.sized.warning)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import motions
 import numpy as np
 import pytest
 from support import beam_scene, first, linear_model, oscillator
@@ -193,6 +194,27 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
     verdicts.check_error(scene, "basis", between, unsteady=True)
     with pytest.raises(AccuracyError):
         verdicts.check_error(scene, "basis", between)
+
+
+@pytest.mark.parametrize(
+    ("steps", "known"), [(6, False), (40, True)], ids=["a knock", "a slow pulse"]
+)
+def test_peak_force_of_a_stiff_contact_is_known_if_it_changes_slowly(
+    steps: int, known: bool
+) -> None:
+    """A pulse of so many steps on a contact that the steps do not resolve."""
+
+    def pulse(peak: float) -> Motion:
+        angle = np.linspace(0.0, np.pi, steps + 1)
+        force = peak * np.sin(angle)[:, None, None] * [[1.0, 0.0]]
+        found = motions.motion(angle, 0.0 * force, force, np.ones((steps + 1, 1)), period=None)
+        scratch = SimpleNamespace(blending=np.array([0.9]))
+        state = SimpleNamespace(trial=SimpleNamespace(scratch=scratch))
+        end: Any = SimpleNamespace(state=state)
+        return replace(found, end=end)
+
+    found = estimates._force_error(pulse(100.0), pulse(90.0))
+    assert found == pytest.approx(0.2 if known else np.inf)
 
 
 @pytest.mark.slow

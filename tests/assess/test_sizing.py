@@ -19,8 +19,14 @@ from fenicsrom.assess.curves.checks import larger_model
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.trust import richer_model
 from fenicsrom.assess.errors import estimates, sizing
-from fenicsrom.assess.errors.estimates import distances, nested_motion
-from fenicsrom.assess.errors.sizing import Sized, candidate_energies, sized, spare_coordinates
+from fenicsrom.assess.errors.estimates import MotionErrors, distances, nested_motion
+from fenicsrom.assess.errors.sizing import (
+    Sized,
+    candidate_energies,
+    limited,
+    sized,
+    spare_coordinates,
+)
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.export import export
 from fenicsrom.exchange.superelement import read_matrices
@@ -122,6 +128,15 @@ def test_model_with_a_coarse_accuracy_stays_as_it_is() -> None:
     stored = stored_with("basis.accuracy=1.0")
     found = fit(stored)
     assert found.stored is stored and found.energies == {} and found.errors.largest > 0.01
+
+
+def test_accuracy_of_a_joint_is_that_of_its_probe_and_of_its_friction() -> None:
+    joint: Any = SimpleNamespace(joined=True)
+    errors = MotionErrors(0.5, 9.0, (0.7,), probe=1e-3)
+    assert limited(stored_with().scene, errors) == 0.5
+    assert limited(joint, errors._replace(dissipation=0.015)) == 1e-3
+    assert limited(joint, errors._replace(dissipation=0.03)) == 0.03
+    assert (errors.deciding(False), errors.deciding(True)) == (0.7, 1e-3)
 
 
 def test_model_that_cannot_reach_the_accuracy_says_so_and_keeps_judges() -> None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import (
     NEGLIGIBLE,
@@ -136,6 +135,9 @@ SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compa
 # a step whose peak force may be wrong by half of itself does not resolve the contact: the order of
 # the scheme is then one at most
 UNRESOLVED_FORCE = 0.5
+# the steps do not resolve a stiff contact if its force changes by more than this part of the peak
+# force in one of them: a pulse of twelve steps changes by a quarter
+FORCE_JUMP = 0.25
 
 
 class MotionErrors(NamedTuple):
@@ -188,6 +190,14 @@ class MotionErrors(NamedTuple):
         }
         return self._replace(directions=tuple(rule(*row) for row in rows), **found)
 
+    def deciding(self, joined: bool) -> float:
+        """The error that decides on a run: the largest one, or that of the probe of a joint.
+
+        Bodies that touch slide by micrometres along one another, and the motion is that of the
+        probe. Their friction has an error of its own.
+        """
+        return max(self.probe, 2.0 * self.shift) if joined else self.largest
+
 
 def with_range(
     found: MotionErrors, factor: float, model: Any, scene: Scene, motion: Motion
@@ -228,7 +238,8 @@ def step_errors(
     peak force is above `UNRESOLVED_FORCE`. The peak force of impacts is compared with a run of four
     times the step, too. If a stiff contact lasts only a few steps, its peak force is not resolved.
     The error of this force counts as unknown if a contact has a blending weight of a half or more
-    (`fenicsrom.online.contact.law`). A motion with such a contact may repeat for this step only,
+    (`fenicsrom.online.contact.law`), and its force changes by more than `FORCE_JUMP` of the peak in
+    a step. A motion with such a contact may repeat for this step only,
     and any motion may fail to repeat for this step only. There is then no estimate unless the
     motion with half the step, or with a quarter where the motion does not settle, does the same.
     The estimate of a motion that does not settle is that from a quarter or from twice the step,
@@ -460,9 +471,12 @@ def _force_error(motion: Motion, other: Motion) -> float:
     apart = 2.0 * abs(peak - peak_normal_force(other, _start(motion)))
     if peak == apart == 0.0:
         return 0.0
-    touches = np.any(motion.state != OPEN, axis=0)
-    resolved = motion.end is None or np.all(motion.end.state.trial.scratch.blending[touches] < 0.5)
-    return apart / peak if resolved and peak > 0.0 else np.inf
+    if motion.end is None or peak == 0.0:
+        return _relative(apart, peak)
+    part = motion.last_period() if motion.period is not None else slice(None)
+    stiff = motion.end.state.trial.scratch.blending >= 0.5
+    jumps = np.abs(np.diff(motion.force[part][:, stiff, 0], axis=0))
+    return apart / peak if np.max(jumps, initial=0.0) <= FORCE_JUMP * peak else np.inf
 
 
 def _shape_distance(motion: Motion, other: Motion) -> float:

@@ -2,7 +2,8 @@
 
 A stored model holds N coordinates, of which it uses the first n. The motion of all N coordinates
 judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`): all directions together,
-because a direction that hardly moves would take many coordinates. Where the estimate is above
+because a direction that hardly moves would take many coordinates; of bodies that touch, the probe
+and the energy that friction dissipates. Where the estimate is above
 `basis.accuracy`, the energies of the other coordinates in the motion of the larger model,
 
     ½ K_ii mean(e_i²) relative to ½ mean(qᵀ K q),    (1)
@@ -38,6 +39,7 @@ from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
+from fenicsrom.reduction.interface import SETTLED
 from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import counted
 
@@ -68,7 +70,7 @@ class NestedSize:
     Attributes:
         size: number of coordinates.
         seconds: run time of the steps of the run with this size, s.
-        error: estimated relative error due to the basis, of all directions together.
+        error: estimated relative error due to the basis, as `limited`.
     """
 
     size: int
@@ -123,7 +125,7 @@ class Sized:
             if n != stored.size:
                 chosen = [known.index(label) for label in part.labels]
                 near = nested_motion(part.model, scene, motion, chosen, near=other)
-            error = np.inf if near is None else basis_errors(near, other).amplitude
+            error = np.inf if near is None else limited(scene, basis_errors(near, other))
             if near is not None and np.isfinite(error):
                 rows.append(NestedSize(n, _seconds(part, self.motion, near), error))
         return rows
@@ -174,8 +176,8 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
     while True:
         limit = accuracy_limit(stored, motion)
         errors, here = basis_errors(motion, other), Beside(stored.scene, motion)
-        tried[stored.size] = errors.amplitude
-        if errors.amplitude <= limit:
+        error = tried[stored.size] = limited(stored.scene, errors)
+        if error <= limit:
             return Sized(stored, motion, here, other, errors, energies, None, tried)
         larger = None
         if other is not None:
@@ -183,11 +185,23 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
             left = list(found)[: max(most - len(energies), 0)]
             larger, near = _enlarged(stored, motion, other, left, limit)
         if larger is None:
-            warning = unreached(stored, errors.amplitude, limit)
+            warning = unreached(stored, error, limit)
             return Sized(stored, motion, here, other, errors, energies, warning, tried)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         motion, other = _again(stored, larger, motion, other, run, near)
         stored = larger
+
+
+def limited(scene: Scene, errors: MotionErrors) -> float:
+    """The error that `basis.accuracy` limits: that of all directions together.
+
+    Of bodies that touch, it is that of the probe: their contact displacements are micrometres. It
+    is that of the energy that friction dissipates if this one is larger, and above `SETTLED`: the
+    interface vectors are no better.
+    """
+    if not scene.joined:
+        return errors.amplitude
+    return max(errors.probe, errors.dissipation if errors.dissipation > SETTLED else 0.0)
 
 
 def accuracy_limit(stored: StoredModel, motion: Motion) -> float:
@@ -401,7 +415,7 @@ def _enlarged(
         chosen = [known.index(label) for label in trial.labels]
         near = nested_motion(trial.model, stored.scene, motion, chosen, near=other)
         begin[trial.labels] = _start(near, motion)
-        return np.inf if near is None else basis_errors(near, other).amplitude
+        return np.inf if near is None else limited(stored.scene, basis_errors(near, other))
 
     best = grown(stored, labels, error, limit)
     return best, None if best is None else begin[best.labels]

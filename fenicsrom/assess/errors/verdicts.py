@@ -19,7 +19,8 @@ stable periodic motion that Newton's method found has no estimates. Otherwise it
 
 The estimates of the largest normal force, of the dissipated energy and of the worn depth refuse no
 run. Above `CONTACT_ERROR`, or `UNSETTLED_ERROR` of a motion that does not settle, they cast doubt
-on these quantities, and the verdict says so.
+on these quantities, and the verdict says so. Where bodies touch, the displacements are those of the
+probe, and the contact displacements are one of these quantities.
 """
 
 from collections.abc import Mapping, Sequence
@@ -70,12 +71,13 @@ UNSETTLED_BASIS_ERROR = 0.25
 CONTACT_ERROR = 0.1
 
 CONTACT = {
+    AMPLITUDES: "largest",
     PROBE: "probe",
     PEAK_FORCE: "peak_force",
     DISSIPATION: "dissipation",
     WEAR: "worn",
 }
-"""The quantities beside the amplitudes of contact points, and their estimates in `MotionErrors`."""
+"""The quantities that refuse no run, and their estimates in `MotionErrors`."""
 
 REMEDIES = {
     "time step": "shorter steps",
@@ -123,7 +125,8 @@ def estimate_errors(
     unsteady = is_unsteady(motion)
     at, same = known or beside(model, scene, motion)
     found = step_errors(model, scene, motion, None if at.time == scene.time else same)
-    if found.largest > TIME_ERROR and scene.time.tolerance is None:
+    joined = scene.joined
+    if found.deciding(joined) > TIME_ERROR and scene.time.tolerance is None:
         found = near_resonance(found, STEP_SAFETY, model, coarser(scene), motion, motion.end)
     errors["time step"] = with_range(found, STEP_SAFETY, model, coarser(scene), motion)
     if candidates is not None:
@@ -135,14 +138,15 @@ def estimate_errors(
         own, finer, numbers = meshes
         near = same if own is model else nested_motion(own, at, same, numbers)
         found = mesh_errors(near or same, near and nested_motion(finer, at, near))
-        if near is not None and found.largest > MESH_ERROR:
+        if near is not None and found.deciding(joined) > MESH_ERROR:
             start = end_of(same)
             if near is not same and near.coordinates is not None and near.velocity is not None:
                 start = near.coordinates[-1], near.velocity[-1], start[2]
             found = near_resonance(found, MESH_SAFETY, finer, at, near, start)
         errors["mesh"] = with_range(found, MESH_SAFETY, finer, at, same)
     for cause, found in errors.items():
-        check_error(scene, cause, found.largest, unsteady, found if found.shift else None)
+        shifted = found if found.shift else None
+        check_error(scene, cause, found.deciding(joined), unsteady, shifted)
 
 
 def check_settled(scene: Scene, motion: Motion) -> None:
@@ -222,7 +226,7 @@ Sentence = tuple[str, str, ErrorKind, str]
 
 
 def contact_quantities(scene: Scene) -> list[str]:
-    """The quantities of `CONTACT` that a scene has."""
+    """The quantities of `CONTACT` that a scene has beside the amplitudes."""
     if not scene.contacts:
         return []
     probe, worn = [PROBE] * (scene.probe is not None), [WEAR] * scene.wears
@@ -241,7 +245,7 @@ def error_notes(scene: Scene, errors: Mapping[str, MotionErrors], motion: Motion
         motion: the motion.
     """
     allowed, found = UNSETTLED_ERROR if is_unsteady(motion) else CONTACT_ERROR, []
-    for quantity in contact_quantities(scene):
+    for quantity in [*[AMPLITUDES] * scene.joined, *contact_quantities(scene)]:
         name = CONTACT[quantity]
         sizes = {
             cause: max(float(getattr(each, name)) for each in (error, error.from_rest or error))
