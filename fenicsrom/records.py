@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.archive import StoredModel, Trained
     from fenicsrom.online.stress.reactions import Recovery, Stresses
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.basis import ReducedBasis
@@ -96,6 +96,11 @@ class Rerun:
         return self.stored.recovery
 
     @property
+    def trained(self) -> Trained | None:
+        """What the motions hold that chose the interface vectors."""
+        return self.stored.trained
+
+    @property
     def motions(self) -> dict[str, Motion]:
         """The motion by the name of its model."""
         return {"reduced": self.motion}
@@ -127,7 +132,7 @@ class Study:
         finer_frequencies_hz: (v,) frequencies of its normal modes, in the order of `modes`.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
         contact_hz: (v, 2) natural frequencies without contact and with all contact points stuck.
-        trained: energy that friction dissipates in the motion that chose the interface vectors, J.
+        trained: what the motions hold that chose the interface vectors.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
@@ -163,7 +168,7 @@ class Study:
     finer_frequencies_hz: Array = field(default_factory=lambda: np.zeros(0))
     mesh_check: MeshCheck | None = None
     contact_hz: Array | None = None
-    trained: float | None = None
+    trained: Trained | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -224,6 +229,7 @@ class Study:
             finer_labels=self.finer_labels,
             finer_frequencies_hz=self.finer_frequencies_hz,
             unjudged="" if self.mesh_check is None else self.mesh_check.missing,
+            trained=self.trained,
         )
         found.require_size()
         return found

@@ -96,7 +96,7 @@ class PrincipalDirections:
 
 
 def principal_directions(
-    structure: Structure, vectors: Array, coordinates: Array
+    structure: Structure, vectors: Array, coordinates: Array, rest: float = REST
 ) -> PrincipalDirections:
     """Compute the principal directions (2) of snapshots u = Y η.
 
@@ -104,6 +104,7 @@ def principal_directions(
         structure: the structure.
         vectors: (local, k) Y; they may depend on one another.
         coordinates: (k, s) η.
+        rest: ε.
     """
     stiffness = structure.inner(vectors, structure.held_times(vectors))
     size = np.sqrt(np.abs(np.diag(stiffness)))
@@ -113,7 +114,7 @@ def principal_directions(
     left, sizes, right = np.linalg.svd(
         root[:, None] * (axes.T @ (size[:, None] * coordinates)), full_matrices=False
     )
-    count = enough(sizes**2, REST**2 * float(np.sum(sizes**2)))
+    count = enough(sizes**2, rest**2 * float(np.sum(sizes**2)))
     directions = (axes / root / size[:, None]) @ left[:, :count]
     return PrincipalDirections(
         vectors @ directions,

@@ -13,12 +13,14 @@ metric k^-½ and of norm 1, times k^½. The motion of a basis with K_lin⁻¹ B 
 the choice is repeated.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.motion.motion import Motion
 
-VECTORS = 20
+VECTORS = 16
 """Number of interface vectors of a basis."""
 
 MORE = 10
@@ -33,6 +35,9 @@ SETTLED = 0.02
 STUCK_WEIGHT = 0.3
 """Weight of F − F₀ in (1) relative to ΔF."""
 
+REST = 2e-3
+"""ε of the principal derivatives (`reduction.derivatives`): friction has little of the energy."""
+
 DEPENDENT = 1e-10
 """Directions with a smaller singular value, relative to the largest, are rounding."""
 
@@ -41,24 +46,25 @@ ROUNDED = 1e-12
 
 
 def interface_vectors(
-    springs: Array, closed: Array, at_rest: tuple[Array, Array], motion: Motion
+    springs: Array, closed: Array, at_rest: tuple[Array, Array], motions: Sequence[Motion]
 ) -> Array:
-    """The interface vectors W (m, k) of a motion.
+    """The interface vectors W (m, k) of some motions, of which each counts alike.
 
     Args:
         springs: (m,) springs of all contact displacements, N/m.
         closed: (m,) those of the points that are closed at rest, else 0, N/m.
         at_rest: contact displacements x₀ (m,) and forces F₀ (m,) at rest, m and N.
-        motion: the motion.
+        motions: the motions.
     """
-    steps = len(motion.time)
-    moved = motion.displacement.reshape(steps, -1) - at_rest[0]
-    pushed = motion.force.reshape(steps, -1) - at_rest[1]
-    root, blocks = np.sqrt(springs), []
-    for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
-        scaled = part / root
-        if (size := np.linalg.norm(scaled)) > 0.0:
-            blocks.append(weight * scaled / size)
+    root, blocks = np.sqrt(springs), list[Array]()
+    for motion in motions:
+        steps = len(motion.time)
+        moved = motion.displacement.reshape(steps, -1) - at_rest[0]
+        pushed = motion.force.reshape(steps, -1) - at_rest[1]
+        for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
+            scaled = part / root
+            if (size := np.linalg.norm(scaled)) > 0.0:
+                blocks.append(weight * scaled / size)
     if not blocks:
         return np.zeros((springs.size, 0))
     _, values, directions = np.linalg.svd(np.concatenate(blocks), full_matrices=False)

@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.reduction import interface
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project, project_intrusively
 from fenicsrom.reduction.derivatives import (
     REST,
@@ -108,8 +109,14 @@ def choose(
     selected = select(coordinates, modes.labels, wanted, scene.basis.threshold)
     if not coordinates.any():
         return selected
-    principal = principal_directions(structure, modes.vectors / scale, coordinates)
+    rest = _rest(scene.basis)
+    principal = principal_directions(structure, modes.vectors / scale, coordinates, rest)
     return replace(selected, derivatives=(), weights={}, principal=principal)
+
+
+def _rest(options: Basis) -> float:
+    """ε of the principal directions and derivatives."""
+    return interface.REST if options.masters == "motion" else REST
 
 
 def load_pairs(modes: ComponentModes) -> list[str]:
@@ -158,7 +165,7 @@ def differentiate(
     """Compute the derivatives of a basis.
 
     Those along principal directions are combined; combinations that together hold less than the
-    square of `REST` of the energy of the motion stay out of the basis.
+    square of ε of the energy of the motion stay out of the basis.
 
     Args:
         structure: the structure.
@@ -177,7 +184,7 @@ def differentiate(
     found = derivatives_along(structure, options, modes, tuple(weights), principal)
     found *= list(weights.values())
     vectors, energies = combinations(structure, modes, linear, found)
-    count = enough(energies, REST**2 * principal.energy)
+    count = enough(energies, _rest(options) ** 2 * principal.energy)
     vectors, energies = vectors[:, : count + FURTHER], energies[: count + FURTHER]
     labels = tuple(f"{k + 1}D" for k in range(energies.size))
     sizes = dict(zip(labels, np.sqrt(energies / principal.energy).tolist(), strict=True))

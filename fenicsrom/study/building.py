@@ -51,6 +51,13 @@ def solid(run: Run) -> None:
         run.study.deflection = np.asarray(deflection)
 
 
+def interface_vectors(run: Run) -> None:
+    """Let motions of the scene choose the interface vectors of its basis."""
+    from fenicsrom.reduction.training import train
+
+    run.study.trained = train(run.study.solid, run.study.scene, run.stop)
+
+
 def modes(run: Run) -> None:
     """Compute the component modes."""
     from fenicsrom.reduction.modes import component_modes

@@ -225,7 +225,7 @@ def _labels(path: Path) -> list[str]:
     raise refuse(path, reason, ErrorKind.FORMAT)
 
 
-@starts_from("StoredModel")
+@starts_from("StoredModel", pairs=True)
 def backbone(
     given: Scene | StoredModel,
     comm: Any = None,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.notes import DISSIPATION, Note, NoteKind
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import log
 from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
@@ -25,58 +25,6 @@ LONG = 5.0
 
 TIMED_STEPS = 10
 """Time steps of the full model that are timed: a period of the loads in long steps."""
-
-
-def interface_vectors(run: Run) -> None:
-    """Let the motion of the scene choose the interface vectors of its basis.
-
-    Raises:
-        ConvergenceError, AccuracyError: a stage or a motion failed at its start.
-    """
-    from fenicsrom.online.contact.points import (
-        closed_springs,
-        contacts_of,
-        springs_of,
-        trial_forces,
-    )
-    from fenicsrom.reduction import interface
-    from fenicsrom.reduction.stages import Reduction
-
-    study, solid = run.study, run.study.solid
-    contacts, d = contacts_of(study.scene, solid.points), solid.dimension
-    x = solid.contact_rows @ solid.equilibrium
-    springs, closed, force = springs_of(contacts, d), closed_springs(contacts, x), 0.0 * x
-    force[::d] = trial_forces(contacts, x).clip(0.0)
-    for number in range(1, interface.PASSES + 1):
-        model = Reduction(solid, study.scene, lambda stage: nullcontext()).model
-        motion, error = integrated(model, study.scene, stop=run.stop)
-        if motion is None:
-            assert error is not None
-            raise error
-        found, before = interface.dissipated(motion), study.trained
-        log.info(f"  motion {number}: friction dissipates {found:.4g} J")
-        vectors = interface.interface_vectors(springs, closed, (x, force), motion)
-        solid.interface = vectors if vectors.shape[1] else None
-        study.trained = found
-        if before is not None and interface.settled(before, found):
-            break
-
-
-def _untrained(study: Study) -> list[Note]:
-    """A note if friction dissipates more or less than in the motion that chose the vectors."""
-    from fenicsrom.reduction.interface import SETTLED, dissipated, settled
-
-    if study.trained is None:
-        return []
-    found = dissipated(study.motions["reduced"])
-    if settled(study.trained, found):
-        return []
-    text = (
-        f"friction dissipates {found:.4g} J, and {study.trained:.4g} J in the motion that chose "
-        f"the interface vectors (at most {100.0 * SETTLED:g} % of difference is accepted): take "
-        'basis.masters = "all", or compare with reference.full = true'
-    )
-    return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
 
 
 def integrate(run: Run, name: str) -> None:
@@ -304,15 +252,19 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
+    from fenicsrom.reduction.training import unsettled
+
     meshes = None if study.finer is None else study.stored.meshes
     study.unfinished = checked(study, meshes)
-    study.warnings.extend([*_untrained(study), *slower_than_solid(study)])
+    same = unsettled(study.trained, study.scene, study.motions["reduced"])
+    study.warnings.extend([*same, *slower_than_solid(study)])
 
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
     from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
     from fenicsrom.online.motion.motion import check_energy
+    from fenicsrom.reduction.training import beyond
 
     name, scene, motions = "", found.scene, found.motions
     sized = None if found.sized is None else found.sized.errors
@@ -326,7 +278,12 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
         estimate_errors(*given, basis, meshes, at)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
-    found.warnings.extend(error_notes(scene, found.errors, motion))
+    outside = beyond(found.trained, scene, motion)
+    if outside and "basis" in found.errors:
+        found.errors["basis"] = found.errors["basis"]._replace(dissipation=math.inf)
+    notes = error_notes(scene, found.errors, motion)
+    said = {note.quantity for note in outside}
+    found.warnings.extend([*outside, *(note for note in notes if note.quantity not in said)])
     return None
 
 

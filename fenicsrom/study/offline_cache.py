@@ -79,6 +79,7 @@ def modes_table(scene: Scene) -> dict[str, Any]:
     table["contacts"] = [_frames(contact) for contact in scene.contacts]
     if scene.basis.masters == "motion":
         table["trained"] = [model_table(scene), motion_table(scene), plain(scene.damping)]
+        table["trained"] += [plain(scene.response), plain(scene.backbone)]
     if scene.basis.modes == "auto":
         table["excitation"] = highest_frequency(scene)
     return table
@@ -296,10 +297,11 @@ def _modes_contents(run: Run) -> Contents:
 def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     """Read the equilibrium and the modes into the record."""
     from fenicsrom.online.contact.points import ContactPoints
+    from fenicsrom.online.store.archive import Trained
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
 
-    classes = {kind.__name__: kind for kind in (ContactPoints, Deformation, LoadVectors)}
+    classes = {kind.__name__: kind for kind in (ContactPoints, Deformation, LoadVectors, Trained)}
     kept = unpack(header["tree"], arrays, {**classes, "ComponentModes": dict})
     scene, body, modes = run.study.scene, kept["body"], kept["modes"]
     solid: Any = Late(

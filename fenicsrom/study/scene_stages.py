@@ -94,7 +94,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             "interface vectors",
             with_modes and not modes_only and basis.masters == "motion",
             f"basis.masters is {basis.masters}",
-            motions.interface_vectors,
+            building.interface_vectors,
         ),
         Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
         *([stuck] if modes_only and scene.contacts else []),

@@ -177,7 +177,7 @@ def _assign_models(
 ) -> tuple[list[SweepRun], dict[Path, Scene]]:
     """The runs with the files of their models, and the scenes of the models that must be built."""
     from fenicsrom.assess.studies.sweep_runs import SweepRun, digest_of, file_digest
-    from fenicsrom.online.store.scene_changes import changed_key
+    from fenicsrom.online.store.scene_changes import shares_model
 
     folder = folder.resolve()  # workers may run in other folders
     stored = None if stored is None else stored.resolve()
@@ -186,7 +186,7 @@ def _assign_models(
     runs = []
     for number, scene in scenes.items():
         path = stored or next(
-            (path for path, made in models.items() if changed_key(made, scene) is None), None
+            (path for path, made in models.items() if shares_model(made, scene)), None
         )
         if path is None:
             mesh = scene.geometry.mesh

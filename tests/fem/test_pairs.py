@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
@@ -17,11 +18,16 @@ from support import refusal
 import fenicsrom as fr
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.body import pairs
+from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
-from fenicsrom.online.store.scene_changes import changed_key
+from fenicsrom.online.store.archive import Trained
+from fenicsrom.online.store.scene_changes import changed_key, shares_model
+from fenicsrom.online.stress.reactions import Recovery, find_stresses
 from fenicsrom.post.run.summary import quantities, unjudged
+from fenicsrom.reduction import training
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
 
@@ -389,7 +395,6 @@ def test_region_inside_of_a_body_touches_nothing() -> None:
         ({"basis": {"method": "craig-bampton"}}, "basis.method"),
         ({"basis": {"derivatives": "mmi"}}, "basis.derivatives"),
         ({"basis": {"elastic_force": "projection"}}, "basis.elastic_force"),
-        ({"output": {"stresses": "peak"}}, "output.stresses"),
         ({"time": {"tolerance": 1e-4, "periods": 1}}, "time.tolerance"),
         ({"contacts": []}, "bolts"),
         (
@@ -413,7 +418,7 @@ def test_scene_that_contacts_between_bodies_exclude_names_the_key(
         ("all", {"friction": 0.2}, None),
         ("all", {"normal_stiffness": 1e13}, "contacts[0].normal_stiffness"),
         ("all", {"gap": 1e-6}, "contacts[0].gap"),
-        ("motion", {"friction": 0.2}, "contacts"),
+        ("motion", {"friction": 0.2}, None),
     ],
 )
 def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
@@ -422,13 +427,96 @@ def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
     scene = lap(basis={"masters": masters})
     other = replace(scene, contacts=(replace(scene.contacts[0], **change),))
     assert changed_key(scene, other) == key
-    assert (modes_table(scene) == modes_table(other)) == (key is None)
+    same = key is None and masters == "all"  # other friction chooses other vectors
+    assert shares_model(scene, other) == (modes_table(scene) == modes_table(other)) == same
 
 
 def test_commands_that_do_not_take_pairs_refuse_them() -> None:
     for function in (fr.compare, fr.response, fr.interaction_map, fr.statics):
-        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="run, sweep, modes and plan"):
+        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="plan and backbone"):
             function(lap())
+
+
+def test_stresses_and_reactions_of_bodies_that_touch_are_those_of_the_pressure(
+    tmp_path: Path,
+) -> None:
+    scene = scene_of(
+        stacked(tmp_path / "two.vtu", 2, 4, 3),
+        2,
+        {"group": "1 low y", "against": "0 high y"},
+        2,
+        material=STEEL | {"poisson": 0.0},
+        supports=[{"group": "0 low y"}, {"group": "1 low x", "components": ["x"]}],
+        loads=[{"group": "1 high y", "pressure": 1e6}],
+        time={"duration": 1.0, "step": 0.1},
+        output={"stresses": "cauchy"},
+    )
+    body = solid(scene)
+    nothing = np.zeros((body.local, 0))
+    table = stress_table(body, scene, body.equilibrium, nothing)
+    recovery = Recovery(table, reaction_table(body, scene, nothing))
+    found = find_stresses(recovery, scene, None, None, {})
+    assert found.largest.von_mises == pytest.approx(1e6, rel=1e-2)
+    np.testing.assert_allclose(found.reactions.values[0, 0, :2], [0.0, 1e5], atol=1.0)
+    np.testing.assert_allclose(found.reactions.by_momentum[0], [0.0, 1e5], atol=1.0)
+
+
+COARSE = {
+    **{"mesh": "lap2d.geo", "dimension": 2, "thickness": 0.02},
+    "parameters": {"elements_overlap": 6, "elements_lower": 6, "elements_along": 6}
+    | {"elements_through": 1},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", ["response", "backbone"])
+def test_vectors_of_a_curve_come_from_its_largest_motions(table: str) -> None:
+    tables = {
+        "response": {
+            **{"parameter": "loads.0.force", "first": 2.0, "last": 20.0},
+            "families": {"key": "contacts.0.friction", "values": [0.2, 0.4]},
+        },
+        "backbone": {"mode": 1, "first": 1e-4, "last": 2e-3},
+    }
+    scene = lap(
+        **{table: tables[table]},
+        geometrically_nonlinear=False,
+        geometry=COARSE,
+        time={"periods": 1, "steps_per_period": 40},
+    )
+    trained = training.train(solid(scene), scene)
+    assert trained.dissipation > 0.0
+    if table == "response":
+        assert (trained.loads, trained.friction) == ((20.0,), (0.2,))
+        assert [found.loads[0].size for found in training.extreme_scenes(scene)] == [20.0] * 2
+    else:
+        assert trained.amplitude == pytest.approx(2e-3, rel=0.1)  # less its first half period
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, ""),
+        ({"force": 61.5}, "loads.0.force is 61.5, and was 60"),
+        ({"friction": 0.2}, "contacts.0.friction is 0.2, and was 0.3"),
+        ({"size": 1.1e-3}, "the probe moves by 0.0011 m, and moved by 0.001 m"),
+        ({"length": 0.2}, "the motion lasts 0.2 s, and lasted 0.1 s"),
+    ],
+    ids=["inside", "load", "friction", "amplitude", "length"],
+)
+def test_run_beyond_its_training_has_a_note(change: dict[str, float], words: str) -> None:
+    given = {"force": 60.0, "friction": 0.3, "size": 1e-3, "length": 0.1} | change
+    load = {"group": "tip", "direction": [0, 1], "pulse": {"duration": 0.01}}
+    scene = lap(
+        contacts=[PAIR | {"friction": given["friction"]}],
+        loads=[load | {"force": given["force"]}],
+        time={"duration": 0.1, "step": 1e-3},
+    )
+    trained = Trained((60.0,), (0.3,), amplitude=1e-3, duration=0.1, dissipation=1.0)
+    probe = np.array([[0.0, -given["size"]], [0.0, given["size"]]])
+    motion: Any = SimpleNamespace(probe=probe, time=np.array([0.0, given["length"]]), period=None)
+    notes = training.beyond(trained, scene, motion)
+    assert bool(notes) == bool(words) and all(f": {words}; run" in note for note in notes)
 
 
 def bars(path: Path, rigid: bool) -> Scene:
@@ -483,12 +571,8 @@ def test_microslip_of_bars_dissipates_as_the_closed_form_says(
 @pytest.mark.slow
 @pytest.mark.long
 def test_interface_vectors_of_the_motion_give_the_friction_of_the_full_model() -> None:
-    coarse = {"elements_overlap": 6, "elements_lower": 6, "elements_along": 6}
     scene = lap(
-        geometry={
-            **{"mesh": "lap2d.geo", "dimension": 2, "thickness": 0.02},
-            "parameters": coarse | {"elements_through": 1},
-        },
+        geometry=COARSE,
         loads=[{"group": "tip", "direction": [0, 1], "force": 60.0, "pulse": {"duration": 0.015}}],
         probe={"group": "tip"},
         time={"duration": 0.06, "step": 2e-4},
@@ -497,9 +581,9 @@ def test_interface_vectors_of_the_motion_give_the_friction_of_the_full_model() -
     )
     found = fr.run(scene, MPI.COMM_SELF)
     assert found.scene.basis.masters == "motion" and found.unfinished is None
-    assert found.modes.rows.shape[0] == 20 < 2 * 13
+    assert found.modes.rows.shape[0] == 16 < 2 * 13
     full, reduced = found.motions["full"], found.motions["reduced"]
-    assert full.friction_dissipation[-1] == pytest.approx(found.trained, rel=2e-2)
+    assert full.friction_dissipation[-1] == pytest.approx(found.trained.dissipation, rel=2e-2)
     assert reduced.friction_dissipation[-1] == pytest.approx(
         full.friction_dissipation[-1], rel=1e-2
     )

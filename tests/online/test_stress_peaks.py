@@ -105,12 +105,12 @@ def test_modes_of_basis_that_leaves_modes_out_keep_their_numbers() -> None:
     model = linear_model(np.eye(4), np.diag(squares))
     known = np.sqrt([500.0, 880.0, 1700.0]) / (2.0 * np.pi)
     found = StoredModel(model, scene, "rubin", ("1V", "3V", "1A", "2A"), 9, known, {})
-    numbers, frequencies, vectors = reduced_modes(model, found.normal_modes)
+    numbers, frequencies, vectors = reduced_modes(model, found.scene, found.normal_modes)
     assert numbers == [1, 3]
     np.testing.assert_allclose(frequencies, known[[0, 2]], rtol=1e-12)
     np.testing.assert_allclose(np.abs(vectors[:2]), np.eye(2), rtol=0, atol=1e-12)
     held = replace(found, method="craig-bampton")  # the frequencies of a held interface are others
-    assert reduced_modes(model, held.normal_modes)[0] == [1, 2, 3]
+    assert reduced_modes(model, held.scene, held.normal_modes)[0] == [1, 2, 3]
 
 
 def test_displacements_of_nodes_need_stresses(stored: StoredModel) -> None:
@@ -166,7 +166,7 @@ def test_run_warns_of_a_state_that_is_turned_inside_out(
 
 def test_modal_stress_is_that_of_unit_displacement(stored: StoredModel) -> None:
     assert stored.recovery is not None
-    _, frequencies, vectors = reduced_modes(stored.model, stored.normal_modes)
+    _, frequencies, vectors = reduced_modes(stored.model, stored.scene, stored.normal_modes)
     np.testing.assert_allclose(frequencies, stored.frequencies_hz, rtol=1e-12)
     (first, second) = modal_peaks(stored.recovery.stress, frequencies, vectors, ["1V", "2V"])
     (same, _) = modal_peaks(stored.recovery.stress, frequencies, -7.0 * vectors, ["1V", "2V"])

@@ -257,7 +257,7 @@ def linear_mode(
     if kept and f"{number}V" not in kept:
         allowed = f"must be one of the normal modes of the basis, {', '.join(kept)}; to keep mode "
         raise where.refuse(number, f"{allowed}{number}, raise basis.modes or lower basis.threshold")
-    numbers, _, free = reduced_modes(stored.model, stored.normal_modes)
+    numbers, _, free = reduced_modes(stored.model, stored.scene, stored.normal_modes)
     if number in numbers and numbers != list(range(1, 1 + len(numbers))):
         # a basis that leaves modes out has others: the mode is that of the same shape
         shape = stored.model.mass @ free[:, numbers.index(number)]

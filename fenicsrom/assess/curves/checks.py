@@ -35,8 +35,8 @@ from fenicsrom.assess.curves.trust import (
     richer_motion,
     size_of,
 )
-from fenicsrom.assess.errors.estimates import BASIS_SAFETY
-from fenicsrom.assess.errors.sizing import candidate_energies, growing, unreached
+from fenicsrom.assess.errors.estimates import BASIS_SAFETY, MotionErrors
+from fenicsrom.assess.errors.sizing import candidate_energies, growing, limited, unreached
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
@@ -85,7 +85,14 @@ class Sample:
         """Estimated error of a motion of fewer coordinates; infinite without this motion."""
         if near is None or self.whole is None:
             return np.inf
-        return BASIS_SAFETY * change(near.amplitude, self.whole.amplitude)
+        if not self.stored.scene.joined:
+            return BASIS_SAFETY * change(near.amplitude, self.whole.amplitude)
+        probe, spent = (
+            BASIS_SAFETY * change(*np.atleast_1d(getattr(near, name), getattr(self.whole, name)))
+            for name in ("probe_amplitude", "friction_dissipation")
+        )
+        errors = MotionErrors(0.0, 0.0, (), probe=probe, dissipation=spent)
+        return limited(self.stored.scene, errors)
 
 
 def model_before_curves(

@@ -40,6 +40,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.interface import SETTLED
+from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import counted
 

@@ -40,6 +40,7 @@ from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
+from fenicsrom.reduction.training import train
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.reading.reading import with_time
@@ -177,10 +178,13 @@ def combinations(scene: Scene) -> list[Combination]:
     """All combinations of a [compare] table; a linear scene has no derivatives to choose."""
     table = scene.compare
     schemes = table.schemes or (scene.time.scheme,)
-    derivatives, forces = table.derivatives, table.elastic_force
+    methods, derivatives, forces = table.methods, table.derivatives, table.elastic_force
+    if scene.joined:  # the default lists have others
+        methods = tuple(method for method in methods if method == "rubin")
+        derivatives = tuple(one for one in derivatives if one not in ("mmi", "mmi-nls"))
     if not scene.geometrically_nonlinear:
         derivatives, forces = ("none",), ("polynomial",)
-    choices = itertools.product(table.methods, table.modes, derivatives, forces, schemes)
+    choices = itertools.product(methods, table.modes, derivatives, forces, schemes)
     bases = []
     for choice in choices:
         adapts = (choice[2], choice[3]) == ("principal", "polynomial")
@@ -413,6 +417,9 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(on_mesh, mesh)
+    if scene.basis.masters == "motion":
+        with timed(seconds, "interface vectors"):
+            train(solid, on_mesh)
     return Workshop(solid, scene, seconds)
 
 

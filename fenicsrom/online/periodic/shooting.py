@@ -224,6 +224,16 @@ class PeriodicMotion:
         """(P, d) half of peak-to-peak of the displacement, m."""
         return np.asarray(np.ptp(self.displacement, axis=0) / 2.0)
 
+    @property
+    def probe_amplitude(self) -> Array:
+        """(d,) half of peak-to-peak of the probe, m."""
+        return np.asarray(np.ptp(self.record.probe, axis=0) / 2.0)
+
+    @property
+    def friction_dissipation(self) -> float:
+        """Energy dissipated by friction in the period, J."""
+        return float(np.sum(self.record.friction_dissipation[-1]))
+
 
 class Shooting:
     """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).

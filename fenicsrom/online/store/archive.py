@@ -53,6 +53,25 @@ EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 
 
+@dataclass(frozen=True)
+class Trained:
+    """What the motions hold that chose the interface vectors of bodies that touch.
+
+    Attributes:
+        loads: the largest size of each load of the scene.
+        friction: the smallest coefficient of each contact.
+        amplitude: the largest half of the range of the probe, m.
+        duration: the length of the longest motion without a period, s; 0 without any.
+        dissipation: energy that friction dissipates in these motions, J.
+    """
+
+    loads: tuple[float, ...]
+    friction: tuple[float, ...]
+    amplitude: float
+    duration: float
+    dissipation: float
+
+
 @brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredModel:
@@ -79,6 +98,7 @@ class StoredModel:
         unjudged: why there is no model of finer elements; "" if there is one.
         whole: the model for a range of speeds from which the model at the speed of the scene
             follows; None of a model for one speed.
+        trained: what the motions hold that chose the interface vectors; None without such vectors.
     """
 
     model: ReducedModel
@@ -98,6 +118,7 @@ class StoredModel:
     finer_frequencies_hz: Array = field(default_factory=lambda: np.zeros(0))
     unjudged: str = ""
     whole: RangeModel | None = None
+    trained: Trained | None = None
 
     @property
     def meshes(self) -> Meshes | None:
@@ -327,7 +348,7 @@ class StoredModel:
             SceneError: the scene did not ask for `output.stresses`.
         """
         vectors = self._stress_table().vertex_displacement[1:]
-        _, frequencies, modes = reduced_modes(self.model, self.normal_modes)
+        _, frequencies, modes = reduced_modes(self.model, self.scene, self.normal_modes)
         return frequencies, np.asarray(np.tensordot(modes.T, vectors, 1))
 
     def _stress_table(self) -> StressTable:
@@ -459,6 +480,7 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 def makers(scene: Scene) -> dict[str, Any]:
     """What makes the records of the fields that a file keeps, and of its scene."""
     plain = (ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation)
+    plain += (Trained,)
     return {kind.__name__: kind for kind in (*plain, RangeModel, RangeErrors)} | {
         "ElasticPolynomial": _polynomial,
         "ReducedModel": partial(reduced_model, load_histories=load_histories(scene)),

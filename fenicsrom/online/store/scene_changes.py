@@ -47,9 +47,6 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     names += " probe basis material"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
-    if made.basis.masters == "motion":  # the interface vectors are those of one motion
-        if (name := first_difference(made, wanted, ("loads", "contacts"))) is not None:
-            return name
     for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
         if len(ours) != len(theirs):
@@ -58,6 +55,12 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
             if (name := changed(*pair)) is not None:
                 return f"{table}[{k}]{name}"
     return None
+
+
+def shares_model(made: Scene, wanted: Scene) -> bool:
+    """Whether the model of a scene is that of another one, chosen by the same motion."""
+    motion = ("loads", "contacts", "material") if made.basis.masters == "motion" else ()
+    return changed_key(made, wanted) is None and first_difference(made, wanted, motion) is None
 
 
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:
@@ -71,9 +74,7 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         basis = replace(basis, modes=made.basis.modes)
     if geometry.mesh.name == made.geometry.mesh.name:
         geometry = replace(geometry, mesh=made.geometry.mesh)
-    material = wanted.material
-    if made.basis.masters != "motion":
-        material = replace(material, mass_damping=made.material.mass_damping)
+    material = replace(wanted.material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
     before, rotation = made.rotation, wanted.rotation
     if before is None or rotation is None or before.speeds_rpm is None:

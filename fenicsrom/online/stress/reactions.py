@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.points import closed_springs, contacts_of
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import has_contact
@@ -192,8 +193,9 @@ def motion_reactions(table: ReactionTable, scene: Scene, model: Any, motion: Mot
     ]
     values, total = (0.5 * (one + other) for one, other in zip(*ends, strict=True))
     force = motion.mean_force[1 - time.size :]
-    contact = np.einsum("kpi,pix->kx", force, model.points.frame)
-    return Reactions(support_names(scene), 0.5 * (time[1:] + time[:-1]), values, total + contact)
+    if not scene.joined:  # bodies that touch push one another with equal forces
+        total = total + np.einsum("kpi,pix->kx", force, model.points.frame)
+    return Reactions(support_names(scene), 0.5 * (time[1:] + time[:-1]), values, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +313,7 @@ def find_stresses(
             moving = motion_reactions(recovery.reactions, scene, model, motion)
     modal: tuple[Peak, ...] = ()
     if isinstance(model, ReducedModel) and modes:
-        numbers, frequencies, vectors = reduced_modes(model, modes)
+        numbers, frequencies, vectors = reduced_modes(model, scene, modes)
         names = [f"mode {number}" for number in numbers]
         modal = modal_peaks(table, frequencies, vectors, names)
     rest = equilibrium_reactions(recovery.reactions, scene)
@@ -388,16 +390,18 @@ def _largest_row(table: StressTable, q: Array, measure: str) -> int:
 
 
 def reduced_modes(
-    model: ReducedModel, known: Mapping[int, float]
+    model: ReducedModel, scene: Scene, known: Mapping[int, float]
 ) -> tuple[list[int], Array, Array]:
     """The normal modes of a reduced model about its equilibrium that are modes of the structure.
 
-    No contact point touches, and there is no Coriolis force. A basis may leave modes out, and its
+    No contact point touches, or those of bodies that touch stick where they are closed; and there
+    is no Coriolis force. A basis may leave modes out, and its
     other vectors make modes that the structure does not have. So a mode of the structure is the
     mode of the model that has its frequency.
 
     Args:
         model: the model, of n coordinates.
+        scene: its scene.
         known: the frequencies of the structure's modes in the basis by their numbers, Hz; nan takes
             the mode of this number of the model.
 
@@ -407,7 +411,11 @@ def reduced_modes(
     import scipy.linalg  # slow to import, and few models have stresses
     from scipy.optimize import linear_sum_assignment
 
-    squares, vectors = scipy.linalg.eigh(model.elastic.stiffness, model.mass)
+    stiffness, rows = model.elastic.stiffness, model.contact_rows
+    if scene.joined:
+        springs = closed_springs(contacts_of(scene, model.points), model.contact_offset)
+        stiffness = stiffness + rows.T @ (springs[:, None] * rows)
+    squares, vectors = scipy.linalg.eigh(stiffness, model.mass)
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
     numbers = [number for number in sorted(known) if number <= model.size]
     asked = np.array([known[number] for number in numbers])

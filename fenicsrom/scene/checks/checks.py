@@ -339,9 +339,8 @@ def joined_problems(scene: Scene) -> Problems:
             {other.place.group, other.against} for other in scene.contacts[:k]
         ]:
             yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
-    for name in ("rotation", "response", "backbone"):
-        if getattr(scene, name) is not None:
-            yield Problem(name, f"not allowed {why}", value="a table")
+    if scene.rotation is not None:
+        yield Problem("rotation", f"not allowed {why}", value="a table")
     for k in scene.followers:
         yield Problem(f"loads[{k}].follower", f"must be false {why}")
     basis = scene.basis
@@ -349,7 +348,6 @@ def joined_problems(scene: Scene) -> Problems:
         "basis.method": ("rubin",),
         "basis.masters": ("motion", "all"),
         "basis.elastic_force": ("polynomial",),
-        "output.stresses": ("none",),
     }
     for key, values in allowed.items():
         table, name = key.split(".")
@@ -374,7 +372,7 @@ def require_no_pairs(scene: Scene, command: str) -> None:
     for k, contact in enumerate(scene.contacts):
         if contact.against is not None:
             allowed = f"not allowed in fenicsrom {command}: contacts between bodies are allowed in "
-            allowed += "fenicsrom run, sweep, modes and plan"
+            allowed += "fenicsrom run, sweep, modes, plan and backbone"
             where = Where(scene.source, f"contacts[{k}].against")
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
