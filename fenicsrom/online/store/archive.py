@@ -479,9 +479,8 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 
 def makers(scene: Scene) -> dict[str, Any]:
     """What makes the records of the fields that a file keeps, and of its scene."""
-    plain = (ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation)
-    plain += (Trained,)
-    return {kind.__name__: kind for kind in (*plain, RangeModel, RangeErrors)} | {
+    plain = ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
+    return {kind.__name__: kind for kind in (*plain, RangeModel, RangeErrors, Trained)} | {
         "ElasticPolynomial": _polynomial,
         "ReducedModel": partial(reduced_model, load_histories=load_histories(scene)),
         "StressTable": partial(StressTable, StressLaw.of(scene)),
