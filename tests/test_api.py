@@ -93,7 +93,7 @@ def test_package_list_of_the_wheel_is_complete() -> None:
     assert len(others) > 4
     for path in others:
         package = ".".join(path.parent.relative_to(ROOT).parts)
-        assert data[package] == [f"*{path.suffix}"]
+        assert f"*{path.suffix}" in data[package]
 
 
 # ------------------------------------------------------------------ the arrays of a model

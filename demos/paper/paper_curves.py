@@ -15,12 +15,13 @@ from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot
 from fenicsrom.post.curves.response_figures import (
     FULL_MARKER,
     colour_of,
-    draw_curves,
-    legend_handles,
+    curve_items,
+    legend_samples,
 )
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
@@ -92,7 +93,6 @@ def response_table() -> Table:
     return found
 
 
-@styled
 def response_figure() -> Any:
     """Fig. 4."""
     families = f'response.families={{key="contacts.0.preload", values={list(PRELOADS)}}}'
@@ -103,20 +103,14 @@ def response_figure() -> Any:
     def across(points: list[CurvePoint]) -> Array:
         return np.array([1e3 * point.amplitude[0, 1] for point in points])
 
-    figure = new_figure(9.6, 4.8)
-    axes = figure.subplots(1, 2, width_ratios=[3, 2])
+    items: list[list[Item]] = [[], []]
     for preload, curve in zip(PRELOADS, curves, strict=True):
-        axis, colour = axes[int(preload == 250)], colour_of(found, curve)
-        draw_curves(axis, found, [curve], across)
-        axis.plot(
-            [full.parameter for full in curve.full],
-            [1e3 * full.amplitude[0, 1] for full in curve.full],
-            FULL_MARKER,
-            color=colour,
-            zorder=5,
-        )
-    for axis in axes:
-        axis.set_xlabel("frequency, Hz")
-    axes[0].set_ylabel("tip amplitude, mm")
-    figure.legend(handles=legend_handles(found), loc="outside upper center", ncols=4)
-    return figure
+        x = [full.parameter for full in curve.full]
+        y = [1e3 * full.amplitude[0, 1] for full in curve.full]
+        full = Line(x, y, "", colour_of(found, curve), marker=FULL_MARKER, zorder=5.0)
+        items[int(preload == 250)] += [*curve_items(found, [curve], across), full]
+    panels = [
+        Panel(part, xlabel="frequency, Hz", ylabel=label)
+        for part, label in zip(items, ("tip amplitude, mm", ""), strict=True)
+    ]
+    return figure_of(Plot(panels, 9.6, 4.8, columns=2, legend=legend_samples(found)))

@@ -275,8 +275,9 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
     assert 0 < len(added) <= EXTRA
     contradicted = [check for check in found.curves[0].checks if check.contradicted]
     assert contradicted and {check.where for check in contradicted} == {trust.NEAR_CHANGE}
-    for check in added:
-        assert check.point.stable and check.step_error is not None
+    assert all(check.point.stable for check in added)
+    # half the step has its fold earlier, and no motion at the last of these points
+    assert any(check.step_error is not None for check in added)
     (warning,) = on_stability(found)
     values = [check.point.parameter for check in contradicted]
     assert f"{min(values):.6g}" in warning and f"{max(values):.6g}" in warning

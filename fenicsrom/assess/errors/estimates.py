@@ -546,12 +546,12 @@ class Beside(NamedTuple):
 
 
 def beside(model: Any, scene: Scene, motion: Motion) -> Beside:
-    """The motion itself, or of a march its coarser twin with twice the step.
+    """The motion itself, or of a march without contact its coarser twin with twice the step.
 
     A march of a larger model costs many times the march that it judges. What a basis or a mesh
     lacks hardly depends on the step, so that both sides of the comparison take the longer one. The
-    check of the time step needs this twin anyway. A motion that does not settle is compared with
-    its own step, because its root mean squares scatter.
+    check of the time step needs this twin anyway. The peak force of impacts depends on the step,
+    and the root mean squares of a motion that does not settle scatter: both keep the step.
 
     Args:
         model: the model that was integrated.
@@ -559,7 +559,7 @@ def beside(model: Any, scene: Scene, motion: Motion) -> Beside:
         motion: the motion.
     """
     coarse = coarser(scene)
-    is_march = motion.newton_from is None or scene.wears
+    is_march = motion.newton_from is None and not motion.force.any()
     if is_march and not is_unsteady(motion) and coarse.time != scene.time:
         twin = nested_motion(model, coarse, motion)
         if twin is not None:

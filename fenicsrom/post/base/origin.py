@@ -36,7 +36,10 @@ LARGEST_COPY = 100 * 2**20  # bytes of the largest mesh file that is copied
 LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: each run has its own
 MODEL = "reduced_model.npz"
 SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
-TABLES = ("response", "backbone", "equilibria", "campbell", "sweep", "comparison", "stability")
+TABLES = (
+    *("response", "backbone", "equilibria", "campbell", "modes", "sweep", "comparison"),
+    "stability",
+)
 ANOTHER = "; remove this file, or choose another folder"  # what to do about a damaged record
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
 RESULTS = (
@@ -52,6 +55,7 @@ RESULTS = (
         "look.py",
         "results",
         "groups.vtu",
+        "disk.vtu",
         "surface_[1-9]*",
         "contact_points",
         "motion",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -260,7 +261,6 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     ]
     if any(wave.direction for wave in found.waves):
         lines.append("f: the wave runs with the rotation, b: against it, seen from the disk.")
-    name = "campbell" if several else "modes"
     diagram = Picture(
         "Interference diagram", "interference.png", lambda: interference_figure(found)
     )
@@ -271,9 +271,9 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         "mode_numbers": [wave.number for wave in found.waves],
         "directions": [wave.direction for wave in found.waves],
     }
-    return Report(
-        name,
-        "Campbell diagram of a disk" if several else "Modes of a disk",
+    at_one_speed = Report(
+        "modes",
+        "Modes of a disk",
         found,
         [line for line in lines if line],
         [
@@ -288,6 +288,8 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         [*([over_speed] if several else []), diagram, *more],
         quantities=[FREQUENCIES, CRITICAL],
     )
+    title = "Campbell diagram of a disk"
+    return replace(at_one_speed, name="campbell", title=title) if several else at_one_speed
 
 
 def _diameters(found: Campbell) -> list[int]:
