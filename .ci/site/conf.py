@@ -38,6 +38,7 @@ demos/loads
 demos/contact
 demos/rotation
 demos/limits
+demos/tools
 demos/time
 demos/curves
 demos/sweeps
