@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from fenicsrom.errors import SceneError
 from fenicsrom.scene import Scene
-from fenicsrom.scene.checks.checks import LEAST_MODES
+from fenicsrom.scene.checks.checks import LEAST_MODES, require_no_sector
 from fenicsrom.scene.keys.times import Duration, FixedStep, StepsPerPeriod
 from fenicsrom.words import counted
 
@@ -89,6 +89,8 @@ def require_usable(command: str, scene: Scene) -> None:
     Raises:
         SceneError: the command would refuse the scene.
     """
+    if command not in ("modes", "campbell"):
+        require_no_sector(scene, command)
     check: Callable[[Scene], object] = str
     match command:  # each check is imported when it is needed
         case "response":

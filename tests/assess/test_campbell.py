@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.rotation.campbell import _warnings
+from fenicsrom.assess.rotation.rotating_modes import follow
 
 
 def test_mode_that_keeps_little_of_its_shape_gets_a_remark() -> None:
@@ -21,3 +22,14 @@ def test_mode_that_keeps_little_of_its_shape_gets_a_remark() -> None:
     swapped, lost = _warnings(found)
     assert swapped.startswith("mode 2 may") and "0 and 500 rpm (MAC 0.55)" in swapped
     assert lost.startswith("mode 3 was lost")
+
+
+def test_modes_that_nearly_coincide_keep_their_frequencies() -> None:
+    """Their shapes are aligned with those at the speed before, and the frequencies with them."""
+    body: Any = SimpleNamespace(mass_inner=lambda a, b: a.T @ b)
+    before, shapes = np.array([100.0, 100.001]), np.eye(2)
+    squares, vectors = np.array([99.999, 100.0]), np.eye(2)[:, ::-1]
+    found, aligned, mac = follow(body, before, shapes, squares, vectors)
+    np.testing.assert_allclose(found, [100.0, 99.999], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(aligned), np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(mac, 1.0)

@@ -172,6 +172,12 @@ def test_sector_with_another_angle_is_refused(tmp_path: Path) -> None:
         build_solid(scene, MPI.COMM_SELF)
 
 
+def test_point_beside_the_axis_of_rotation_is_refused(tmp_path: Path) -> None:
+    turning = spinning(2) | {"point": [0.3, 0.0]}
+    with refusal(ErrorKind.CONFLICT, key="cyclic.point", names="axis of [rotation]"):
+        scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"point": [0.0, 0.0]}, rotation=turning)
+
+
 def test_faces_that_are_no_turn_of_each_other_are_refused(tmp_path: Path) -> None:
     points, cells = ring()
     points[:, 2] = 0.0

@@ -290,8 +290,8 @@ def follow(
         omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,): with two modes
         that the Coriolis force has joined to a whirl, that with both (`_joint`).
     """
-    common = hermitian(solid, shapes, vectors)
-    vectors = vectors @ aligning(common, squares)  # these shapes are returned
+    turn = aligning(hermitian(solid, shapes, vectors), squares)
+    vectors, squares = vectors @ turn, (np.abs(turn) ** 2).T @ squares  # these are returned
     common = hermitian(solid, shapes, vectors)
     common = aligning(common.conj().T, before).conj().T @ common
     mac = _joint(common, np.diag(hermitian(solid, shapes.conj(), shapes)))

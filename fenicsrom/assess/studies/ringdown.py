@@ -8,7 +8,7 @@ With the shape phi of a linear mode (phi . M phi = 1) and the rest q0, the modal
 eta(t) = phi . M [q(t) - q0] turns at the times t_j, between which it swings by
 s_j = |eta(t_j+1) - eta(t_j)|. The period from t_j to t_j+2 has
 
-    f = 1/(t_j+2 - t_j),  A = (s_j + s_j+1)/4,  zeta = L/sqrt(pi^2 + L^2),  L = ln(s_j/s_j+1) (1)
+    f = 1/(t_j+2 - t_j),  A = (s_j + s_j+1)/4,  zeta = L/sqrt(pi^2 + L^2),  L = ln(s_j/s_j+2)/2 (1)
 
 which is exact for a linear oscillator. Swings do not need the place where friction lets it stop.
 """
@@ -96,7 +96,7 @@ def check_ringdown(scene: Scene) -> None:
     Raises:
         SceneError: no load varies, the force is projected, or something drives the released body.
     """
-    if all(load.static for load in scene.loads):
+    if not any(load.size and not load.static for load in scene.loads):
         reason = "a ring-down needs a load that varies in time; it is held, and let go at t = 0"
         raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
     require_polynomial(scene, "a ring-down")
@@ -181,10 +181,10 @@ def periods_of(motion: Motion, moved: Array) -> list[Period]:
     (times, values), found = turning_points(motion.time, moved), list[Period]()
     swings = np.abs(np.diff(values))
     lost = motion.friction_dissipation, motion.damping_dissipation
-    for j in range(0, times.size - 2, 2):
-        begin, end, (one, two) = times[j], times[j + 2], swings[j : j + 2]
+    for j in range(0, times.size - 3, 2):
+        begin, end, (one, two, three) = times[j], times[j + 2], swings[j : j + 3]
         spent = (np.diff(np.interp([begin, end], motion.time, sums))[0] for sums in lost)
-        log = np.log(one / two)
+        log = 0.5 * np.log(one / three)
         numbers = (one + two) / 4.0, 1.0 / (end - begin), log / np.hypot(np.pi, log), *spent
         found.append(Period(len(found) + 1, *map(float, numbers)))
     return found

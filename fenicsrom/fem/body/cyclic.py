@@ -45,9 +45,6 @@ Complex = NDArray[np.complex128]
 ON_AXIS = 1e-9
 """A node is on the axis if its distance from it, relative to the body, is smaller."""
 
-SAME_ANGLE = 0.02
-"""Largest relative difference of the angle between the faces and 360°/N."""
-
 BESIDE = 0.1
 """A node may lie beside all facets of the other face by this part of a facet, at curved rims."""
 
@@ -160,10 +157,11 @@ class CutFaces:
             arms.append(arm - (arm @ self._axis) * self._axis)
         found = np.arctan2(self._axis @ np.cross(*arms), arms[0] @ arms[1])
         wanted = 2.0 * np.pi / self.sectors
-        if abs(abs(found) / wanted - 1.0) > SAME_ANGLE:
+        near = 2.0 * np.pi / max(abs(found), 1e-9)
+        if round(near) != self.sectors:
             allowed = (
-                f"the cut faces enclose {np.degrees(abs(found)):.4g}°, that is one of "
-                f"{2.0 * np.pi / max(abs(found), 1e-9):.4g} sectors"
+                f"the cut faces enclose {np.degrees(abs(found)):.4g}° about the axis, that is one "
+                f"of {near:.4g} sectors; look at cyclic.axis and cyclic.point, too"
             )
             raise self._refused("sectors", self.sectors, allowed)
         return float(np.copysign(wanted, found))

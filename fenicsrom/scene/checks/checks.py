@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
-from operator import mul
+from operator import mul, sub
 from typing import Any
 
 from fenicsrom.errors import ErrorKind
@@ -548,6 +548,12 @@ def _cyclic_problems(scene: Scene) -> Problems:
         yield Problem("cyclic.right", "must be another group than cyclic.left")
     if rotation is not None and not _are_parallel(axis, rotation.axis):
         yield Problem("cyclic.axis", "must be along rotation.axis")
+    elif rotation is not None and cyclic.point is not None:
+        moved = tuple(map(sub, cyclic.point, rotation.point or (0.0,) * len(cyclic.point)))
+        along = 0.0 if axis is None else sum(map(mul, moved, axis))
+        line = tuple(along * part for part in axis or (0.0,) * len(moved))
+        if math.dist(moved, line) > 1e-9 * max(1.0, math.hypot(*moved)):
+            yield Problem("cyclic.point", "must be on the axis of [rotation]")
     for k, h in enumerate(cyclic.diameters or ()):
         if h > cyclic.sectors // 2:
             allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
