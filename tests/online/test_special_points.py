@@ -367,9 +367,7 @@ def test_steps_of_a_long_unstable_stretch_are_twice_as_long(
 ) -> None:
     """A mass on a spring, or on a spring of negative stiffness, over the size of its load."""
     load = harmonic(np.array([1.0]), np.array([1.3]), np.array([0.3]))
-    model = linear_model(
-        [[1.0]], [[stiffness]], damping=0.1, loads=[[1.0]], load_histories=load, probes=1
-    )
+    model = linear_model([[1.0]], [[stiffness]], damping=0.1, loads=[[1.0]], load_histories=load)
     settings = Time.of(scheme="discrete-gradient", periods=1, steps_per_period=40)
     family = force_family(Problem(model, no_contacts(), settings, 2.0 * np.pi / 1.3))
     start = periodic_motion(family(1.0), (np.zeros(1), np.zeros(1), np.zeros((0, 1))))
