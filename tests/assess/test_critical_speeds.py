@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from fenicsrom.assess.rotation.campbell import CONFIRMED, FrequencyCurve, confirm, critical_speeds
+from fenicsrom.assess.rotation.critical_speeds import (
+    CONFIRMED,
+    FrequencyCurve,
+    confirm,
+    critical_speeds,
+)
 from fenicsrom.errors import ConvergenceError
 
 REST, GROWTH = 33.0, 1.9  # Hz and Southwell's coefficient: f^2 = REST^2 + GROWTH (Omega/60)^2

@@ -15,10 +15,10 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from fenicsrom import build_solid, make_scene, modes
-from fenicsrom.assess.rotation.disk_modes import WaveMode, counts, disk_modes
+from fenicsrom.assess.rotation.disk_modes import WaveMode, directions, wave_modes
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.solid.disk import Disk
+from fenicsrom.fem.solid.wave import wave
 from fenicsrom.post.studies.disk_report import disk_report
 from tests.support import on_ranks, refusal
 
@@ -85,6 +85,12 @@ def spinning(d: int, coriolis: bool = True) -> dict[str, Any]:
     return {"speed_rpm": 20_000.0, "coriolis": coriolis, **axis}
 
 
+def squares_of(sector: Any, h: int, count: int) -> Any:
+    """omega^2 (count,) of the waves of a sector with h nodal diameters."""
+    with wave(sector, h) as body:
+        return wave_modes(body, count)[0]
+
+
 CYCLIC = {"sectors": N, "left": "left", "right": "right"}
 
 
@@ -102,12 +108,12 @@ def test_waves_of_a_sector_are_the_modes_of_the_disk(
     assert sector.largest(sector.equilibrium[:, None]) == pytest.approx(
         whole.largest(whole.equilibrium[:, None]), rel=1e-9
     )
-    disk = Disk(sector, range(N // 2 + 1))
-    squares, alike = disk_modes(disk, 5)[0], not coriolis
-    both = [1 + (alike and wave.double) for wave in disk.waves]
-    found = np.sort(np.repeat(squares, np.repeat(both, counts(disk, 5))))[:12]
-    np.testing.assert_allclose(found, modes_at_speed(whole, 18)[0][:12], rtol=1e-8)
-    disk.destroy()
+    found = []
+    for h in range(N // 2 + 1):
+        ways = directions(sector, h)
+        copies = 1 if coriolis or 2 * h in (0, N) else 2
+        found += copies * squares_of(sector, h, 5 * ways).tolist()
+    np.testing.assert_allclose(np.sort(found)[:12], modes_at_speed(whole, 18)[0][:12], rtol=1e-8)
 
 
 UNEVEN = """
@@ -142,7 +148,7 @@ def test_uneven_cut_faces_are_almost_as_good_as_matching_ones(
             probe={"nearest": [0.2, 0.1]},
         )
         solid = build_solid(scene, MPI.COMM_SELF)
-        lowest.append(disk_modes(Disk(solid, range(4)), 1)[0])
+        lowest.append(np.concatenate([squares_of(solid, h, 1) for h in range(4)]))
     assert says in solid.cut.sentence
     errors = np.sqrt(lowest[1] / lowest[0]) - 1.0
     assert np.all(errors > 0.0) and np.all(errors < 0.01)
@@ -153,8 +159,7 @@ def test_left_and_right_may_be_exchanged(tmp_path: Path) -> None:
     squares = []
     for cyclic in (CYCLIC, CYCLIC | {"left": "right", "right": "left"}):
         scene = scene_of(tmp_path, points, cells, cyclic=cyclic, rotation=spinning(2))
-        disk = Disk(build_solid(scene, MPI.COMM_SELF), [1])
-        squares.append(disk_modes(disk, 4)[0])
+        squares.append(squares_of(build_solid(scene, MPI.COMM_SELF), 1, 4))
     np.testing.assert_allclose(*squares, rtol=1e-9)
 
 

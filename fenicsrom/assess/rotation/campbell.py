@@ -6,26 +6,16 @@ the modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
 of its frequency; with widely spaced speeds it keeps its shape. `assess.rotation.critical_speeds`
-finds the speeds at which engine orders meet the modes, and `assess.rotation.mode_names` names the
-modes by their shapes at the first speed.
-
-Speeds at which engine orders meet the modes of a rotating body.
-
-Engine order k excites k times per revolution. A critical speed Omega is a root of
-
-    f(Omega)^2 - (k Omega / 60)^2 = 0,   Omega in rev/min.
-
-Without the Coriolis force f^2 is nearly linear in Omega^2 (Southwell), so a cubic spline of f^2
-over Omega^2 needs few speeds. Through two speeds the spline is a line, through three speeds a
-parabola. With the Coriolis force f^2 has a part that is odd in Omega, and the spline is over Omega.
-The square of the engine order is a polynomial in both variables and is subtracted exactly. Every
-root is then confirmed by the modes at its speed, which correct it where the spline is too coarse.
+finds the speeds at which engine orders meet the modes, and `assess.rotation.rotating_modes` names
+the modes by their shapes at the first speed. The modes of a disk are those of several waves, each
+of which is a body of its own at every speed (`assess.rotation.disk_modes`).
 """
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import MISSING, dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -33,22 +23,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import MeshCheck, of_model, of_solid
 from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.assess.rotation.critical_speeds import (
+    LEAST_MAC,
+    Critical,
+    FrequencyCurve,
+    critical_speeds,
+)
 from fenicsrom.assess.rotation.disk_modes import (
     WaveMode,
-    counts,
     diameters_of,
-    disk_modes,
-    judged_diameters,
-    lowest,
+    directions,
+    wave_modes,
     waves_of,
 )
 from fenicsrom.assess.rotation.rotating_modes import (
-    RangeBody,
     Shapes,
     TurningBody,
     follow,
@@ -66,186 +58,11 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.solid.disk import Disk
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
 
 
-CONFIRMED = 1e-4
-"""Relative difference of frequency and engine order at which a critical speed is confirmed.
-
-It is far below the scatter of real blades, and a spline through a usual number of speeds reaches
-it at once."""
-
-SOLUTIONS = 4
-"""Largest number of speeds at which the modes are computed for one critical speed."""
-
-LEAST_MAC = 0.5
-"""A mode with a smaller MAC counts as lost."""
-
-
-@dataclass(frozen=True)
-class Critical:
-    """A speed at which an engine order meets a mode.
-
-    Attributes:
-        mode: number of the mode, from 1.
-        order: excitations per revolution.
-        speed_rpm: the critical speed.
-        frequency_hz: frequency of the engine order at this speed.
-        computed_hz: frequency of the mode that was computed at this speed; None if this failed.
-        difference: computed_hz / frequency_hz - 1; None if the computation failed.
-        mac: MAC of the computed mode with the mode at the nearest speed of the diagram; None
-            if the computation failed.
-    """
-
-    mode: int
-    order: int
-    speed_rpm: float
-    frequency_hz: float
-    computed_hz: float | None = None
-    difference: float | None = None
-    mac: float | None = None
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether the mode was found at this speed with the frequency of the engine order."""
-        if self.difference is None or self.mac is None:
-            return False
-        return abs(self.difference) <= CONFIRMED and self.mac >= LEAST_MAC
-
-
-@dataclass(frozen=True, eq=False)
-class FrequencyCurve:
-    """The squared frequency of one mode against the speed.
-
-    Attributes:
-        speeds: (s,) speeds, at least two, ascending, rev/min.
-        squares: (s,) f^2, Hz^2; negative where the mode is unstable.
-        coriolis: whether the spline is over Omega instead of Omega^2.
-    """
-
-    speeds: Array
-    squares: Array
-    coriolis: bool
-
-    def at(self, speeds: Array) -> Array:
-        """f^2 (k,) at speeds (k,), Hz^2."""
-        return np.asarray(CubicSpline(self._variable, self.squares)(self._of(speeds)))
-
-    def with_sample(self, speed: float, square: float) -> FrequencyCurve:
-        """The curve through one more point; a speed that is known already takes the new value."""
-        others = self.speeds != speed
-        speeds = np.append(self.speeds[others], speed)
-        squares = np.append(self.squares[others], square)
-        order = np.argsort(speeds)
-        return replace(self, speeds=speeds[order], squares=squares[order])
-
-    def crossings(self, order: int) -> Array:
-        """The speeds above 0 and within the curve where an engine order meets it, ascending."""
-        spline, slope = CubicSpline(self._variable, self.squares), (order / 60.0) ** 2
-        left = spline.x[:-1]
-        powers = spline.c.copy()  # (k Omega/60)^2 about the left end of each piece is subtracted
-        if self.coriolis:
-            powers[-3] -= slope
-            powers[-2] -= 2.0 * slope * left
-            powers[-1] -= slope * left**2
-        else:
-            powers[-2] -= slope
-            powers[-1] -= slope * left
-        roots = PPoly(powers, spline.x).roots(extrapolate=False)
-        roots = roots[np.isfinite(roots) & (roots > 0.0)]
-        # a root where two pieces meet is found in both
-        return np.unique(np.round(roots if self.coriolis else np.sqrt(roots), 9))
-
-    @property
-    def _variable(self) -> Array:
-        return self._of(self.speeds)
-
-    def _of(self, speeds: Array) -> Array:
-        return speeds if self.coriolis else speeds**2
-
-
-def critical_speeds(
-    curves: Sequence[FrequencyCurve],
-    orders: Sequence[int],
-    solve: Callable[[int, float], tuple[float, float]],
-    met: NDArray[np.bool_] | None = None,
-    names: Sequence[str] | None = None,
-) -> tuple[list[Critical], list[str]]:
-    """The critical speeds of all modes and engine orders, each confirmed by the modes there.
-
-    Args:
-        curves: the frequency of each mode.
-        orders: the engine orders.
-        solve: computes f^2 in Hz^2 and the MAC of a mode (from 0) at a speed in rev/min.
-        met: (modes, orders) whether an order excites a mode; by default all do.
-        names: names of the modes; by default their numbers.
-
-    Returns:
-        The critical speeds in ascending order, and a sentence for each one that failed.
-    """
-    found, notes = [], []
-    for mode, curve in enumerate(curves):
-        for k, order in enumerate(orders):
-            for speed in curve.crossings(order) if met is None or met[mode, k] else ():
-                item = Critical(mode + 1, order, float(speed), order * float(speed) / 60.0)
-                where = f"engine order {order} and mode {names[mode] if names else mode + 1}"
-                try:
-                    confirmed = confirm(curve, item, partial(solve, mode))
-                except (ConvergenceError, AccuracyError) as error:
-                    notes.append(f"{where} at {speed:.5g} rpm: interpolated only: {error}")
-                    confirmed = item
-                if confirmed is None:
-                    continue
-                found.append(confirmed)
-                if confirmed.difference is not None and not confirmed.confirmed:
-                    notes.append(
-                        f"{where} at {confirmed.speed_rpm:.5g} rpm: not confirmed, the frequency "
-                        f"there differs by {100 * confirmed.difference:.2g} % (MAC "
-                        f"{confirmed.mac:.2f}); use speeds that are closer together"
-                    )
-    return sorted(found, key=lambda item: (item.speed_rpm, item.mode, item.order)), notes
-
-
-def confirm(
-    curve: FrequencyCurve, item: Critical, solve: Callable[[float], tuple[float, float]]
-) -> Critical | None:
-    """Compute the frequency at a critical speed, and correct the speed until both agree.
-
-    Every computed frequency joins the points of the spline.
-
-    Args:
-        curve: the frequency of the mode.
-        item: the critical speed of the spline.
-        solve: computes f^2 in Hz^2 and the MAC of the mode at a speed in rev/min.
-
-    Returns:
-        The critical speed, the one with the smallest difference if none was confirmed; None if the
-        computed frequencies show that there is no critical speed.
-
-    Raises:
-        ConvergenceError, AccuracyError: the first computation failed.
-    """
-    best: Critical | None = None
-    for _ in range(SOLUTIONS):
-        square, mac = solve(item.speed_rpm)
-        computed = float(np.sqrt(max(square, 0.0)))
-        difference = computed / item.frequency_hz - 1.0
-        item = replace(item, computed_hz=computed, difference=difference, mac=mac)
-        if item.confirmed or mac < LEAST_MAC:
-            return item
-        if best is None or best.difference is None or abs(difference) < abs(best.difference):
-            best = item
-        curve = curve.with_sample(item.speed_rpm, square)
-        speeds = curve.crossings(item.order)
-        if not speeds.size:
-            return None
-        speed = float(speeds[np.argmin(np.abs(speeds - item.speed_rpm))])
-        item = replace(item, speed_rpm=speed, frequency_hz=item.order * speed / 60.0)
-    return best
-
-
+JUDGED = 3  # nodal diameters whose frequencies finer elements judge: first, middle and last
 MODES = 6  # number of modes, unless the scene gives it
 DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
@@ -371,78 +188,72 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     begin = clock.perf_counter()
     scene = given if isinstance(given, Scene) else given.scene
     speeds = speeds_rpm(scene)
-    solid: Solid | None = None
-    body: Any  # a solid, a `RangeBody` or a `Disk`
+    tracked = _tracked(given, scene, speeds, comm)
+    unfinished = tracked.follow_speeds(speeds)
+    solid = tracked.solid
     if isinstance(given, Scene):
-        solid = _solid_at(float(speeds[0]), scene, comm)
-        body = solid if scene.cyclic is None else disk_of(solid, diameters_of(scene))
+        judged = _judged(scene.at_speed(float(speeds[0])), tracked)
     else:
-        body = range_body(given, speeds)
-    most = body.whole.modes if isinstance(body, RangeBody) else body.free
-    count = min(scene.campbell.modes or MODES, most)
-    each = min(count + EXTRA_MODES, body.free)
-    tracked = _Tracked(each, scene.at_speed(float(speeds.max())), solid)
-    unfinished = tracked.follow_speeds(body, speeds)
-    shown, names = np.arange(count), list[str]()
-    at_first = scene if scene.rotation is None else scene.at_speed(float(speeds[0]))
-    if solid is None:
-        assert not isinstance(given, Scene)
         judged = of_model(given, float(speeds[0]))
-    elif scene.cyclic is not None:
-        shown = lowest(body, count, each)
-        judged = _judged_disk(at_first, body, count, tracked.squares[0][shown])
-    else:
-        squares = tracked.squares[0][:count], lambda finer: modes_at_speed(finer, count)[0]
-        judged = of_solid(at_first, solid, squares)
-        names = tracked.names(solid, scene)[:count]
-    reached = speeds[: len(tracked.squares)]
+    reached = speeds[: len(tracked.largest)]
     found = Campbell(
         scene=scene,
         speeds_rpm=reached,
-        squares=np.array(tracked.squares)[:, shown],
-        mac=np.array(tracked.mac)[:, shown],
+        squares=tracked.shown("squares"),
+        mac=tracked.shown("mac"),
         largest=np.array(tracked.largest),
-        names=names,
+        names=[] if solid is None or scene.cyclic else tracked.names(solid, scene),
         change=max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
         mesh_check=judged,
-        unknowns=body.free if solid is None else solid.free,
-        warnings=[*(body if solid is None else solid).warnings, *judged.warnings(scene)],
+        unknowns=tracked.turning.free,
+        warnings=[*tracked.turning.warnings, *judged.warnings(scene)],
         unfinished=unfinished,
         body=solid,
     )
-    if scene.cyclic is not None:
-        shapes = tracked.shapes[-1][:, shown]
-        found.waves = waves_of(body, shapes, count, _sense(scene, float(reached[-1])))
-        found.shapes = body.displacements(shapes)
-    found.warnings += _warnings(found)
-    if tracked.passed is not None and scene.damped:
-        text = (
-            f"at {tracked.passed:g} rpm the body turns above a critical speed, where a mode has 0 "
-            "Hz in the turning frame: damping that turns with the body makes this mode whirl"
-        )
-        found.warnings.append(Note(NoteKind.UNSTABLE, text))
-    states = zip([f"at {speed:g} rpm" for speed in reached], tracked.deformations, strict=False)
-    found.warnings += strain_warnings(list(states))
-    _find_critical_speeds(found, body, tracked, shown)
+    if solid is not None and scene.cyclic is not None:
+        last = [part.shapes[reached.size - 1][:, : part.shown] for part in tracked.parts]
+        pairs = list(zip(diameters_of(scene), last, strict=True))
+        found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]))
+    found.warnings += [*_warnings(found), *tracked.warnings(scene, reached)]
+    _find_critical_speeds(found, tracked)
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _judged_disk(scene: Scene, disk: Disk, count: int, squares: Array) -> MeshCheck:
-    """Judge omega^2 (m,) of some nodal diameters of a disk by finer elements."""
-    judged = judged_diameters(disk.diameters)
-    numbers = counts(disk, count)
-    kept = np.repeat(np.isin(disk.diameters, judged), numbers)
-    pairs = [(h, n) for h, n in zip(disk.diameters, numbers, strict=True) if h in judged]
-    labels = tuple(f"{k + 1} of {h} nodal diameters" for h, n in pairs for k in range(n))
+def _tracked(given: Scene | StoredModel, scene: Scene, speeds: Array, comm: Any) -> _Tracked:
+    """The body at its first speed, before its modes are computed; errors as `campbell`."""
+    fastest, asked = scene.at_speed(float(speeds.max())), scene.campbell.modes or MODES
+    if not isinstance(given, Scene):
+        body = range_body(given, speeds)
+        return _Tracked([_Part(nullcontext, modes_at_speed, min(asked, body.whole.modes))], body)
+    solid = _solid_at(float(speeds[0]), scene, comm)
+    if scene.cyclic is None:
+        return _Tracked([_Part(nullcontext, modes_at_speed, asked)], solid, solid, fastest)
+    from fenicsrom.fem.solid.wave import wave
+
+    parts = [
+        _Part(
+            partial(wave, h=h), wave_modes, asked * directions(solid, h), f" of {h} nodal diameters"
+        )
+        for h in diameters_of(scene)
+    ]
+    return _Tracked(parts, solid, solid, fastest)
+
+
+def _judged(scene: Scene, tracked: _Tracked) -> MeshCheck:
+    """Judge the frequencies at the first speed, of some waves of a disk, by finer elements."""
+    assert tracked.solid is not None
+    last = len(tracked.parts) - 1
+    places = np.unique(np.linspace(0, last, min(JUDGED, last + 1)).round().astype(int))
+    parts = [tracked.parts[k] for k in places]
 
     def finer_squares(finer: Solid) -> Array:
-        found = disk_of(finer, judged)
-        values = disk_modes(found, count)[0]
-        found.destroy()
-        return values
+        return np.concatenate([part.solved(finer) for part in parts])
 
-    return replace(of_solid(scene, disk.sector, (squares[kept], finer_squares)), labels=labels)
+    squares = np.concatenate([part.squares[0][: part.shown] for part in parts])
+    labels = tuple(f"{k + 1}{part.name}" for part in parts for k in range(part.shown))
+    found = of_solid(scene, tracked.solid, (squares, finer_squares))
+    return found if scene.cyclic is None else replace(found, labels=labels)
 
 
 def _sense(scene: Scene, speed_rpm: float) -> float:
@@ -450,31 +261,30 @@ def _sense(scene: Scene, speed_rpm: float) -> float:
     cyclic, rotation = scene.cyclic, scene.rotation
     if cyclic is None or rotation is None or not rotation.coriolis:
         return 0.0
-    return speed_rpm * float(np.dot(cyclic.axis or (1.0,), rotation.axis or (1.0,)))
+    along = float(np.dot(cyclic.axis or (1.0,), rotation.axis or (1.0,)))
+    return -along if speed_rpm < 0.0 else along
 
 
-def _find_critical_speeds(
-    found: Campbell, body: TurningBody, tracked: _Tracked, shown: NDArray[np.int64]
-) -> None:
+def _find_critical_speeds(found: Campbell, tracked: _Tracked) -> None:
     """Find the critical speeds, and the frequencies at the speed of operation."""
     rotation = found.scene.rotation
     assert rotation is not None
     log.info("critical speeds ..")
+    places = [(part, k) for part in tracked.parts for k in range(part.shown)]
 
     @cache
-    def between(speed: float) -> tuple[Array, Array]:
+    def between(part: _Part, speed: float) -> tuple[Array, Array]:
         """omega^2 and MAC of the modes, in their order at the nearest speed of the diagram."""
         k = int(np.argmin(np.abs(found.speeds_rpm - speed)))
         if found.speeds_rpm[k] == speed:
-            return tracked.squares[k], np.ones(tracked.squares[k].size)
-        body.spin(np.pi / 30.0 * speed)
-        values, vectors, _ = tracked.modes(body, tracked.count)
-        values, _, mac = follow(body, tracked.squares[k], tracked.shapes[k], values, vectors)
-        return values, mac
+            return part.squares[k], np.ones(part.squares[k].size)
+        tracked.turning.spin(np.pi / 30.0 * speed)
+        return part.near(tracked.turning, k)
 
     def solve(mode: int, speed: float) -> tuple[float, float]:
-        squares, mac = between(speed)
-        return float(squares[shown[mode]]) / (2.0 * np.pi) ** 2, float(mac[shown[mode]])
+        part, k = places[mode]
+        squares, mac = between(part, speed)
+        return float(squares[k]) / (2.0 * np.pi) ** 2, float(mac[k])
 
     orders = found.scene.campbell.engine_orders
     met = found.met(orders)
@@ -483,8 +293,9 @@ def _find_critical_speeds(
     speed = rotation.speed_rpm
     if 0.0 < speed and found.speeds_rpm[0] <= speed <= found.speeds_rpm[-1]:
         try:
-            squares, _ = between(speed)
-            found.operating_squares = squares[shown]
+            found.operating_squares = np.concatenate(
+                [between(part, speed)[0][: part.shown] for part in tracked.parts]
+            )
         except (ConvergenceError, AccuracyError) as error:
             text = f"no margins at {speed:g} rpm: {error}"
             found.warnings.append(Note(NoteKind.FAILED, text, quantity=CRITICAL))
@@ -511,56 +322,94 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Solid:
     return solid
 
 
-class _Tracked:
-    """The modes of a body at successive speeds, in the order of the modes at the first speed."""
+@dataclass(eq=False)
+class _Part:
+    """The modes of a body, or of one wave of a disk, in their order at the first speed.
 
-    def __init__(self, count: int, fastest: Scene, solid: Solid | None):
+    Attributes:
+        of: gives the body whose modes these are, of a solid or of a `RangeBody`.
+        modes: finds its lowest modes, as `modes_at_speed`.
+        shown: number of modes that are shown; some more are tracked.
+        name: what stands behind the number of a mode.
+        squares: at each speed, omega^2 (m,), rad^2/s^2.
+        mac: at each speed, the MAC (m,) of each mode with itself at the previous speed.
+        shapes: at each speed, the shapes (own, m).
+    """
+
+    of: Callable[[Any], AbstractContextManager[TurningBody]]
+    modes: Callable[[TurningBody, int], tuple[Array, Shapes, float]]
+    shown: int
+    name: str = ""
+    squares: list[Array] = field(default_factory=list)
+    mac: list[Array] = field(default_factory=list)
+    shapes: list[Shapes] = field(default_factory=list)
+
+    def solved(self, turning: Any) -> Array:
+        """omega^2 (m,) of the modes that are shown, of another solid at the same speed."""
+        with self.of(turning) as body:
+            return self.modes(body, self.shown)[0]
+
+    def add(self, turning: Any) -> tuple[float, bool]:
+        """Add the modes at the present speed; errors as `modes_at_speed`.
+
+        Returns:
+            The last relative change of complex frequencies, and whether a mode has passed zero.
+        """
+        with self.of(turning) as body:
+            known = self.squares[0].size if self.squares else self.shown + EXTRA_MODES
+            values, vectors, change = self.modes(body, min(known, body.free))
+            passed = have_passed_zero(body, values, vectors)
+            mac: Array = np.ones(values.size)
+            if self.squares:
+                before = self.squares[-1], self.shapes[-1]
+                values, vectors, mac = follow(body, *before, values, vectors)
+        self.shown = min(self.shown, values.size)
+        self.squares.append(values)
+        self.mac.append(mac)
+        self.shapes.append(vectors)
+        return change, passed
+
+    def near(self, turning: Any, k: int) -> tuple[Array, Array]:
+        """omega^2 (m,) at the present speed, and the MAC (m,) with the modes at the speed k."""
+        with self.of(turning) as body:
+            values, vectors, _ = self.modes(body, self.squares[k].size)
+            values, _, mac = follow(body, self.squares[k], self.shapes[k], values, vectors)
+        return values, mac
+
+
+class _Tracked:
+    """The modes of a body at successive speeds."""
+
+    def __init__(
+        self,
+        parts: list[_Part],
+        turning: Any,
+        solid: Solid | None = None,
+        fastest: Scene | None = None,
+    ):
         """Begin without a speed.
 
         Args:
-            count: number of modes, of a disk of each nodal diameter.
-            fastest: the scene at the largest speed.
-            solid: the solid of the scene, or None.
+            parts: one part, or the waves of a disk.
+            turning: what turns: a solid or a `RangeBody`.
+            solid: the solid, or None.
+            fastest: the scene of the solid at the largest speed.
         """
-        self.count, self.fastest, self.solid = count, fastest, solid
-        self.modes: Callable[..., Any] = modes_at_speed if fastest.cyclic is None else disk_modes
-        self.squares: list[Array] = []
-        self.mac: list[Array] = []
+        self.parts, self.turning, self.solid, self._fastest = parts, turning, solid, fastest
         self.largest: list[float] = []
         self.deformations: list[Deformation] = []
         self.changes: list[float] = []
-        self.shapes: list[Shapes] = []
         self.passed: float | None = None  # the first speed above a critical one, rev/min
 
-    def add(self, body: TurningBody, speed_rpm: float) -> None:
-        """Add the modes of the body at its present speed.
+    def shown(self, name: str) -> Array:
+        """The "squares" or the "mac" (speeds, m) of the modes that are shown."""
+        columns = [np.array(getattr(part, name))[:, : part.shown] for part in self.parts]
+        return np.concatenate([column[: len(self.largest)] for column in columns], axis=1)
 
-        Raises:
-            ConvergenceError, AccuracyError: as in `modes_at_speed`.
-        """
-        values, vectors, change = self.modes(body, self.count)
-        if self.passed is None and have_passed_zero(body, values, vectors):
-            self.passed = speed_rpm
-        common: Array = np.ones(values.size)
-        if self.shapes:
-            before = self.squares[-1], self.shapes[-1]
-            values, vectors, common = follow(body, *before, values, vectors)
-        self.shapes.append(vectors)
-        self.squares.append(values)
-        self.mac.append(common)
-        self.largest.append(float(body.largest(body.equilibrium[:, None])[0]))
-        if self.solid is not None:
-            from fenicsrom.fem.body.stress_points import body_deformation
-
-            found = body_deformation(self.solid, self.fastest, body.equilibrium)
-            self.deformations.append(found)
-        self.changes.append(change)
-
-    def follow_speeds(self, body: TurningBody, speeds: Array) -> Exception | None:
+    def follow_speeds(self, speeds: Array) -> Exception | None:
         """Add the modes at all speeds; the body is at the first one.
 
         Args:
-            body: the body.
             speeds: the speeds, rev/min.
 
         Returns:
@@ -570,38 +419,55 @@ class _Tracked:
             ConvergenceError, AccuracyError: the first speed failed.
         """
         begin = clock.perf_counter()
-        for k, speed in enumerate(speeds):
+        for k, speed in enumerate(map(float, speeds)):
             try:
                 if k:
-                    body.spin(np.pi / 30.0 * float(speed))
-                self.add(body, float(speed))
+                    self.turning.spin(np.pi / 30.0 * speed)
+                added = [part.add(self.turning) for part in self.parts]
             except (ConvergenceError, AccuracyError) as error:
                 if not k:
                     raise
                 return type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
-            lowest = np.sort(hertz(self.squares[-1]))[:MODES]
-            line = ", ".join(f"{value:.4g}" for value in lowest)
+            self.changes.append(max(change for change, _ in added))
+            if self.passed is None and any(passed for _, passed in added):
+                self.passed = speed
+            self._add_equilibrium()
+            every = np.concatenate([part.squares[-1][: part.shown] for part in self.parts])
+            line = ", ".join(f"{value:.4g}" for value in np.sort(hertz(every))[:MODES])
             left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
             log.info(f"{speed:g} rpm: {line} Hz; speed {k + 1} of {speeds.size}, {left}")
         return None
 
+    def _add_equilibrium(self) -> None:
+        u = self.turning.equilibrium
+        self.largest.append(float(self.turning.largest(u[:, None])[0]))
+        if self.solid is not None and self._fastest is not None:
+            from fenicsrom.fem.body.stress_points import body_deformation
+
+            self.deformations.append(body_deformation(self.solid, self._fastest, u))
+
+    def warnings(self, scene: Scene, speeds: Array) -> list[Note]:
+        """What the equilibria and the modes at the speeds that were reached give reason to say."""
+        states = zip([f"at {speed:g} rpm" for speed in speeds], self.deformations, strict=False)
+        found = strain_warnings(list(states))
+        if self.passed is not None and scene.damped:
+            text = (
+                f"at {self.passed:g} rpm the body turns above a critical speed, where a mode has 0 "
+                "Hz in the turning frame: damping that turns with the body makes this mode whirl"
+            )
+            found.insert(0, Note(NoteKind.UNSTABLE, text))
+        return found
+
     def names(self, solid: Solid, scene: Scene) -> list[str]:
         """The names of the modes by their shapes at the first speed. Collective."""
-        rotation = scene.rotation
+        rotation, (part,) = scene.rotation, self.parts
         assert rotation is not None and rotation.point is not None
         d = solid.dimension
         axis = np.array(rotation.axis if rotation.axis is not None else (0.0, 0.0, 1.0))
         point = np.pad(np.array(rotation.point), (0, 3 - d))
         nodes = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
-        shapes = self.shapes[0].reshape(len(nodes), d, self.count)
-        return mode_names(nodes, shapes, axis, point, solid.comm)
-
-
-def disk_of(solid: Solid, diameters: Sequence[int]) -> Disk:
-    """The waves of the disk of which a solid is one sector; errors as `Disk`."""
-    from fenicsrom.fem.solid.disk import Disk
-
-    return Disk(solid, diameters)
+        shapes = part.shapes[0].reshape(len(nodes), d, -1)
+        return mode_names(nodes, shapes, axis, point, solid.comm)[: part.shown]
 
 
 def speeds_rpm(scene: Scene) -> Array:

@@ -10,6 +10,7 @@ Source: Singh et al., Proc. 17th Turbomachinery Symposium, 1988 (SAFE diagram).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,11 +18,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.rotation.rotating_modes import hermitian, modes_at_speed
+from fenicsrom.assess.rotation.rotating_modes import Shapes, hermitian, modes_at_speed
 from fenicsrom.reduction.modes import close_frequency_groups
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.solid.disk import Disk, Wave
+    from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.fem.solid.wave import Wave
 
 COINCIDENT = 1e-7
 """Relative distance of frequencies below which waves of both directions are told apart by shape."""
@@ -34,9 +36,6 @@ LETTERS = {1: "f", -1: "b", 0: ""}
 
 MOST_DIAMETERS = 13
 """Number of nodal diameters unless the scene gives them."""
-
-JUDGED = 3
-"""Number of nodal diameters whose frequencies finer elements judge."""
 
 
 class WaveMode(NamedTuple):
@@ -73,13 +72,13 @@ def diameters_of(scene: Any) -> tuple[int, ...]:
     return tuple(sorted(set(scene.cyclic.diameters or range(most))))
 
 
-def judged_diameters(diameters: tuple[int, ...]) -> tuple[int, ...]:
-    """The first, the middle and the last of some nodal diameters."""
-    places = np.linspace(0, len(diameters) - 1, min(JUDGED, len(diameters))).round().astype(int)
-    return tuple(diameters[k] for k in places)
+def directions(sector: Solid, h: int) -> int:
+    """How many directions of a wave with h nodal diameters have frequencies of their own."""
+    assert sector.cut is not None
+    return 1 if sector.gyroscopic is None or sector.cut.is_real(h) else 2
 
 
-def wave_modes(wave: Wave, count: int) -> tuple[Array, NDArray[Any], float]:
+def wave_modes(wave: Wave, count: int) -> tuple[Array, Shapes, float]:
     """The lowest modes of one nodal diameter, which go one way each.
 
     Without the Coriolis force those of both ways are alike, and the ones of z₊ are given.
@@ -99,7 +98,7 @@ def wave_modes(wave: Wave, count: int) -> tuple[Array, NDArray[Any], float]:
         return modes_at_speed(wave, count)
     both = wave.gyroscopic is not None
     squares, shapes, change = modes_at_speed(wave, min(count if both else 2 * count, wave.free))
-    found: list[tuple[float, NDArray[Any]]] = []
+    found: list[tuple[float, Shapes]] = []
     for group in close_frequency_groups(np.sqrt(np.abs(squares)), COINCIDENT):
         for part in wave.parts(shapes[:, group])[: 1 + both]:
             sizes, turn = scipy.linalg.eigh(hermitian(wave, part, part))
@@ -111,55 +110,35 @@ def wave_modes(wave: Wave, count: int) -> tuple[Array, NDArray[Any], float]:
     return np.array([mode[0] for mode in found]), np.stack([mode[1] for mode in found], 1), change
 
 
-def counts(disk: Disk, count: int) -> list[int]:
-    """The number of modes of each nodal diameter: twice as many if the two ways are told apart."""
-    return [count * (1 + (wave.double and wave.gyroscopic is not None)) for wave in disk.waves]
-
-
-def disk_modes(disk: Disk, count: int) -> tuple[Array, NDArray[Any], float]:
-    """The lowest modes of each nodal diameter, one diameter after another.
+def waves_of(
+    sector: Solid, shapes: Sequence[tuple[int, Shapes]], sense: float
+) -> tuple[tuple[WaveMode, ...], Shapes]:
+    """Which waves some modes are, and their displacements.
 
     Args:
-        disk: the disk.
-        count: number of modes of each nodal diameter and way.
-
-    Returns:
-        omega^2 (m,), shapes (own, m) and a change as `wave_modes`, whose errors these are.
-    """
-    pairs = zip(disk.waves, counts(disk, count), strict=True)
-    parts = [wave_modes(wave, number) for wave, number in pairs]
-    shapes = scipy.linalg.block_diag(*(part[1] for part in parts))
-    return np.concatenate([part[0] for part in parts]), shapes, max(part[2] for part in parts)
-
-
-def lowest(disk: Disk, count: int, more: int) -> NDArray[np.int64]:
-    """The places of the `count` lowest modes of each diameter among `disk_modes` of `more`."""
-    sizes = counts(disk, more)
-    first = np.cumsum([0, *sizes[:-1]])
-    pairs = zip(first, counts(disk, count), strict=True)
-    return np.concatenate([begin + np.arange(number) for begin, number in pairs])
-
-
-def waves_of(disk: Disk, shapes: NDArray[Any], count: int, sense: float) -> tuple[WaveMode, ...]:
-    """Which waves the modes of `disk_modes` are.
-
-    Args:
-        disk: the disk.
-        shapes: (own, m) their shapes.
-        count: number of modes of each nodal diameter and way.
+        sector: the sector of the disk.
+        shapes: nodal diameters, and the shapes (own, m) of modes of `wave_modes`.
         sense: above 0 if the disk turns in the sense in which the sectors are counted, below 0 if
             against it, 0 if the modes have no direction.
+
+    Returns:
+        The waves, and their complex amplitudes (local, all modes) in the sector.
     """
-    assert disk.sector.cut is not None
+    assert sector.cut is not None
     found: list[WaveMode] = []
-    begin = 0
-    for wave, place, number in zip(disk.waves, disk.places, counts(disk, count), strict=True):
-        parts = wave.parts(shapes[place, begin : begin + number].astype(complex))
-        behind, ahead = (np.diag(hermitian(wave, part, part)).real for part in parts)
-        lags = [-1 if forward else 1 for forward in ahead > behind]
-        ways = [-int(np.sign(sense)) * lag * wave.double for lag in lags]
+    amplitudes = []
+    for h, z in shapes:
+        real = sector.cut.is_real(h)
+        lags = np.ones(z.shape[1], int) if real else lags_of(z, sector.comm)
+        ways = [0 if real else -int(np.sign(sense)) * int(lag) for lag in lags]
         for k, (way, lag) in enumerate(zip(ways, lags, strict=True)):
-            nth = ways[: k + 1].count(way)
-            found.append(WaveMode(disk.sector.cut.sectors, wave.h, nth, way, lag))
-        begin += number
-    return tuple(found)
+            number = ways[: k + 1].count(way)
+            found.append(WaveMode(sector.cut.sectors, h, number, way, int(lag)))
+        amplitudes.append(sector.cut.displacements(h, z))
+    return tuple(found), np.concatenate(amplitudes, axis=1)
+
+
+def lags_of(z: Shapes, comm: Any) -> NDArray[np.int64]:
+    """The sign (k,) of the lag of waves (own, k) that go one way: b = ∓ i a of z₊ and z₋."""
+    turned = np.sum(z[::2].conj() * z[1::2], axis=0).imag
+    return np.where(comm.allreduce(turned) < 0.0, 1, -1)

@@ -152,7 +152,7 @@ def _in_space(block: NDArray[Any]) -> NDArray[Any]:
 
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
-TurningBody = Any  # a solid, a `RangeBody`, or a `Wave` or `Disk` of `fenicsrom.fem.solid.disk`
+TurningBody = Any  # a solid, a `RangeBody`, or a `fenicsrom.fem.solid.wave.Wave`
 
 # relative distance of frequencies below which the modes span one eigenspace
 COINCIDENT = 1e-4

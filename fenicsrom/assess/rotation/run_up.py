@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.rotation.campbell import FrequencyCurve
+from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
 from fenicsrom.assess.rotation.rotating_modes import RangeBody, modes_at_speed
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import angle_at, speed_at

@@ -25,7 +25,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR
 from fenicsrom.assess.jobs import Workers, stop_of
-from fenicsrom.assess.rotation.campbell import FrequencyCurve
+from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
 from fenicsrom.assess.studies.sweep_runs import digest_of, file_digest, model_of

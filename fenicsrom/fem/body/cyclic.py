@@ -264,6 +264,15 @@ class CutFaces:
         pair = scipy.sparse.kron(found.real, np.eye(2)) + scipy.sparse.kron(found.imag, IMAGINARY)
         return _petsc(csr_array(pair), 2 * count, comm)
 
+    def displacements(self, h: int, z: Complex) -> Complex:
+        """Complex amplitudes u (local, k) of Re (u e^{iωt}) of masters (own, k). Collective."""
+        constraint = self.constraint(h)
+        parts = (np.ascontiguousarray(part, dtype=np.float64) for part in (z.real, z.imag))
+        real, imaginary = (times(constraint, part) for part in parts)
+        constraint.destroy()
+        found = real + 1j * imaginary
+        return np.asarray(found if self.is_real(h) else found[::2])
+
     def _masters(self, h: int) -> tuple[_Masters, int]:
         """How the nodes of this rank follow from masters, but for the followers; their number."""
         n, d = self._held.shape

@@ -1,0 +1,111 @@
+"""The waves of a disk from one of its sectors, at rest or at speed.
+
+About the equilibrium that is alike in all sectors, a wave with h nodal diameters has the matrices
+of `fenicsrom.fem.body.cyclic`. A wave with 0 < h < N/2 goes around the disk in both directions. Its
+modes without the Coriolis force come in pairs of equal frequency; the real and imaginary parts x of
+a wave then move as
+
+    x = Re (z e^{iωt}),    z = z₊ + z₋,    z± = ½ (1 ∓ i J) z,    J x = i x of the wave.       (1)
+
+z₊ turns against the sense in which the sectors are counted, z₋ along it. With the Coriolis force
+
+    (Pᴴ K P + λ Pᴴ G P + λ² Pᴴ M P) z = 0,                                                (2)
+
+and the two have different frequencies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.base.linalg import Factorisation, eigenmodes, multiply
+from fenicsrom.fem.body.cyclic import wave_matrix
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.reduction.protocols import Inverse
+
+Complex = NDArray[np.complex128]
+
+
+class Wave:
+    """The body of one nodal diameter about the present equilibrium of a sector.
+
+    Its vectors are the masters of `CutFaces.constraint` that this rank owns; real and imaginary
+    parts of complex ones follow each other.
+
+    Attributes:
+        double: whether the vectors have imaginary parts, and each mode comes twice.
+        free: number of unknowns.
+        inner: inner products over all ranks of two blocks.
+    """
+
+    def __init__(self, sector: Solid, h: int):
+        """Make the matrices of a wave. Collective.
+
+        Args:
+            sector: the sector, in its equilibrium.
+            h: nodal diameter, at most half the number of sectors.
+
+        Raises:
+            ConvergenceError: the stiffness is singular.
+        """
+        assert sector.cut is not None
+        self.double, self._constraint = not sector.cut.is_real(h), sector.cut.constraint(h)
+        self._stiffness, self._mass = (
+            wave_matrix(matrix, self._constraint) for matrix in (sector.stiffness, sector.mass)
+        )
+        self.gyroscopic: PETSc.Mat | None = None
+        if sector.gyroscopic is not None:
+            self.gyroscopic = wave_matrix(sector.gyroscopic, self._constraint)
+        self.factor = Factorisation(self._stiffness, "fenicsrom_wave")
+        self.free, self.inner = self._stiffness.getSize()[0], sector.inner
+
+    def destroy(self) -> None:
+        """Free the matrices and the factor. Collective."""
+        self.factor.destroy(matrix=True)
+        for matrix in (self._mass, self._constraint, self.gyroscopic):
+            if matrix is not None:
+                matrix.destroy()
+
+    def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
+        """The `count` lowest ω² (count,) and mass-normalised modes (own, count)."""
+        return eigenmodes(self._stiffness, self._mass, inverse, count, "fenicsrom_wave_modes")
+
+    def stiffness_times(self, block: Array) -> Array:
+        """The stiffness times a block (own, k)."""
+        return multiply(self._stiffness, block)
+
+    def mass_times(self, block: Array) -> Array:
+        """The mass matrix times a block (own, k)."""
+        return multiply(self._mass, block)
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """The gyroscopic matrix times a block (own, k)."""
+        return multiply(self.gyroscopic, block)
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """Mass inner products aᵀ M b (k, l) over all ranks of two blocks."""
+        return self.inner(a, multiply(self._mass, b))
+
+    def parts(self, z: Complex) -> tuple[Complex, Complex]:
+        """z₊ and z₋ of (1) of a block (own, k); if the wave stands (h = 0, N/2), z and nothing."""
+        if not self.double:
+            return z, 0.0 * z
+        turned = np.empty_like(z, dtype=complex)
+        turned[::2], turned[1::2] = -1j * z[1::2], 1j * z[::2]
+        return 0.5 * (z - turned), 0.5 * (z + turned)
+
+
+@contextmanager
+def wave(sector: Solid, h: int) -> Iterator[Wave]:
+    """The wave of a sector with h nodal diameters; its matrices are freed. Errors as `Wave`."""
+    found = Wave(sector, h)
+    try:
+        yield found
+    finally:
+        found.destroy()
