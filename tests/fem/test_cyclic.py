@@ -54,14 +54,14 @@ def hub() -> tuple[Any, Any]:
     return points, np.array([(0, 1, 2, 5), (0, 4, 1, 5), (0, 3, 4, 5)])
 
 
-def scene_of(path: Path, points: Any, cells: Any, **more: Any) -> Any:
+def scene_of(path: Path, points: Any, cells: Any, on_right: Any = False, **more: Any) -> Any:
     """The scene of a mesh with the node sets left, right, bore and rim."""
     d = 2 if cells.shape[1] == 4 and not points[:, 2].any() else 3
     angle = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
     radius = np.hypot(points[:, 0], points[:, 1])
     on_axis = radius < 1e-9
     sets = {
-        "right": (np.abs(angle) < 1e-6) | on_axis,
+        "right": (np.abs(angle) < 1e-6) | on_axis | on_right,
         "left": (np.abs(angle - 2.0 * np.pi / N) < 1e-6) | on_axis,
         "bore": radius < 0.11,
         "rim": radius > 0.29,
@@ -183,18 +183,25 @@ def test_point_beside_the_axis_of_rotation_is_refused(tmp_path: Path) -> None:
         scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"point": [0.0, 0.0]}, rotation=turning)
 
 
-def test_faces_that_are_no_turn_of_each_other_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("moved", [(0.05, 0.0), (0.0, -0.01)])
+def test_faces_that_are_no_turn_of_each_other_are_refused(
+    tmp_path: Path, moved: tuple[float, float]
+) -> None:
+    """A node of the right face lies beyond the left one turned, or beside it."""
     points, cells = ring()
-    points[:, 2] = 0.0
-    moved = points[:, 0] > 0.29
-    points[moved & (np.abs(points[:, 1]) < 1e-9), 0] += 0.05
-    with refusal(ErrorKind.PLACE, key="cyclic.right", names="1 of 5 nodes lie beside it"):
-        build_solid(scene_of(tmp_path, points, cells, cyclic=CYCLIC), MPI.COMM_SELF)
+    at = (points[:, 0] > 0.29) & (np.abs(points[:, 1]) < 1e-9)
+    points[at, :2] += moved
+    scene = scene_of(tmp_path, points, cells, on_right=at, cyclic=CYCLIC)
+    with refusal(ErrorKind.PLACE, key="cyclic.right", names="of 5 nodes lie beside it"):
+        build_solid(scene, MPI.COMM_SELF)
 
 
-def test_supports_that_differ_from_sector_to_sector_are_refused(tmp_path: Path) -> None:
-    held = [{"group": "bore", "components": ["x"]}, {"group": "rim"}]
-    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC, supports=held)
+@pytest.mark.parametrize("held", [{"group": "bore", "components": ["x"]}, {"group": "right"}])
+def test_supports_that_differ_from_sector_to_sector_are_refused(
+    tmp_path: Path, held: dict[str, Any]
+) -> None:
+    supports = [held, {"group": "rim"}]
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC, supports=supports)
     with refusal(ErrorKind.SUPPORT, key="supports", names="alike"):
         build_solid(scene, MPI.COMM_SELF)
 
