@@ -23,6 +23,7 @@ BAR, BAR_BELOW = 0.6, 0.72
 """Space of a colour bar beside a panel, without the texts at its marks, and below it, inches."""
 
 EDGE_SPACE = 0.12  # inches beside the outermost axes
+MARK_SPACE = 0.19  # inches: a mark, its pads, and what a minus is wider than a letter
 ROW = 0.225  # height of a row of a legend, inches
 SAMPLE = 0.62  # width of the sample in a legend with its spaces, inches
 SIDES = (0, 1, 2, 0, 1)
@@ -225,7 +226,7 @@ def _sizes(space: float, parts: Sequence[float], count: int) -> Array:
 
 def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float]:
     """The space around axes: label and marks on the left, right, top and bottom, inches."""
-    marks = LETTER * max(map(_width, _marks(axis.yaxis)), default=0) + EDGE_SPACE
+    marks = LETTER * max(map(_width, _marks(axis.yaxis)), default=0) + MARK_SPACE
     label = 0.06 + LINE * (1 + panel.ylabel.count("\n")) if panel.ylabel else 0.0
     shown = _marks(axis.xaxis)
     first, last = (

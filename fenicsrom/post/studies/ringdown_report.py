@@ -76,7 +76,9 @@ def figure(found: Ringdown) -> Plot:
     (time, displacement), periods = found.curve, found.periods
     label = f"probe along {'xyz'[found.direction]}\nin the mode, mm"
     panels = [Panel([Line(time, 1e3 * displacement, linewidth=0.8)], "time, s", label)]
-    for quantity in (FREQUENCY, DAMPING):
+    damping = 1.1 * np.append(DAMPING.column(periods), 0.0)
+    ends = (None, None), (float(damping.min()), float(damping.max()))
+    for quantity, ylim in zip((FREQUENCY, DAMPING), ends, strict=True):
         curve = Line(LINEAR.column(periods), quantity.column(periods), marker=".")
-        panels.append(Panel([curve], LINEAR.head, quantity.label))
+        panels.append(Panel([curve], LINEAR.head, quantity.label, ylim=ylim))
     return Plot(panels, 8.4, 8.8)
