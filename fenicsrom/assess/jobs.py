@@ -38,6 +38,9 @@ LIVES = 3  # a job is given up when so many workers have died with it
 SERVER = "fenicsrom.assess.studies.worker_server"  # module that the server process imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+_TURN = threading.Lock()
+"""Held by a job: the threads of a Dask worker share models, whose scratch arrays serve one job."""
+
 Tell = Callable[[int, float, str], None]
 """Receives the number of a job, its fraction that is done, and a line on its progress."""
 Job = Callable[[Any, Callable[[float, str], None]], Any]
@@ -335,7 +338,8 @@ def _work(function: Job, job: Any, number: int) -> Any:
             _channel["messages"].put((number, fraction, line))
 
     if not _channel:
-        return _result(function, job, report)
+        with _TURN:
+            return _result(function, job, report)
     if _channel["stopped"].is_set():
         raise CancelledError
     with asking(_channel["stopped"].is_set):

@@ -95,6 +95,22 @@ def test_any_executor_computes_the_jobs() -> None:
     assert sorted(lines) == [(0, 1.0, "done"), (1, 1.0, "done")]
 
 
+def test_threads_take_turns() -> None:
+    """They share models, whose scratch arrays serve one job: a sweep on two threads was wrong."""
+    running = set[int]()
+
+    def alone(job: int, report: Callable[[float, str], None]) -> bool:
+        running.add(job)
+        time.sleep(0.05)
+        others = len(running) - 1
+        running.discard(job)
+        return not others
+
+    with ThreadPoolExecutor(2) as threads:
+        found = dict(run_jobs(alone, [0, 1, 2, 3], silent, threads))
+    assert all(found[k] for k in range(4))
+
+
 @pytest.mark.parametrize("how", ["tell", "stop"])
 def test_interrupt_yields_what_the_running_jobs_have(how: str) -> None:
     begun: list[int] = []
