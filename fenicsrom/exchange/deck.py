@@ -30,7 +30,7 @@ from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors, histories_of
 from fenicsrom.scene import Region, Scene, scene_heading
-from fenicsrom.scene.checks.checks import require_no_pairs
+from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
 CORNERS = {

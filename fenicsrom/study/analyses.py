@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.scene import Rotation, Scene
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.checks.checks import require_no_pairs
+from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.study.execution import all_ranks, run
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.stopwatch import never

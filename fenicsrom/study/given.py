@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.scene.checks.checks import require_no_pairs, require_no_sector
+from fenicsrom.scene.checks.checks import require_no_sector
+from fenicsrom.scene.checks.contact_checks import require_no_pairs
 
 COMMANDS = {"interaction_map": "map", "integrate": "run"}
 """The commands whose functions have another name."""

@@ -36,7 +36,7 @@ from fenicsrom.scene import (
     toml_text,
 )
 from fenicsrom.scene.base.tables import keys, table_kind
-from fenicsrom.scene.checks.checks import require_repeating
+from fenicsrom.scene.checks.contact_checks import require_repeating
 from fenicsrom.scene.keys.excitation import shortest_period
 from fenicsrom.scene.reading.reading import shared_meshes
 

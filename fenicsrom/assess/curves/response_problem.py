@@ -36,7 +36,7 @@ from fenicsrom.scene import (
     scene_table,
 )
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.checks.checks import require_repeating
+from fenicsrom.scene.checks.contact_checks import require_repeating
 from fenicsrom.scene.reading.overrides import in_words, names_of
 
 START_PERIODS = 320  # largest number to march before a curve starts

@@ -15,7 +15,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import end_of, integrate
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.checks.checks import require_repeating
+from fenicsrom.scene.checks.contact_checks import require_repeating
 
 TOUCH = 1e-9
 """Smaller distances of a round surface, relative to its radius, are rounding errors."""

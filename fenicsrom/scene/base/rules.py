@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
 
@@ -439,7 +440,7 @@ derivatives = either(choice(*SELECTIONS), list_of(_label, least=0))
 def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> Rule:
     """Make the rule of a list of rows of numbers; `first` is the schema of column 0.
 
-    Only the schema states the range of the first column; `fenicsrom.scene.checks.checks` checks it.
+    Only the schema states the range of the first column; `fenicsrom.scene.checks` checks it.
     """
     row = {} if first is None else {"prefixItems": [first]}
     row |= array({"type": "number"}, len(names), len(names))
@@ -449,3 +450,9 @@ def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> R
         f"list of [{', '.join(names)}]",
         unit,
     )
+
+
+def order_problems(key: str, instants: list[float]) -> Problems:
+    """Yield instants that do not increase."""
+    if any(later <= sooner for sooner, later in pairwise(instants)):
+        yield Problem(key, "times must increase", ErrorKind.RANGE, value=instants)

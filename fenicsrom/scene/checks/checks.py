@@ -6,24 +6,27 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from itertools import pairwise
-from operator import mul, sub
 from typing import Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule, Where
 from fenicsrom.scene.base.tables import entries
+from fenicsrom.scene.checks.contact_checks import (
+    abradable_problems,
+    contact_problems,
+    joined_problems,
+)
 from fenicsrom.scene.checks.curve_checks import (
     backbone_problems,
     response_problems,
-    speed_problems,
     statics_problems,
 )
+from fenicsrom.scene.checks.rotation_checks import cyclic_problems, rotation_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.excitation import excitations
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import AXES, Elasticity, Place, Region
-from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene, Surface, surface_spin
+from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod, StepsPerRevolution
 
 STEPS = 10
@@ -193,7 +196,6 @@ FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a
 MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
 INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
-WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -203,8 +205,8 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     A scene that is `unloaded` may be without loads, contacts, probe and times.
     """
     yield from _geometry_problems(scene.geometry)
-    yield from _rotation_problems(scene)
-    yield from _cyclic_problems(scene)
+    yield from rotation_problems(scene)
+    yield from cyclic_problems(scene)
     yield from _vector_problems(scene)
     yield from material_problems(scene)
     yield from beam_problems(scene)
@@ -213,8 +215,8 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from attachment_problems(scene)
     yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
-        yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
-        yield from _abradable_problems(scene, contact, f"contacts[{index}]")
+        yield from contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+        yield from abradable_problems(scene, contact, f"contacts[{index}]")
         if contact in scene.contacts[:index]:
             same = scene.contacts.index(contact)
             allowed = f"must differ from contacts[{same}]"
@@ -291,92 +293,6 @@ def _place_problems(scene: Scene) -> Problems:
             yield Problem(f"{key}.at", f"not allowed with {other}")
 
 
-def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
-    if contact.against is not None:
-        yield from _pair_problems(contact, key)
-    elif contact.surface is None and contact.normal is None:
-        yield Problem(f"{key}.normal", "a normal, a surface or against must be given")
-    elif contact.reach is not None:
-        yield Problem(f"{key}.reach", "only allowed with against")
-    if contact.gap and contact.preload:
-        allowed = "not allowed with a preload, which is the force at the undeformed position"
-        yield Problem(f"{key}.gap", allowed)
-    yield from _order_problems(f"{key}.approach", [time for time, _ in contact.approach])
-    if contact.surface is not None:
-        yield from _surface_problems(contact, key, dimension)
-
-
-def _pair_problems(contact: Contact, key: str) -> Problems:
-    """Yield the problems of a contact between two regions of the body."""
-    for name in ("normal", "surface", "abradable", "approach"):
-        if getattr(contact, name):
-            yield Problem(f"{key}.{name}", "not allowed with against")
-    for name in ("node", "nearest"):
-        if getattr(contact.place, name):
-            yield Problem(
-                f"{key}.{name}", "not allowed with against: give a group, a box or a plane"
-            )
-    if contact.place.at == "centre":
-        yield Problem(f"{key}.at", 'must be "nodes" with against')
-    if contact.against == contact.place.group:
-        yield Problem(f"{key}.against", "must be another group than that of the contact")
-
-
-def joined_problems(scene: Scene) -> Problems:
-    """Yield what is not allowed with contacts between bodies."""
-    if not scene.joined:
-        if scene.basis.masters == "motion":
-            yield Problem("basis.masters", "only allowed with a contact against a region")
-        if scene.bolts:
-            yield Problem("bolts", "only allowed with a contact against a region", value="a table")
-        return
-    why = "with a contact against a region of the body"
-    for k, contact in enumerate(scene.contacts):
-        if contact.against is None:
-            yield Problem(f"contacts[{k}]", f"must have against {why}", value="a rigid surface")
-        pair = {contact.place.group, contact.against}
-        if None not in pair and pair in [
-            {other.place.group, other.against} for other in scene.contacts[:k]
-        ]:
-            yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
-    if scene.rotation is not None:
-        yield Problem("rotation", f"not allowed {why}", value="a table")
-    for k in scene.followers:
-        yield Problem(f"loads[{k}].follower", f"must be false {why}")
-    basis = scene.basis
-    allowed = {
-        "basis.method": ("rubin",),
-        "basis.masters": ("motion", "all"),
-        "basis.elastic_force": ("polynomial",),
-    }
-    for key, values in allowed.items():
-        table, name = key.split(".")
-        value = getattr(getattr(scene, table), name)
-        if value is not None and value not in values:
-            quoted = " or ".join(f'"{value}"' for value in values)
-            yield Problem(key, f"must be {quoted} {why}")
-    if basis.derivatives in ("mmi", "mmi-nls"):
-        yield Problem("basis.derivatives", f'must be "principal", "all" or "none" {why}')
-    if isinstance(scene.time.stepping, times.Tolerance):
-        yield Problem("time.tolerance", f"not allowed {why}: give a fixed step")
-    if scene.geometry.degree > 2:
-        yield Problem("geometry.degree", f"must be 1 or 2 {why}")
-
-
-def require_no_pairs(scene: Scene, command: str) -> None:
-    """Check that a scene has no contacts between bodies, for a command that does not take them.
-
-    Raises:
-        SceneError: it has some.
-    """
-    for k, contact in enumerate(scene.contacts):
-        if contact.against is not None:
-            allowed = f"not allowed in fenicsrom {command}: contacts between bodies are allowed in "
-            allowed += "fenicsrom run, sweep, modes, plan and backbone"
-            where = Where(scene.source, f"contacts[{k}].against")
-            raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
-
-
 def require_no_sector(scene: Scene, command: str) -> None:
     """Check that a scene is no sector of a disk, for a command that does not take one.
 
@@ -387,84 +303,6 @@ def require_no_sector(scene: Scene, command: str) -> None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
         where = Where(scene.source, "cyclic")
         raise where.refuse("a table", f"{allowed}modes, campbell and plan", ErrorKind.CONFLICT)
-
-
-def _order_problems(key: str, instants: list[float]) -> Problems:
-    """Yield instants that do not increase."""
-    if any(later <= sooner for sooner, later in pairwise(instants)):
-        yield Problem(key, "times must increase", ErrorKind.RANGE, value=instants)
-
-
-def _abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
-    if contact.abradable is None:
-        return
-    if contact.preload:
-        allowed = f"not allowed with {key}.abradable: use an approach to press the layer"
-        yield Problem(f"{key}.preload", allowed)
-    if scene.time.scheme != "discrete-gradient":
-        yield Problem("time.scheme", f'must be "discrete-gradient" with {key}.abradable')
-    for name in ("response", "backbone"):
-        if getattr(scene, name) is not None:
-            allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
-            yield Problem(name, allowed, value="a table")
-    if (out_of_place := _out_of_place(scene, contact.surface, 1, f"{key}.abradable")) is not None:
-        yield Problem(f"{key}.abradable", out_of_place, ErrorKind.RANGE, value="a table")
-
-
-def require_repeating(scene: Scene) -> None:
-    """Check that all that excites the body repeats in the period of the loads, waves too.
-
-    Raises:
-        SceneError: the waves of a turning surface do not; the error names their key.
-    """
-    for k, contact in enumerate(scene.contacts):
-        surface = contact.surface
-        if surface is not None and scene.period is not None:
-            orders = [round(order) for order, height, _ in surface.waves if height != 0.0]
-            key = f"contacts[{k}].surface.waves"
-            if (allowed := _out_of_place(scene, surface, math.gcd(*orders), key)) is not None:
-                raise Where(scene.source, key).refuse(surface.waves, allowed, ErrorKind.RANGE)
-
-
-def _out_of_place(scene: Scene, surface: Surface | None, order: int, key: str) -> str | None:
-    """What is allowed in place of a turn that does not repeat in the period; None if it does."""
-    period = scene.period or 0.0
-    spin = 0.0 if surface is None else surface_spin(surface, scene.rotation)
-    turned = abs(spin) * period / (2.0 * math.pi)
-    if abs(order * turned - round(order * turned)) <= WHOLE_TURNS * order * turned:
-        return None
-    return (
-        f"with {key} the surface must come back to its place in the period of the loads, "
-        f"{period:.6g} s, in which it makes {turned:.6g} turns; lengthen the period, for example "
-        "by engine_order = 1 with harmonics = [[3, 1.0, 0.0]] in place of engine_order = 3"
-    )
-
-
-def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
-    surface = contact.surface
-    assert surface is not None
-    if contact.normal is not None:
-        yield Problem(f"{key}.normal", "not allowed with a surface")
-    wanted = dimension == 3 and surface.kind == "cylinder"
-    if wanted and surface.axis is None:
-        yield Problem(f"{key}.surface.axis", "must be a vector for a cylinder in 3D")
-    if not wanted and surface.axis is not None:
-        yield Problem(f"{key}.surface.axis", "only allowed for a cylinder in 3D")
-    if dimension == 2 and surface.kind == "sphere":
-        yield Problem(f"{key}.surface.kind", 'must be "cylinder" in 2D')
-    if surface.radius is not None and contact.gap:
-        yield Problem(f"{key}.gap", "not allowed with surface.radius, which determines the gap")
-    for name in ("waves", "spin", "angle_from"):
-        if surface.kind == "sphere" and getattr(surface, name) not in (None, ()):
-            yield Problem(f"{key}.surface.{name}", "only allowed for a cylinder")
-    if surface.axis is not None and surface.angle_from is not None:
-        if abs(sum(map(mul, surface.axis, surface.angle_from))) > 1.0 - 1e-9:
-            allowed = "must not be along the axis"
-            yield Problem(f"{key}.surface.angle_from", allowed, ErrorKind.RANGE)
-    for index, (order, _, _) in enumerate(surface.waves):
-        if order != round(order) or order < 1:
-            allowed = "the order must be an integer of at least 1"
-            yield Problem(f"{key}.surface.waves[{index}]", allowed, ErrorKind.RANGE, value=order)
 
 
 def _load_problems(load: Load, key: str) -> Problems:
@@ -518,100 +356,6 @@ def _geometry_problems(geometry: Geometry) -> Problems:
             yield Problem(f"geometry.{name}", f"only allowed {where}")
     if "structured" in geometry.parameters:
         yield Problem("geometry.parameters.structured", "use geometry.cells instead")
-
-
-def _rotation_problems(scene: Scene) -> Problems:
-    rotation: Rotation | None = scene.rotation
-    if rotation is None:
-        return
-    if scene.geometry.dimension == 2 and rotation.axis is not None:
-        yield Problem("rotation.axis", "only allowed in 3D; in 2D the axis is normal to the plane")
-    if scene.geometry.dimension == 3 and rotation.axis is None:
-        yield Problem("rotation.axis", "must be a vector along the axis in 3D")
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", "must be false with [rotation]: the beam cannot turn")
-    if rotation.history:
-        yield from _history_problems(scene, rotation)
-    if rotation.speeds_rpm is not None:
-        yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
-
-
-def _cyclic_problems(scene: Scene) -> Problems:
-    """Yield what does not agree with a disk of equal sectors."""
-    cyclic, rotation = scene.cyclic, scene.rotation
-    if cyclic is None:
-        return
-    axis = cyclic.axis or (rotation.axis if rotation is not None else None)
-    if scene.geometry.dimension == 3 and axis is None:
-        yield Problem("cyclic.axis", "must be a vector along the axis in 3D", value=MISSING)
-    if cyclic.left == cyclic.right:
-        yield Problem("cyclic.right", "must be another group than cyclic.left")
-    if rotation is not None and not _are_parallel(axis, rotation.axis):
-        yield Problem("cyclic.axis", "must be along rotation.axis")
-    elif rotation is not None and cyclic.point is not None:
-        moved = tuple(map(sub, cyclic.point, rotation.point or (0.0,) * len(cyclic.point)))
-        along = 0.0 if axis is None else sum(map(mul, moved, axis))
-        line = tuple(along * part for part in axis or (0.0,) * len(moved))
-        if math.dist(moved, line) > 1e-9 * max(1.0, math.hypot(*moved)):
-            yield Problem("cyclic.point", "must be on the axis of [rotation]")
-    for k, h in enumerate(cyclic.diameters or ()):
-        if h > cyclic.sectors // 2:
-            allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
-            yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
-    for name in ("contacts", "bolts"):
-        if getattr(scene, name):
-            yield Problem(name, "not allowed with [cyclic]", value="tables")
-    for k, load in enumerate(scene.loads):
-        if load.everywhere and load.static and not _are_parallel(load.direction, axis):
-            allowed = "must be along cyclic.axis: another direction is another one in each sector"
-            yield Problem(f"loads[{k}].direction", allowed)
-
-
-def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
-    """Whether two unit vectors have one line; without a vector, whether both have none."""
-    if a is None or b is None:
-        return a is b
-    return abs(sum(map(mul, a, b))) > 1.0 - 1e-9
-
-
-def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
-    """Yield what a run at a varying speed needs."""
-    key, instants = "rotation.history", [time for time, _ in rotation.history]
-    if instants[0] != 0.0:
-        yield Problem(f"{key}[0]", "the first time must be 0", ErrorKind.RANGE, value=instants[0])
-    yield from _order_problems(key, instants)
-    speeds = [speed for _, speed in rotation.history]
-    if rotation.speeds_rpm is None:
-        allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
-        yield Problem("rotation.speeds_rpm", allowed)
-    else:
-        given = {f"{key}[{k}]": speed for k, speed in enumerate(speeds)}
-        yield from speed_problems(rotation.speeds_rpm, given)
-    if not rotation.coriolis:
-        yield Problem("rotation.coriolis", "must be true with rotation.history")
-    if not scene.geometrically_nonlinear:
-        allowed = "must be true with rotation.history, whose equilibrium changes"
-        yield Problem("geometrically_nonlinear", allowed)
-    if isinstance(scene.time.stepping, times.StepsPerRevolution) and min(speeds) <= 0.0:
-        allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
-        yield Problem("time.steps_per_revolution", allowed)
-
-
-def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
-    """Yield what a model for a range of speeds cannot do."""
-    yield from speed_problems(speeds, {"rotation.speed_rpm": speed})
-    basis = scene.basis
-    unusual = {
-        "basis.method": basis.method != "rubin",
-        "basis.derivatives": basis.derivatives != "principal",
-        "basis.elastic_force": basis.elastic_force != "polynomial",
-        "output.stresses": scene.output.stresses != "none",
-        "reference.full": scene.reference.full,
-    }
-    for key in filter(unusual.get, unusual):
-        yield Problem(key, "not allowed with rotation.speeds_rpm")
-    for k in scene.followers:
-        yield Problem(f"loads[{k}].follower", "must be false with rotation.speeds_rpm")
 
 
 def default_masters(scene: Scene) -> str | int:

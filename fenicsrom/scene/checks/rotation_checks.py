@@ -1,0 +1,108 @@
+"""Checks between keys of a rotating body: its axis, its speeds and the sectors of a disk."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING
+from operator import mul, sub
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.base.rules import Problem, Problems, order_problems
+from fenicsrom.scene.checks.curve_checks import speed_problems
+from fenicsrom.scene.keys import times
+from fenicsrom.scene.keys.schema import Rotation, Scene
+
+
+def rotation_problems(scene: Scene) -> Problems:
+    """Yield the problems of the axis and the speeds."""
+    rotation: Rotation | None = scene.rotation
+    if rotation is None:
+        return
+    if scene.geometry.dimension == 2 and rotation.axis is not None:
+        yield Problem("rotation.axis", "only allowed in 3D; in 2D the axis is normal to the plane")
+    if scene.geometry.dimension == 3 and rotation.axis is None:
+        yield Problem("rotation.axis", "must be a vector along the axis in 3D")
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", "must be false with [rotation]: the beam cannot turn")
+    if rotation.history:
+        yield from _history_problems(scene, rotation)
+    if rotation.speeds_rpm is not None:
+        yield from _range_problems(scene, rotation.speed_rpm, rotation.speeds_rpm)
+
+
+def cyclic_problems(scene: Scene) -> Problems:
+    """Yield what does not agree with a disk of equal sectors."""
+    cyclic, rotation = scene.cyclic, scene.rotation
+    if cyclic is None:
+        return
+    axis = cyclic.axis or (rotation.axis if rotation is not None else None)
+    if scene.geometry.dimension == 3 and axis is None:
+        yield Problem("cyclic.axis", "must be a vector along the axis in 3D", value=MISSING)
+    if cyclic.left == cyclic.right:
+        yield Problem("cyclic.right", "must be another group than cyclic.left")
+    if rotation is not None and not _are_parallel(axis, rotation.axis):
+        yield Problem("cyclic.axis", "must be along rotation.axis")
+    elif rotation is not None and cyclic.point is not None:
+        moved = tuple(map(sub, cyclic.point, rotation.point or (0.0,) * len(cyclic.point)))
+        along = 0.0 if axis is None else sum(map(mul, moved, axis))
+        line = tuple(along * part for part in axis or (0.0,) * len(moved))
+        if math.dist(moved, line) > 1e-9 * max(1.0, math.hypot(*moved)):
+            yield Problem("cyclic.point", "must be on the axis of [rotation]")
+    for k, h in enumerate(cyclic.diameters or ()):
+        if h > cyclic.sectors // 2:
+            allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
+            yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
+    for name in ("contacts", "bolts"):
+        if getattr(scene, name):
+            yield Problem(name, "not allowed with [cyclic]", value="tables")
+    for k, load in enumerate(scene.loads):
+        if load.everywhere and load.static and not _are_parallel(load.direction, axis):
+            allowed = "must be along cyclic.axis: another direction is another one in each sector"
+            yield Problem(f"loads[{k}].direction", allowed)
+
+
+def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
+    """Whether two unit vectors have one line; without a vector, whether both have none."""
+    if a is None or b is None:
+        return a is b
+    return abs(sum(map(mul, a, b))) > 1.0 - 1e-9
+
+
+def _history_problems(scene: Scene, rotation: Rotation) -> Problems:
+    """Yield what a run at a varying speed needs."""
+    key, instants = "rotation.history", [time for time, _ in rotation.history]
+    if instants[0] != 0.0:
+        yield Problem(f"{key}[0]", "the first time must be 0", ErrorKind.RANGE, value=instants[0])
+    yield from order_problems(key, instants)
+    speeds = [speed for _, speed in rotation.history]
+    if rotation.speeds_rpm is None:
+        allowed = f"must cover the speeds of rotation.history, {min(speeds):g} to {max(speeds):g}"
+        yield Problem("rotation.speeds_rpm", allowed)
+    else:
+        given = {f"{key}[{k}]": speed for k, speed in enumerate(speeds)}
+        yield from speed_problems(rotation.speeds_rpm, given)
+    if not rotation.coriolis:
+        yield Problem("rotation.coriolis", "must be true with rotation.history")
+    if not scene.geometrically_nonlinear:
+        allowed = "must be true with rotation.history, whose equilibrium changes"
+        yield Problem("geometrically_nonlinear", allowed)
+    if isinstance(scene.time.stepping, times.StepsPerRevolution) and min(speeds) <= 0.0:
+        allowed = "not allowed with a speed of 0 in rotation.history; use step or tolerance"
+        yield Problem("time.steps_per_revolution", allowed)
+
+
+def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Problems:
+    """Yield what a model for a range of speeds cannot do."""
+    yield from speed_problems(speeds, {"rotation.speed_rpm": speed})
+    basis = scene.basis
+    unusual = {
+        "basis.method": basis.method != "rubin",
+        "basis.derivatives": basis.derivatives != "principal",
+        "basis.elastic_force": basis.elastic_force != "polynomial",
+        "output.stresses": scene.output.stresses != "none",
+        "reference.full": scene.reference.full,
+    }
+    for key in filter(unusual.get, unusual):
+        yield Problem(key, "not allowed with rotation.speeds_rpm")
+    for k in scene.followers:
+        yield Problem(f"loads[{k}].follower", "must be false with rotation.speeds_rpm")
