@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from support import beam_scene, linear_model, loaded_duffing, refusal, unexplained
 
-from fenicsrom.assess.curves.backbone import backbone
+from fenicsrom.assess.curves.backbone import backbone, change_notes
 from fenicsrom.assess.studies import ringdown as module
 from fenicsrom.assess.studies.ringdown import check_ringdown, ringdown
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.notes import DAMPING_RATIOS, FREQUENCIES
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel, save_model
 
@@ -70,6 +74,42 @@ def test_linear_decay_has_the_eigenvalue_of_its_time_steps() -> None:
     lost = sum(one.damping_dissipation for one in found.periods)
     left = np.exp(-DAMPING * found.periods[-1].number * 2.0 * np.pi)
     assert lost == pytest.approx(0.5 * 0.5**2 * (1.0 - left), rel=2e-3)
+
+
+def test_asymmetric_decay_has_the_damping_of_its_periods() -> None:
+    """e^(-t/10) (cos t + 0.2 sin 2t) shrinks by e^(-pi/5) in each period, not so in its halves."""
+    time = np.linspace(0.0, 40.0, 4001)
+    moved = np.exp(-0.1 * time) * (np.cos(time) + 0.2 * np.sin(2.0 * time))
+    motion: Any = SimpleNamespace(
+        time=time, friction_dissipation=0.0 * time, damping_dissipation=0.0 * time
+    )
+    _, *periods = module.periods_of(motion, moved)  # the first one does not begin at a turn
+    assert len(periods) > 3
+    for one in periods:
+        assert one.frequency == pytest.approx(0.5 / np.pi, rel=1e-9)
+        assert one.damping_ratio == pytest.approx(0.1 / np.hypot(0.1, 1.0), rel=1e-8)
+
+
+def test_loads_that_do_not_move_the_mode_have_no_decay() -> None:
+    stored = jenkins()
+    aside = stored.model._replace(loads=np.array([[1.0], [0.0]]))
+    found = ringdown(replace(stored, model=aside))
+    assert "do not move mode 1" in str(found.unfinished) and not found.periods
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ((0.0, 0.011, 0.1), [DAMPING_RATIOS]),
+        ((0.0, 0.009, 0.1), []),
+        ((0.06, 9e-5, 0.0), [FREQUENCIES]),
+    ],
+)
+def test_change_above_its_limit_casts_doubt(
+    changes: tuple[float, float, float], expected: list[str]
+) -> None:
+    found = change_notes("half the time step", "time.steps_per_period", *changes)
+    assert [note.quantity for note in found] == expected
 
 
 def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:

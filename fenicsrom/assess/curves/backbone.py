@@ -28,9 +28,9 @@ from fenicsrom.assess.errors.sizing import (
     spare_coordinates,
     unreached,
 )
-from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, in_percent
+from fenicsrom.assess.errors.verdicts import CONTACT_ERROR, FREQUENCY_ERROR
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
-from fenicsrom.notes import FREQUENCIES, PEAKS, Note, NoteKind
+from fenicsrom.notes import DAMPING_RATIOS, FREQUENCIES, PEAKS, Note, NoteKind
 from fenicsrom.online.curves.continuation import ForcedPeak, forced_peaks
 from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, REPEATS, CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
@@ -44,9 +44,10 @@ from fenicsrom.progress import duration, log, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.words import brief, counted
+from fenicsrom.words import brief, counted, two_digits
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
+LEAST_DAMPING = 1e-4  # a smaller change of the damping ratio casts no doubt
 SMALLER_STARTS = 12  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
 LARGEST_STEP = 0.02
@@ -459,15 +460,41 @@ def _step_errors(problem: Problem, found: Backbone, unit: float) -> None:
                     path.damping_ratio(finer) - point.damping_ratio,
                 )
             )
-    worst = max((abs(error.frequency) for error in found.step_errors), default=0.0)
-    if worst > FREQUENCY_ERROR:
-        text = (
-            f"half the time step changes the frequency by {in_percent(worst)} (at most "
-            f"{in_percent(FREQUENCY_ERROR)} casts no doubt): raise time.steps_per_period"
+    errors = found.step_errors
+    found.warnings += change_notes(
+        "half the time step",
+        "time.steps_per_period",
+        max((abs(error.frequency) for error in errors), default=0.0),
+        max((abs(error.damping_ratio) for error in errors), default=0.0),
+        max(abs(point.damping_ratio) for point in found.points),
+    )
+
+
+def change_notes(name: str, key: str, frequency: float, ratio: float, damping: float) -> list[Note]:
+    """Notes on the changes by a better computation that cast doubt.
+
+    Args:
+        name: the computation.
+        key: the key that makes it better.
+        frequency: largest relative change of the frequency.
+        ratio: largest change of the damping ratio.
+        damping: the largest damping ratio.
+    """
+    allowed = max(LEAST_DAMPING, CONTACT_ERROR * damping)
+    return [
+        Note(
+            NoteKind.ERROR,
+            f"with {name}, the {what} changes by {two_digits(100.0 * change)} {unit} (at most "
+            f"{two_digits(100.0 * limit)} casts no doubt): raise {key}",
+            key,
+            quantity=quantity,
         )
-        found.warnings.append(
-            Note(NoteKind.ERROR, text, "time.steps_per_period", quantity=FREQUENCIES)
+        for quantity, what, change, limit, unit in (
+            (FREQUENCIES, "frequency", frequency, FREQUENCY_ERROR, "%"),
+            (DAMPING_RATIOS, "damping ratio", ratio, allowed, "percentage points"),
         )
+        if change > limit
+    ]
 
 
 def _peaks(problem: Problem, found: Backbone) -> None:

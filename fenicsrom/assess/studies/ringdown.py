@@ -22,14 +22,13 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves.backbone import linear_mode
+from fenicsrom.assess.curves.backbone import STILL, change_notes, linear_mode
 from fenicsrom.assess.curves.results import CurveRecord, require_polynomial
-from fenicsrom.assess.errors.verdicts import FREQUENCY_ERROR, in_percent
 from fenicsrom.assess.jobs import stop_of
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.sweep_runs import digest_of
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
-from fenicsrom.notes import FREQUENCIES, Note, NoteKind
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.curves.nonlinear_mode import LinearMode
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
@@ -138,9 +137,8 @@ def ringdown(stored: StoredModel, folder: Path | None = None, **how: Any) -> Rin
             frequency = max(abs(better.frequency / p.frequency - 1.0) for p, better in pairs)
             ratio = max(abs(better.damping_ratio - p.damping_ratio) for p, better in pairs)
             found.changes[name] = {"frequency_relative": frequency, "damping_ratio": ratio}
-            if frequency > FREQUENCY_ERROR:
-                text = f"{name}: the frequency changes by {in_percent(frequency)}; raise {key}"
-                found.warnings.append(Note(NoteKind.ERROR, text, key, quantity=FREQUENCIES))
+            damping = max(abs(p.damping_ratio) for p in found.periods)
+            found.warnings += change_notes(name, key, frequency, ratio, damping)
     found.seconds = working_time() - begin
     return found
 
@@ -155,13 +153,18 @@ def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], A
     slow = {"scheme": "generalised-alpha", "spectral_radius": 0.0, "duration": grown + REST * long}
     held = _loaded(scene, Time.of(**slow, step=long), (0.0, 0.0), (grown, table.factor))
     q, v, sliders = end_of(simulate(stored, held, stop=stop))
+    shape = mode.shape.real / np.sqrt(mode.shape.real @ model.mass @ mode.shape.real)
+    moved = q - mode.equilibrium
+    if abs(shape @ model.mass @ moved) <= STILL * np.sqrt(moved @ model.mass @ moved):
+        raise ConvergenceError(
+            f"the loads do not move mode {table.mode}; choose another ringdown.mode or other loads"
+        )
     step = settings.step or length / (settings.steps_per_period or FALLBACK_STEPS)
     stepping = {"tolerance": settings.tolerance} if settings.tolerance else {"step": step}
     time = settings.changed(duration=table.periods * length, **stepping)
     free = refined(_loaded(scene, time, (0.0, 0.0), (1.0, 0.0)), shorter)
     motion = simulate(stored, free, start=(q, 0.0 * v, sliders), keep_coordinates=True, stop=stop)
     assert motion.coordinates is not None
-    shape = mode.shape.real / np.sqrt(mode.shape.real @ model.mass @ mode.shape.real)
     moved = unit * ((motion.coordinates - mode.equilibrium) @ (model.mass @ shape))
     periods = periods_of(motion, moved)
     if not periods:

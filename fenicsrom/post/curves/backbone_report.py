@@ -6,7 +6,7 @@ import numpy as np
 
 from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.assess.errors.verdicts import in_percent
-from fenicsrom.notes import AMPLITUDES, FREQUENCIES, PEAKS
+from fenicsrom.notes import AMPLITUDES, DAMPING_RATIOS, FREQUENCIES, PEAKS
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Item, Line, Panel, Plot, Text
@@ -130,7 +130,7 @@ def report(found: Backbone) -> Report:
             )
         ],
         [AMPLITUDES_NOTE],
-        quantities=[FREQUENCIES, AMPLITUDES, *([PEAKS] if found.peaks else [])],
+        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])],
     )
 
 

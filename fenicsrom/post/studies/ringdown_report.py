@@ -3,7 +3,7 @@
 import numpy as np
 
 from fenicsrom.assess.studies.ringdown import Ringdown
-from fenicsrom.notes import AMPLITUDES, FREQUENCIES
+from fenicsrom.notes import AMPLITUDES, DAMPING_RATIOS, FREQUENCIES
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Line, Panel, Plot
@@ -67,7 +67,7 @@ def report(found: Ringdown) -> Report:
                 "ringdown.csv",
             )
         ],
-        quantities=[FREQUENCIES, AMPLITUDES],
+        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES],
     )
 
 
