@@ -307,10 +307,12 @@ def test_error_in_geometry_names_first_line_and_leaves_gmsh_usable(tmp_path: Pat
     assert beam(2).facets("tip").size == 1
 
 
-@pytest.mark.parametrize("name", ["absent.msh", "present.stl"])
-def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "said"), [("absent.msh", "no such file"), ("present.stl", ".geo, .msh")]
+)
+def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str, said: str) -> None:
     (tmp_path / "present.stl").touch()
-    with refusal(ErrorKind.FILE, "geometry.mesh", name, names=".geo, .msh"):
+    with refusal(ErrorKind.FILE, "geometry.mesh", name, names=said):
         read(tmp_path / name)
 
 

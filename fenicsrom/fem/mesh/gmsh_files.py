@@ -200,9 +200,10 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     """
     source, suffix = str(geometry.mesh), geometry.mesh.suffix.lower()
     form = SUFFIXES.get(suffix)
-    if not geometry.mesh.is_file() or (form is None and suffix not in formats.SUFFIXES):
-        known = ", ".join((*SUFFIXES, *formats.SUFFIXES))
-        reason = f"must be an existing file of one of {known}"
+    if not geometry.mesh.is_file():
+        raise refuse(source, "cannot be read: no such file", ErrorKind.FILE, "geometry.mesh")
+    if form is None and suffix not in formats.SUFFIXES:
+        reason = f"must be a file of one of {', '.join((*SUFFIXES, *formats.SUFFIXES))}"
         raise refuse(source, reason, ErrorKind.FILE, "geometry.mesh")
     gmsh.model.add("file")
     if form is None:
