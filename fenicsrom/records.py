@@ -132,7 +132,7 @@ class Study:
         finer_frequencies_hz: (v,) frequencies of its normal modes, in the order of `modes`.
         mesh_check: estimated errors of frequencies and deflections due to the mesh.
         contact_hz: (v, 2) natural frequencies without contact and with all contact points stuck.
-        trained: what the motions hold that chose the interface vectors.
+        trained: the motion that chose the interface vectors.
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.

@@ -13,8 +13,6 @@ metric k^-½ and of norm 1, times k^½. The motion of a basis with K_lin⁻¹ B 
 the choice is repeated.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -46,25 +44,24 @@ ROUNDED = 1e-12
 
 
 def interface_vectors(
-    springs: Array, closed: Array, at_rest: tuple[Array, Array], motions: Sequence[Motion]
+    springs: Array, closed: Array, at_rest: tuple[Array, Array], motion: Motion
 ) -> Array:
-    """The interface vectors W (m, k) of some motions, of which each counts alike.
+    """The interface vectors W (m, k) of a motion.
 
     Args:
         springs: (m,) springs of all contact displacements, N/m.
         closed: (m,) those of the points that are closed at rest, else 0, N/m.
         at_rest: contact displacements x₀ (m,) and forces F₀ (m,) at rest, m and N.
-        motions: the motions.
+        motion: the motion.
     """
+    steps = len(motion.time)
+    moved = motion.displacement.reshape(steps, -1) - at_rest[0]
+    pushed = motion.force.reshape(steps, -1) - at_rest[1]
     root, blocks = np.sqrt(springs), list[Array]()
-    for motion in motions:
-        steps = len(motion.time)
-        moved = motion.displacement.reshape(steps, -1) - at_rest[0]
-        pushed = motion.force.reshape(steps, -1) - at_rest[1]
-        for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
-            scaled = part / root
-            if (size := np.linalg.norm(scaled)) > 0.0:
-                blocks.append(weight * scaled / size)
+    for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
+        scaled = part / root
+        if (size := np.linalg.norm(scaled)) > 0.0:
+            blocks.append(weight * scaled / size)
     if not blocks:
         return np.zeros((springs.size, 0))
     _, values, directions = np.linalg.svd(np.concatenate(blocks), full_matrices=False)

@@ -1,11 +1,9 @@
-"""The motions that choose the interface vectors of bodies that touch (`reduction.interface`).
+"""The motion that chooses the interface vectors of bodies that touch (`reduction.interface`).
 
-They are the motion of the scene, or those of its tables: with [response], motions at the ends of
-the curves and at the resonances between, under the largest load; with [backbone], the decay of the
-mode from its largest amplitude.
+It is the motion of the scene, or with [backbone] the decay of the mode from its largest amplitude.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
@@ -20,37 +18,32 @@ from fenicsrom.online.contact.points import (
     trial_forces,
 )
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
-from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, force_family, frequency_family
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, force_family
 from fenicsrom.online.run.march import integrate
-from fenicsrom.online.run.simulate import checked_problem, load_histories
-from fenicsrom.online.store.archive import Trained, changed_scene
+from fenicsrom.online.run.simulate import checked_problem
+from fenicsrom.online.store.archive import Trained
 from fenicsrom.progress import log
 from fenicsrom.reduction import interface
 from fenicsrom.reduction.interface import SETTLED, dissipated, settled
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.snapshots import curve_frequencies
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.times import Time
-
-PERIODS = 40
-"""Most periods of a motion on a curve."""
 
 DECAY = 10.0
 """Periods for which the mode of a backbone decays."""
 
 LARGER = 1.02
-"""A motion is outside of the training if it is larger or longer by this factor."""
+"""A motion is beyond that of the training if it is larger or longer by this factor."""
 
 Task = tuple[Problem, tuple[Any, ...] | None]
 """A problem of time integration, and its start; None starts at rest."""
 
 
 def train(structure: Structure, scene: Scene, stop: Callable[[], bool] = lambda: False) -> Trained:
-    """Let motions of a scene choose the `interface` vectors of its structure.
+    """Let a motion choose the `interface` vectors of a structure.
 
     Args:
         structure: the structure.
@@ -58,78 +51,42 @@ def train(structure: Structure, scene: Scene, stop: Callable[[], bool] = lambda:
         stop: as `fenicsrom.online.run.march.integrate`.
 
     Returns:
-        What the last motions hold.
+        What the last motion holds.
 
     Raises:
-        ConvergenceError, AccuracyError: a stage or a motion failed at its start.
+        ConvergenceError, AccuracyError: a stage failed, or a motion at its start.
     """
     contacts, d = contacts_of(scene, structure.points), structure.dimension
     x = structure.contact_rows @ structure.equilibrium
     springs, closed, force = springs_of(contacts, d), closed_springs(contacts, x), 0.0 * x
     force[::d] = trial_forces(contacts, x).clip(0.0)
-    spent = list[float]()
+    spent = np.nan
     for number in range(1, interface.PASSES + 1):
         reduction = Reduction(structure, scene, lambda stage: nullcontext())
-        tasks = [*_tasks(scene, structure, reduction)]
-        motions = [_moved(*task, stop) for task in tasks]
-        before, spent = spent, [interface.dissipated(motion) for motion in motions]
-        log.info(f"  motion {number}: friction dissipates {sum(spent):.4g} J")
-        vectors = interface.interface_vectors(springs, closed, (x, force), motions)
+        model: Any = reduction.model
+        decays = scene.backbone is not None
+        task = _decay(scene, model) if decays else (checked_problem(model, scene), None)
+        motion = _moved(*task, stop)
+        before, spent = spent, dissipated(motion)
+        log.info(f"  motion {number}: friction dissipates {spent:.4g} J")
+        vectors = interface.interface_vectors(springs, closed, (x, force), motion)
         structure.interface = vectors if vectors.shape[1] else None
-        if before and all(map(interface.settled, before, spent)):
+        if settled(before, spent):
             break
     else:
         text = (
-            f"the friction of the motions that choose the interface vectors still changes after "
-            f"{interface.PASSES} rounds, from {sum(before):.4g} J to {sum(spent):.4g} J (at most "
+            f"the friction of the motion that chooses the interface vectors still changes after "
+            f"{interface.PASSES} rounds, from {before:.4g} J to {spent:.4g} J (at most "
             f'{100.0 * SETTLED:g} % is accepted): take basis.masters = "all"'
         )
         structure.warnings.append(Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION))
-    return _trained(scene, tasks, motions, sum(spent))
-
-
-def _tasks(scene: Scene, structure: Structure, reduction: Reduction) -> Iterator[Task]:
-    """The motions of a scene."""
-    model: Any = reduction.model
-    if scene.backbone is not None:
-        yield _decay(scene, model)
-    if scene.response is not None:
-        yield from ((problem, None) for problem in _on_curves(scene, structure, reduction))
-    if scene.backbone is None and scene.response is None:
-        yield checked_problem(model, scene), None
-
-
-def _on_curves(scene: Scene, structure: Structure, reduction: Reduction) -> Iterator[Problem]:
-    """The problems at the ends of response curves and at the resonances between."""
-    steps = scene.time.steps_per_period or FALLBACK_STEPS
-    time = scene.time.changed(
-        periods=PERIODS, steps_per_period=steps, steady="march", steady_tolerance=1e-3
+    return Trained(
+        loads=tuple(abs(load.size) for load in scene.loads),
+        friction=tuple(contact.friction for contact in scene.contacts),
+        amplitude=probe_amplitude(motion),
+        duration=0.0 if motion.period is not None else float(motion.time[-1]),
+        dissipation=dissipated(motion),
     )
-    model: Any = reduction.model
-    frequencies = curve_frequencies(structure, scene, reduction.modes)
-    for changed in extreme_scenes(scene):
-        model = model._replace(
-            load_histories=load_histories(changed), damping=float(changed.material.mass_damping)
-        )
-        problem = Problem.of(model, changed)._replace(time=time)
-        family = frequency_family(problem, displaced=displacement_sines(changed.loads))
-        yield from map(family, frequencies) if frequencies else (problem,)
-
-
-def extreme_scenes(scene: Scene) -> list[Scene]:
-    """The scenes at the ends of the curves of [response] and of its families.
-
-    Of loads only the largest one counts.
-    """
-    table, changes = scene.response, list[dict[str, float]]([{}])
-    assert table is not None
-    given = {} if table.parameter == "frequency" else {table.parameter: (table.low, table.high)}
-    if table.families is not None:
-        given[table.families.key] = (min(table.families.values), max(table.families.values))
-    for key, (low, high) in given.items():
-        values = {high} if key.startswith("loads.") and abs(high) >= abs(low) else {low, high}
-        changes = [{**change, key: value} for change in changes for value in sorted(values)]
-    return [changed_scene(scene, change, si=True) if change else scene for change in changes]
 
 
 def _decay(scene: Scene, model: ReducedModel) -> Task:
@@ -155,21 +112,6 @@ def _moved(problem: Problem, start: tuple[Any, ...] | None, stop: Callable[[], b
         if not isinstance(error.partial, Motion):
             raise
         return error.partial
-
-
-def _trained(scene: Scene, tasks: list[Task], motions: list[Motion], spent: float) -> Trained:
-    """What the motions of some tasks hold."""
-    curves = [scene] if scene.response is None else extreme_scenes(scene)
-    lasting = [float(m.time[-1]) for (p, _), m in zip(tasks, motions, strict=True) if not p.period]
-    return Trained(
-        loads=tuple(max(abs(s.loads[k].size) for s in curves) for k in range(len(scene.loads))),
-        friction=tuple(
-            min(s.contacts[k].friction for s in curves) for k in range(len(scene.contacts))
-        ),
-        amplitude=max(probe_amplitude(motion) for motion in motions),
-        duration=max(lasting, default=0.0),
-        dissipation=spent,
-    )
 
 
 def probe_amplitude(motion: Motion) -> float:
@@ -207,7 +149,7 @@ def beyond(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
 
 def unsettled(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
     """A note if friction dissipates more or less than in the same motion that chose the vectors."""
-    if trained is None or scene.response or scene.backbone:
+    if trained is None or scene.backbone:
         return []
     found = dissipated(motion)
     if settled(trained.dissipation, found):

@@ -78,8 +78,8 @@ def modes_table(scene: Scene) -> dict[str, Any]:
     table["loads"] = [_shape(load) for load in scene.loads]
     table["contacts"] = [_frames(contact) for contact in scene.contacts]
     if scene.basis.masters == "motion":
-        table["trained"] = [model_table(scene), motion_table(scene), plain(scene.damping)]
-        table["trained"] += [plain(scene.response), plain(scene.backbone)]
+        table["trained"] = [model_table(scene), motion_table(scene)]
+        table["trained"] += [plain(scene.damping), plain(scene.backbone)]
     if scene.basis.modes == "auto":
         table["excitation"] = highest_frequency(scene)
     return table

@@ -469,28 +469,17 @@ COARSE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("table", ["response", "backbone"])
-def test_vectors_of_a_curve_come_from_its_largest_motions(table: str) -> None:
-    tables = {
-        "response": {
-            **{"parameter": "loads.0.force", "first": 2.0, "last": 20.0},
-            "families": {"key": "contacts.0.friction", "values": [0.2, 0.4]},
-        },
-        "backbone": {"mode": 1, "first": 1e-4, "last": 2e-3},
-    }
+def test_vectors_of_a_backbone_come_from_its_largest_motion() -> None:
     scene = lap(
-        **{table: tables[table]},
+        backbone={"mode": 1, "first": 1e-4, "last": 2e-3},
         geometrically_nonlinear=False,
         geometry=COARSE,
         time={"periods": 1, "steps_per_period": 40},
     )
     trained = training.train(solid(scene), scene)
     assert trained.dissipation > 0.0
-    if table == "response":
-        assert (trained.loads, trained.friction) == ((20.0,), (0.2,))
-        assert [found.loads[0].size for found in training.extreme_scenes(scene)] == [20.0] * 2
-    else:
-        assert trained.amplitude == pytest.approx(2e-3, rel=0.1)  # less its first half period
+    assert (trained.loads, trained.friction) == ((60.0,), (0.3,))
+    assert trained.amplitude == pytest.approx(2e-3, rel=0.1)  # less its first half period
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,6 @@ from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.reduction.training import train
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.reading.reading import with_time
@@ -417,9 +416,6 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(on_mesh, mesh)
-    if scene.basis.masters == "motion":
-        with timed(seconds, "interface vectors"):
-            train(solid, on_mesh)
     return Workshop(solid, scene, seconds)
 
 
