@@ -145,22 +145,19 @@ def see_residual(run: Run) -> None:
     from dataclasses import replace
 
     from fenicsrom.assess.errors import judge
-    from fenicsrom.assess.errors.estimates import beside
     from fenicsrom.assess.errors.sizing import accuracy_limit, candidate_motion, limited, unreached
 
     study, motion, sized = run.study, run.study.motions["reduced"], run.study.sized
     stored, known = study.stored, study.judge
-    at, same = beside(study.model, study.scene, motion) if sized is None else sized.beside
-    checked = replace(stored, scene=at)
-    other = candidate_motion(checked, same) if sized is None else sized.other
+    other = candidate_motion(stored, motion) if sized is None else sized.other
     if other is None:
         return
     if known is not None and known.labels == stored.labels:  # from the cache
-        found, _ = judge.judge_again(replace(known, scene=at), same, other)
+        found, _ = judge.judge_again(known, motion, other)
     else:
         given = study.solid, study.modes, study.extended
-        found = judge.judge_with_residual(*given, checked, same, other)
-    study.judge, study.errors["basis"] = replace(found.stored, scene=study.scene), found.errors
+        found = judge.judge_with_residual(*given, stored, motion, other)
+    study.judge, study.errors["basis"] = found.stored, found.errors
     if sized is None or stored.scene.basis.size is not None or sized.warning is not None:
         return
     limit, error = accuracy_limit(stored, motion), limited(stored.scene, found.errors)
@@ -274,8 +271,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
             check_energy(motions[name])
         name, motion = "reduced", motions["reduced"]
         given = found.model, found.candidates, scene, motion, found.errors
-        at = None if found.sized is None else found.sized.beside
-        estimate_errors(*given, basis, meshes, at)
+        estimate_errors(*given, basis, meshes)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
     outside = beyond(found.trained, scene, motion)

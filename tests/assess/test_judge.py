@@ -77,7 +77,7 @@ def judged(case: Reduced, found: Sized | None = None) -> Judged:
     if found is None:
         other = candidate_motion(stored, motion)
     else:
-        stored, motion = replace(found.stored, scene=found.beside.scene), found.beside.motion
+        stored, motion = found.stored, found.motion
     assert other is not None
     given = case.body, case.found.modes, case.extended
     return judge_with_residual(*given, stored, motion, other)

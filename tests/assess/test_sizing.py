@@ -92,17 +92,6 @@ def test_model_takes_the_coordinates_with_the_largest_energies() -> None:
     assert distances(run(stored), whole).largest > 0.01
 
 
-def test_size_of_a_march_is_found_with_twice_its_step() -> None:
-    stored = stored_with("time.steady='march'", "time.periods=100")
-    found = fit(stored)
-    assert found.stored.labels == ("1V", "3V", "2V", "5V")
-    assert (found.stored.scene, found.beside.scene.time.steps_per_period) == (stored.scene, 20)
-    per_period = [m.steps / m.periods for m in (found.motion, found.beside.motion, found.other)]
-    assert per_period == [40.0, 20.0, 20.0]
-    whole = distances(found.motion, run(stored.resized(10))).largest
-    assert whole <= found.errors.largest <= min(1e-3, 2.0 * whole)
-
-
 def test_motion_that_judged_a_smaller_model_has_the_order_of_the_larger_one() -> None:
     found = fit(stored_with())
     assert found.other is not None and found.stored.labels == ("1V", "3V", "2V", "5V")
@@ -313,6 +302,7 @@ def test_run_time_of_a_size_is_that_of_its_steps_without_the_search_for_a_period
 ) -> None:
     timed = SimpleNamespace(seconds=3.0, steps=20)
     monkeypatch.setattr(sizing, "simulate", lambda *_: timed)
-    part = SimpleNamespace(model=None, scene=beam_scene(2))
+    part = SimpleNamespace(model=None)
+    scene = beam_scene(2)
     motion, near = SimpleNamespace(steps=100), SimpleNamespace(seconds=7.0)
-    assert sizing._seconds(part, motion, near) == 15.0  # type: ignore[arg-type]
+    assert sizing._seconds(part, scene, motion, near) == 15.0  # type: ignore[arg-type]

@@ -224,9 +224,7 @@ def with_range(
     return found._replace(from_rest=_times_distance(factor, motion, other))
 
 
-def step_errors(
-    model: Any, scene: Scene, motion: Motion, twin: Motion | None = None
-) -> MotionErrors:
+def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     """Estimate the errors of a motion due to its time step, from a run with twice the step.
 
     The estimate is twice the distance of the two motions. That is six times the error of a scheme
@@ -249,7 +247,6 @@ def step_errors(
         model: the model that was integrated.
         scene: the scene of the motion.
         motion: the motion.
-        twin: the motion with twice the step, if it is known.
     """
     dimension = motion.displacement.shape[2]
     unknown = _unknown(dimension)
@@ -257,7 +254,7 @@ def step_errors(
     if coarse.time == scene.time and not at_rest(motion):
         return unknown  # a single step cannot be made longer
     try:
-        other = twin or check_motion(model, coarse, motion)
+        other = check_motion(model, coarse, motion)
     except (ConvergenceError, AccuracyError):
         return unknown
     if at_rest(motion) and at_rest(other):
@@ -531,40 +528,6 @@ def nested_motion(
     except (ConvergenceError, AccuracyError):
         return None
     return None if has_settled(motion) and not has_settled(other) else other
-
-
-class Beside(NamedTuple):
-    """What the motions of other models are compared with, to judge a motion.
-
-    Attributes:
-        scene: the scene under which they run.
-        motion: the motion of the model itself under this scene.
-    """
-
-    scene: Scene
-    motion: Motion
-
-
-def beside(model: Any, scene: Scene, motion: Motion) -> Beside:
-    """The motion itself, or of a march without contact its coarser twin with twice the step.
-
-    A march of a larger model costs many times the march that it judges. What a basis or a mesh
-    lacks hardly depends on the step, so that both sides of the comparison take the longer one. The
-    check of the time step needs this twin anyway. The peak force of impacts depends on the step,
-    and the root mean squares of a motion that does not settle scatter: both keep the step.
-
-    Args:
-        model: the model that was integrated.
-        scene: the scene of the motion.
-        motion: the motion.
-    """
-    coarse = coarser(scene)
-    is_march = motion.newton_from is None and not motion.force.any()
-    if is_march and not is_unsteady(motion) and coarse.time != scene.time:
-        twin = nested_motion(model, coarse, motion)
-        if twin is not None:
-            return Beside(coarse, twin)
-    return Beside(scene, motion)
 
 
 def marched(scene: Scene) -> Scene:

@@ -23,13 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.estimates import (
-    Beside,
-    MotionErrors,
-    basis_errors,
-    beside,
-    nested_motion,
-)
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import Note, NoteKind
@@ -86,7 +80,6 @@ class Sized:
     Attributes:
         stored: the model.
         motion: its motion.
-        beside: what the motions of other sizes are compared with.
         other: the motion of all coordinates of the stored model; None if there is none.
         errors: estimated errors due to the basis.
         energies: square roots of (1) of the coordinates that joined, by their labels.
@@ -96,7 +89,6 @@ class Sized:
 
     stored: StoredModel
     motion: Motion
-    beside: Beside
     other: Motion | None
     errors: MotionErrors
     energies: dict[str, float]
@@ -110,14 +102,12 @@ class Sized:
         Each has its motion near that of the run. Without a period each runs like the run. A motion
         that does not settle has none: each size would run as long again.
         """
-        stored, (scene, motion), other = self.stored, self.beside, self.other
+        stored, motion, other = self.stored, self.motion, self.other
         if other is None or motion.end is None or stored.model.linear or is_unsteady(motion):
             return []
-        known = (*stored.labels, *stored.further)
+        known, scene = (*stored.labels, *stored.further), stored.scene
         least = stored.least_size
         most = min((stored.size + len(known)) // 2, int(LARGEST_SIZE * stored.size))
-        if motion is not self.motion:  # each size of a march runs as long as the run
-            most = stored.size
         sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
@@ -128,7 +118,7 @@ class Sized:
                 near = nested_motion(part.model, scene, motion, chosen, near=other)
             error = np.inf if near is None else limited(scene, basis_errors(near, other))
             if near is not None and np.isfinite(error):
-                rows.append(NestedSize(n, _seconds(part, self.motion, near), error))
+                rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
         return rows
 
 
@@ -155,20 +145,6 @@ def sized(stored: StoredModel, motion: Motion, run: Run) -> Sized | None:
     """
     if stored.candidates is None or not stored.scene.basis.adapts:
         return None
-    scene, same = beside(stored.model, stored.scene, motion)
-    if same is motion:
-        return _sized(stored, motion, run)
-    found = _sized(replace(stored, scene=scene), same, run)
-    # the size was found with twice the step; the motion has its own step
-    chosen = stored
-    if found.stored.labels != stored.labels:
-        chosen = stored.resized(found.stored.labels)
-        motion = run(chosen, None)
-    return replace(found, stored=chosen, motion=motion)
-
-
-def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
-    """As `sized`, of a model and its motion under the scene in which they are compared."""
     if stored.scene.basis.size is not None:
         return _of_size(stored, motion, run, stored.scene.basis.size)
     energies, tried = dict[str, float](), dict[int, float]()
@@ -176,10 +152,10 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
     other = candidate_motion(stored, motion)
     while True:
         limit = accuracy_limit(stored, motion)
-        errors, here = basis_errors(motion, other), Beside(stored.scene, motion)
+        errors = basis_errors(motion, other)
         error = tried[stored.size] = limited(stored.scene, errors)
         if error <= limit:
-            return Sized(stored, motion, here, other, errors, energies, None, tried)
+            return Sized(stored, motion, other, errors, energies, None, tried)
         larger = None
         if other is not None:
             found = candidate_energies(stored, other)
@@ -187,7 +163,7 @@ def _sized(stored: StoredModel, motion: Motion, run: Run) -> Sized:
             larger, near = _enlarged(stored, motion, other, left, limit)
         if larger is None:
             warning = unreached(stored, error, limit)
-            return Sized(stored, motion, here, other, errors, energies, warning, tried)
+            return Sized(stored, motion, other, errors, energies, warning, tried)
         energies |= {label: found[label] for label in larger.labels[stored.size :]}
         motion, other = _again(stored, larger, motion, other, run, near)
         stored = larger
@@ -253,8 +229,7 @@ def _of_size(stored: StoredModel, motion: Motion, run: Run, size: int) -> Sized:
     if chosen is not stored:
         motion, other = _again(stored, chosen, motion, other, run)
     joined = {label: energies[label] for label in chosen.labels if label in energies}
-    here = Beside(stored.scene, motion)
-    return Sized(chosen, motion, here, other, basis_errors(motion, other), joined)
+    return Sized(chosen, motion, other, basis_errors(motion, other), joined)
 
 
 def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredModel:
@@ -430,9 +405,9 @@ def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:
     return near.coordinates[-1], near.velocity[-1], end_of(motion)[2]
 
 
-def _seconds(part: StoredModel, motion: Motion, near: Motion) -> float:
-    """Run time of a part of a model, s, with as many steps as a motion has; `near` is its own."""
-    timed, scene = near, part.scene
-    if scene.period is not None:
-        timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
+def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:
+    """Run time of the steps of a motion with a part of its model, s."""
+    if scene.period is None:
+        return near.seconds
+    timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
     return timed.seconds * motion.steps / timed.steps

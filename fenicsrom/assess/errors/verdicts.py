@@ -32,10 +32,8 @@ from fenicsrom.assess.errors.estimates import (
     BASIS_SAFETY,
     MESH_SAFETY,
     STEP_SAFETY,
-    Beside,
     MotionErrors,
     basis_errors,
-    beside,
     mesh_errors,
     nested_motion,
     step_errors,
@@ -102,7 +100,6 @@ def estimate_errors(
     errors: dict[str, MotionErrors],
     basis: MotionErrors | None = None,
     meshes: tuple[ReducedModel, ReducedModel, Sequence[int]] | None = None,
-    known: Beside | None = None,
 ) -> None:
     """Estimate the errors of a motion and apply the rule of this module.
 
@@ -115,7 +112,6 @@ def estimate_errors(
         basis: the estimate of the error due to the basis, if it is known.
         meshes: models of the same coordinates on the elements of the run and on finer ones, and
             the numbers of these coordinates in the run, -1 for others; None if there are none.
-        known: what `beside` gives for this motion, if it is known.
 
     Raises:
         AccuracyError: an estimate is above its limit, or the motion has not come to the periodic
@@ -123,27 +119,26 @@ def estimate_errors(
     """
     check_settled(scene, motion)
     unsteady = is_unsteady(motion)
-    at, same = known or beside(model, scene, motion)
-    found = step_errors(model, scene, motion, None if at.time == scene.time else same)
     joined = scene.joined
+    found = step_errors(model, scene, motion)
     if found.deciding(joined) > TIME_ERROR and scene.time.tolerance is None:
         found = near_resonance(found, STEP_SAFETY, model, coarser(scene), motion, motion.end)
     errors["time step"] = with_range(found, STEP_SAFETY, model, coarser(scene), motion)
     if candidates is not None:
-        basis = basis or basis_errors(same, nested_motion(candidates, at, same))
-        errors["basis"] = with_range(basis, BASIS_SAFETY, candidates, at, same)
+        basis = basis or basis_errors(motion, nested_motion(candidates, scene, motion))
+        errors["basis"] = with_range(basis, BASIS_SAFETY, candidates, scene, motion)
     elif basis is not None:
         errors["basis"] = basis
     if meshes is not None:
         own, finer, numbers = meshes
-        near = same if own is model else nested_motion(own, at, same, numbers)
-        found = mesh_errors(near or same, near and nested_motion(finer, at, near))
+        near = motion if own is model else nested_motion(own, scene, motion, numbers)
+        found = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
         if near is not None and found.deciding(joined) > MESH_ERROR:
-            start = end_of(same)
-            if near is not same and near.coordinates is not None and near.velocity is not None:
+            start = end_of(motion)
+            if near is not motion and near.coordinates is not None and near.velocity is not None:
                 start = near.coordinates[-1], near.velocity[-1], start[2]
-            found = near_resonance(found, MESH_SAFETY, finer, at, near, start)
-        errors["mesh"] = with_range(found, MESH_SAFETY, finer, at, same)
+            found = near_resonance(found, MESH_SAFETY, finer, scene, near, start)
+        errors["mesh"] = with_range(found, MESH_SAFETY, finer, scene, motion)
     for cause, found in errors.items():
         shifted = found if found.shift else None
         check_error(scene, cause, found.deciding(joined), unsteady, shifted)
