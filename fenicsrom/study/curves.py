@@ -118,7 +118,7 @@ def _curves(
     from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.checks import cost_in_words, larger_model, model_before_curves
     from fenicsrom.assess.curves.trust import richer_model
-    from fenicsrom.assess.errors.sizing import can_grow, spare_coordinates, with_size
+    from fenicsrom.assess.errors.sizing import can_grow, spare_coordinates
     from fenicsrom.post.base.tables import write_text
 
     spare = spare_coordinates(source.stored)
@@ -127,8 +127,8 @@ def _curves(
         labels = _labels(resume / COORDINATES)
         if {*labels} <= {*source.stored.labels, *source.stored.further}:
             source = source.with_model(source.stored.resized(labels), folder)
-    elif (size := source.stored.scene.basis.size) is not None:
-        source = source.with_model(with_size(source.stored, None, size), folder)
+    elif source.stored.scene.basis.size is not None:
+        source = _sized(source, folder)
     elif resume is None and can_grow(source.stored, spare):
         with watch("size of the model"):
             larger = model_before_curves(source.stored, spare, workers, stop, source.comm)

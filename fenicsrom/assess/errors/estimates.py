@@ -221,7 +221,7 @@ def with_range(
         other = simulate(model, scene, keep_coordinates=True)
     except (ConvergenceError, AccuracyError):
         return found
-    return found._replace(from_rest=_times_distance(factor, motion, other))
+    return found._replace(from_rest=times_distance(factor, motion, other))
 
 
 def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
@@ -547,7 +547,7 @@ def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
         motion: the motion.
         other: the motion of the enriched model; the estimates are infinite without it.
     """
-    return _times_distance(BASIS_SAFETY, motion, other)
+    return times_distance(BASIS_SAFETY, motion, other)
 
 
 def together(first: MotionErrors, second: MotionErrors) -> MotionErrors:
@@ -565,11 +565,17 @@ def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
         motion: the motion.
         other: the motion of the finer model; the estimates are infinite without it.
     """
-    return _times_distance(MESH_SAFETY, motion, other)
+    return times_distance(MESH_SAFETY, motion, other)
 
 
-def _times_distance(factor: float, motion: Motion, other: Motion | None) -> MotionErrors:
-    """A factor times the distances of a motion from a better one; infinite without this one."""
+def times_distance(factor: float, motion: Motion, other: Motion | None) -> MotionErrors:
+    """The relative errors of a motion: a factor times its distances from a better one.
+
+    Args:
+        factor: the factor.
+        motion: the motion.
+        other: the better motion; None gives infinite errors.
+    """
     if other is None:
         return _unknown(motion.displacement.shape[2])
     scaled = distances(motion, other).combined(lambda error: factor * error)

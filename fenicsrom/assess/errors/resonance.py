@@ -30,12 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.estimates import (
-    MotionErrors,
-    distances,
-    step_fractions,
-    with_further,
-)
+from fenicsrom.assess.errors.estimates import MotionErrors, step_fractions, times_distance
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem, ReducedModel
@@ -98,11 +93,9 @@ def near_resonance(
         return errors
     if errors.amplitude < factor * STEEP * abs(shift):
         return errors
-    near = distances(motion, other).combined(lambda error: factor * error)
+    near = times_distance(factor, motion, other)
     near = near._replace(shift=factor * abs(shift), at_frequency=errors.amplitude)
-    if np.isinf(errors.peak_force):
-        near = near._replace(peak_force=np.inf)
-    return with_further(near, motion, other, factor)
+    return near._replace(peak_force=np.inf) if np.isinf(errors.peak_force) else near
 
 
 def same_phase(

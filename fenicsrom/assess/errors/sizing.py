@@ -336,34 +336,6 @@ def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:
         yield labels[:count]
 
 
-def grown(
-    stored: StoredModel,
-    labels: Sequence[str],
-    error: Callable[[StoredModel], float],
-    limit: float,
-) -> StoredModel | None:
-    """The smallest larger model that is accurate enough; else that with the least error.
-
-    Args:
-        stored: the model.
-        labels: of the coordinates that can join, the most important first.
-        error: gives the error of a larger model.
-        limit: largest accepted error.
-
-    Returns:
-        The larger model; None if no coordinate can join.
-    """
-    best, least = None, np.inf
-    for joining in growing(labels):
-        trial = stored.resized((*stored.labels, *joining))
-        found = error(trial)
-        if found <= least:
-            best, least = trial, found
-        if found <= limit:
-            break
-    return best
-
-
 def _enlarged(
     stored: StoredModel, motion: Motion, other: Motion, labels: list[str], limit: float
 ) -> tuple[StoredModel | None, tuple[Array, ...] | None]:
@@ -384,17 +356,18 @@ def _enlarged(
         return None, None
     if is_unsteady(motion):  # each trial would run as long as the run
         return stored.resized((*stored.labels, *labels)), None
+    best, begin, least = None, None, np.inf
     known = (*stored.labels, *stored.further)
-    begin: dict[tuple[str, ...], tuple[Array, ...] | None] = {}
-
-    def error(trial: StoredModel) -> float:
+    for joining in growing(labels):
+        trial = stored.resized((*stored.labels, *joining))
         chosen = [known.index(label) for label in trial.labels]
         near = nested_motion(trial.model, stored.scene, motion, chosen, near=other)
-        begin[trial.labels] = _start(near, motion)
-        return np.inf if near is None else limited(stored.scene, basis_errors(near, other))
-
-    best = grown(stored, labels, error, limit)
-    return best, None if best is None else begin[best.labels]
+        error = np.inf if near is None else limited(stored.scene, basis_errors(near, other))
+        if error <= least:
+            best, begin, least = trial, _start(near, motion), error
+        if error <= limit:
+            break
+    return best, begin
 
 
 def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:

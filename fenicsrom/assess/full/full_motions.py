@@ -121,9 +121,9 @@ def settled_full_motion(
 ) -> tuple[Motion, str]:
     """The periodic motion of a full model whose march did not settle, and a sentence on it.
 
-    Newton's method starts it from the periodic motion of the reduced model
-    (`fenicsrom.assess.full.full_motions`). Where the march decays slowly, for example near an
-    undamped mode, the march alone would compare a periodic motion with a transient.
+    Newton's method starts from the periodic motion of the reduced model. Where the march decays
+    slowly, for example near an undamped mode, the march alone would compare a periodic motion with
+    a transient.
 
     Args:
         solid: the solid.
