@@ -198,7 +198,7 @@ def test_motion_that_does_not_settle_is_judged_by_a_march_and_takes_all_at_once(
     assert is_unsteady(motion) and stored.scene.time.steady == "newton"
     found = sized(stored, motion, run)
     assert found is not None and found.stored.size == 1 + int(0.7 * 9)
-    assert asked == ["march"] and found.sizes == []
+    assert asked == ["march"]
 
 
 def test_direction_that_hardly_moves_takes_no_coordinates_and_is_told() -> None:
@@ -295,14 +295,3 @@ def test_curve_of_a_model_that_cannot_grow_is_compared_at_all_points() -> None:
     grows, ends = (response(stored, richer=richer_model(stored, k)).curves[0] for k in spare)
     assert all(check.where not in ("between", "fold") for check in grows.checks)
     assert len(ends.checks) > 4 and any(check.where == "between" for check in ends.checks)
-
-
-def test_run_time_of_a_size_is_that_of_its_steps_without_the_search_for_a_period(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    timed = SimpleNamespace(seconds=3.0, steps=20)
-    monkeypatch.setattr(sizing, "simulate", lambda *_: timed)
-    part = SimpleNamespace(model=None)
-    scene = beam_scene(2)
-    motion, near = SimpleNamespace(steps=100), SimpleNamespace(seconds=7.0)
-    assert sizing._seconds(part, scene, motion, near) == 15.0  # type: ignore[arg-type]

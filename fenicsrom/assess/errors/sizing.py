@@ -13,12 +13,11 @@ because a mode without its derivatives can make the answer worse, and then twice
 estimate is small enough. A model that took nearly all coordinates cannot be judged by the rest:
 `RESERVE` of those that the first model left out stay out. With `basis.size` a model has so many
 coordinates instead. A motion that its first coordinates describe well enough keeps them: fewer
-would cost another run, and the picture of the sizes shows what they would do.
+would cost another run.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +34,6 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import log
 from fenicsrom.reduction.interface import SETTLED
 from fenicsrom.scene import Scene
-from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import counted
 
 AT_LEAST = 3
@@ -43,34 +41,6 @@ AT_LEAST = 3
 
 RESERVE = 0.3
 """Part of the coordinates beyond the first model that must be left to judge a larger one."""
-
-SIZES = 5
-"""Sizes of the picture of the error over the run time, besides the size of the run.
-
-They reach half-way from the size of the run to that of all coordinates, whose time steps cost most,
-but at most `LARGEST_SIZE`.
-"""
-
-LARGEST_SIZE = 1.6
-"""Largest of the `SIZES` relative to that of the run: its steps cost six times as much."""
-
-TIMED_PERIODS = 2
-"""Periods that time the steps of a size."""
-
-
-@dataclass(frozen=True, eq=False)
-class NestedSize:
-    """A model of some of the coordinates of a larger one.
-
-    Attributes:
-        size: number of coordinates.
-        seconds: run time of the steps of the run with this size, s.
-        error: estimated relative error due to the basis, as `limited`.
-    """
-
-    size: int
-    seconds: float
-    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,32 +64,6 @@ class Sized:
     energies: dict[str, float]
     warning: Note | None = None
     tried: dict[int, float] = field(default_factory=dict)
-
-    @cached_property
-    def sizes(self) -> list[NestedSize]:
-        """The error over the run time: models with more or fewer coordinates, by their energies.
-
-        Each has its motion near that of the run. Without a period each runs like the run. A motion
-        that does not settle has none: each size would run as long again.
-        """
-        stored, motion, other = self.stored, self.motion, self.other
-        if other is None or motion.end is None or stored.model.linear or is_unsteady(motion):
-            return []
-        known, scene = (*stored.labels, *stored.further), stored.scene
-        least = stored.least_size
-        most = min((stored.size + len(known)) // 2, int(LARGEST_SIZE * stored.size))
-        sizes = np.linspace(least, most, SIZES).round().astype(int)
-        rows = []
-        for n in sorted({*sizes.tolist(), stored.size}):
-            part = with_size(stored, other, n)
-            near: Motion | None = motion
-            if n != stored.size:
-                chosen = [known.index(label) for label in part.labels]
-                near = nested_motion(part.model, scene, motion, chosen, near=other)
-            error = np.inf if near is None else limited(scene, basis_errors(near, other))
-            if near is not None and np.isfinite(error):
-                rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
-        return rows
 
 
 Run = Callable[[StoredModel, tuple[Array, ...] | None], Motion]
@@ -376,11 +320,3 @@ def _start(near: Motion | None, motion: Motion) -> tuple[Array, ...] | None:
         return None
     assert near.velocity is not None
     return near.coordinates[-1], near.velocity[-1], end_of(motion)[2]
-
-
-def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:
-    """Run time of the steps of a motion with a part of its model, s."""
-    if scene.period is None:
-        return near.seconds
-    timed = simulate(part.model, with_time(scene, periods=TIMED_PERIODS, steady="march"))
-    return timed.seconds * motion.steps / timed.steps
