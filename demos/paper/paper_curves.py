@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from paper_cases import Table, body, scene
@@ -15,7 +14,6 @@ from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.plot import Item, Line, Panel, Plot
 from fenicsrom.post.curves.response_figures import (
     FULL_MARKER,
@@ -93,7 +91,7 @@ def response_table() -> Table:
     return found
 
 
-def response_figure() -> Any:
+def response_figure() -> Plot:
     """Fig. 4."""
     families = f'response.families={{key="contacts.0.preload", values={list(PRELOADS)}}}'
     of = scene("slip_liftoff", f"response.first={LOW[0]}", f"response.last={HIGH[1]}", families)
@@ -113,4 +111,4 @@ def response_figure() -> Any:
         Panel(part, xlabel="frequency, Hz", ylabel=label)
         for part, label in zip(items, ("tip amplitude, mm", ""), strict=True)
     ]
-    return figure_of(Plot(panels, 9.6, 4.8, columns=2, legend=legend_samples(found)))
+    return Plot(panels, 9.6, 4.8, columns=2, legend=legend_samples(found))

@@ -11,10 +11,10 @@ projections. If parts are named, only these parts are made, and README.md keeps 
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from paper_cases import BODIES, HERE, LINEAR, Table, body, full, scene, tried
@@ -33,70 +33,53 @@ from paper_tables import (
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.files import atomic_write
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.post.base.style import COLOURS, line_styles, new_figure, styled
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.plot import Item, Line, Panel, Plot
+from fenicsrom.post.base.style import COLOURS, line_styles
 from fenicsrom.post.base.tables import write_figure
 from fenicsrom.post.run import figures
 from fenicsrom.scene import scene_heading
 
 
-@styled
-def deflection_figure(kind: str, name: str) -> Any:
+def deflection_figure(kind: str, name: str) -> Plot:
     """Figs. 5a and 12a: the deflected beam at instants of the steady state."""
     of = scene(name)
     beam = body("beam", of)
     motion = simulate(full_model(beam), of, keep_coordinates=True)
-    figure = new_figure(7.6, 3.6)
-    axis = figure.subplots()
     x = np.linspace(0, beam.beam.length, beam.beam.elements + 1)[1:]
     instants = np.linspace(0, motion.coordinates.shape[0] - 1, 9).astype(int)[:-1]
-    for (name, style), k in zip(
-        line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True
-    ):
-        q = motion.coordinates[k]
-        axis.plot(x + q[0::3], 1e3 * q[1::3], label=name, **style)
-    axis.set(xlabel="position, m", ylabel="deflection, mm")
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
+    styles = line_styles(f"{j / 8:g} T" for j in range(8))
+    lines = [
+        Line(x + q[0::3], 1e3 * q[1::3], label=label, **style)
+        for (label, style), q in zip(styles.items(), motion.coordinates[instants], strict=True)
+    ]
+    return Plot([Panel(lines, "position, m", "deflection, mm", legend=lines)], 7.6, 3.6)
 
 
-@styled
-def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Any:
-    """Draw Figs. 8, 9 and 14: error by size, with and without derivatives, for both bodies."""
-    figure = new_figure(4.2 * len(parts) + 1.0, 6.4)
-    axes = figure.subplots(2, len(parts), sharey=True, squeeze=False)
-    colours = {"none": COLOURS[0], "mmi": COLOURS[1], "mmi-nls": COLOURS[2]}
-    for column, (name, chosen, plain) in enumerate(parts):
-        for row, kind in enumerate(BODIES):
-            axis = axes[row][column]
-            outcomes = [
-                *tried(kind, name, f"compare.modes={list(chosen)}"),
-                *tried(kind, name, f"compare.modes={list(plain)}", 'compare.derivatives=["none"]'),
-            ]
-            for way, colour in colours.items():
-                for method, style in (("rubin", "o-"), ("craig-bampton", "s--")):
-                    points = sorted(
-                        (len(o.labels), max(o.errors["amplitude_tangential"] or 0.0, 1e-5))
-                        for o in outcomes
-                        if o.errors
-                        and (o.combination.derivatives, o.combination.method) == (way, method)
-                    )
-                    if points:
-                        label = f"{'Rubin' if method == 'rubin' else 'Craig–Bampton'}, {way}"
-                        axis.plot(
-                            *zip(*points, strict=True),
-                            style,
-                            color=colour,
-                            markersize=4,
-                            label=label,
-                        )
-            axis.set(yscale="log", title=f"{kind}: {scene_heading(scene(name))}")
-    for axis in axes[-1]:
-        axis.set_xlabel("number of coordinates")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("error of the tip amplitude, %")
-    handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3)
-    return figure
+def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Plot:
+    """Figs. 8, 9 and 14: error by size, with and without derivatives, for both bodies."""
+    panels = []
+    for kind, (name, chosen, plain) in itertools.product(BODIES, parts):
+        outcomes = [
+            *tried(kind, name, f"compare.modes={list(chosen)}"),
+            *tried(kind, name, f"compare.modes={list(plain)}", 'compare.derivatives=["none"]'),
+        ]
+        items: list[Item] = []
+        for color, way in zip(COLOURS, ("none", "mmi", "mmi-nls"), strict=False):
+            for method, style, marker in (("rubin", "-", "o"), ("craig-bampton", "--", "s")):
+                points = sorted(
+                    (len(o.labels), max(o.errors["amplitude_tangential"] or 0.0, 1e-5))
+                    for o in outcomes
+                    if o.errors
+                    and (o.combination.derivatives, o.combination.method) == (way, method)
+                )
+                if points:
+                    look = {"marker": marker, "markersize": 4.0, "label": f"{method}, {way}"}
+                    items.append(Line(*zip(*points, strict=True), style, color, **look))
+        panels.append(Panel(items, title=f"{kind}: {scene_heading(scene(name))}", log="y"))
+    across, up = "number of coordinates", "error of the tip amplitude, %"
+    look = {"share": "y", "xlabel": across, "ylabel": up}
+    return Plot(panels, 4.2 * len(parts) + 1.0, 6.4, len(parts), **look)
 
 
 CHOSEN, PLAIN = (1, 2, 3, 4, 5), (1, 3, 8, 14)
@@ -117,7 +100,7 @@ PARTS: dict[str, Callable[[], Table]] = {
     "thresholds": threshold_table,
     "third order": third_order_table,
 }
-PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
+PICTURES: dict[str, tuple[str, Callable[[], Plot]]] = {
     "figure_04": ("figure 4", response_figure),
     "figure_05": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "slip_liftoff")),
     "figure_05_motion": (
@@ -179,7 +162,7 @@ def main() -> None:
         fill(HERE / "README.md", name, markdown(PARTS[name]()))
     for file, (part, draw) in PICTURES.items():
         if part in wanted:
-            write_figure(Path(options.output) / f"{file}.png", draw())
+            write_figure(Path(options.output) / f"{file}.png", figure_of(draw()))
 
 
 if __name__ == "__main__":
