@@ -59,9 +59,9 @@ def test_chart_holds_the_points_notes_and_names_of_curves() -> None:
 
 
 def test_places_of_many_contact_points_do_not_overlap() -> None:
-    places = plot_points({"reduced": side_by_side(*[jenkins()] * 6)}).places()
-    cells = [(row, column + k) for row, column, _, wide in places for k in range(wide)]
-    assert len(places) == 6 and len(set(cells)) == len(cells)
+    panels = plot_points({"reduced": side_by_side(*[jenkins()] * 6)}).panels
+    cells = [(one.place[0], one.place[1] + k) for one in panels for k in range(one.place[3])]
+    assert len(panels) == 6 and len(set(cells)) == len(cells)
 
 
 def test_values_that_differ_by_rounding_have_no_offset() -> None:

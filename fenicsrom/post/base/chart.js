@@ -4,6 +4,7 @@ const markers = {o: "circle", s: "square", D: "diamond", p: "hex", h: "star", "^
 const dashes = {"-": "solid", "--": [6, 4], "-.": "dashdot", ":": "dotted"};
 const unpack = (text) => Array.from(
   new Float32Array(Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0)).buffer));
+const NOWHERE = "AADAfw==";  // NaN
 
 function drawItem(plot, item, hovered) {  // gives its renderers
   const {color} = item, name = item.label || " ";
@@ -71,9 +72,7 @@ function drawLegend(plot, samples, named) {
   const items = samples.map((sample) => {
     const alike = named.filter(([names]) => names.includes(sample.label)).map(([, one]) => one);
     // the mark beside a name is that of its first renderer, which must be in this plot
-    const empty = {x: "AADAfw==", y: "AADAfw==", notes: undefined};
-    const own = sample.kind === "line" ? drawItem(plot, {...sample, ...empty}, [])
-      : [plot.quad({left: [NaN], right: [NaN], bottom: [NaN], top: [NaN], color: sample.color})];
+    const own = drawItem(plot, {...sample, x: NOWHERE, y: NOWHERE, corners: Array(4).fill(NOWHERE)}, []);
     return new Bokeh.LegendItem({label: {value: sample.label}, renderers: [...own, ...alike]});
   });
   const ncols = samples.some((sample) => sample.label.length > 25) ? 3 : 4;

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.post.base.drawing import place_of
-from fenicsrom.post.base.plot import Bars, Line, Panel, Plot, Text
+from fenicsrom.post.base.plot import Bars, Item, Limits, Line, Panel, Plot, Text, sizes
 from fenicsrom.post.base.style import missing_module
 
 PIXELS = 74  # of an inch of a figure
@@ -30,29 +29,24 @@ def chart(plot: Plot) -> str | None:
     items = [item for panel in plot.panels for item in panel.items]
     if missing_module("bokeh") or not all(isinstance(item, Line | Bars | Text) for item in items):
         return None
-    limits, places = plot.limits(), plot.places()
-    rows = max(row + down for row, _, down, _ in places)
-    parts = np.array(plot.heights or [1.0] * rows)
-    tall = plot.height * PIXELS * parts / parts.sum()
+    tall = sizes(plot.height * PIXELS, plot.heights, plot.rows)
     panels = [
         {
-            "place": place,
-            "height": round(float(tall[place[0] : place[0] + place[2]].sum())),
-            "x": _axis(panel, "x", ends["x"]),
-            "y": _axis(panel, "y", ends["y"]),
-            "title": panel.title or plot.title * (place[:2] == (0, 0)),
-            "items": [_item(item, ends, panel) for item in panel.items],
+            "place": panel.place,
+            "height": round(float(tall[panel.place[0] :][: panel.place[2]].sum())),
+            "x": _axis(panel, "x", limits["x"]),
+            "y": _axis(panel, "y", limits["y"]),
+            "title": panel.title or plot.title * (panel.place[:2] == (0, 0)),
+            "items": [_item(item, limits, panel.log) for item in panel.items],
         }
-        for panel, ends, place in zip(plot.panels, limits, places, strict=True)
+        for panel, limits in zip(plot.panels, plot.limits(), strict=True)
     ]
     details = [
         {"title": one.title, "at": one.at, "lines": [_points(*line) for line in one.lines]}
         for one in plot.details
     ]
-    nothing: Any = {"x": (0.0, 1.0), "y": (0.0, 1.0)}
     samples = [*plot.samples, *(item for panel in plot.panels for item in panel.legend)]
-    legend = [_item(item, nothing, Panel(())) for item in samples]
-    found = {"panels": panels, "share": plot.share, "legend": legend}
+    found = {"panels": panels, "share": plot.share, "legend": [*map(_look, samples)]}
     return json.dumps(found | {"details": details, "detail_labels": plot.detail_labels})
 
 
@@ -63,27 +57,29 @@ def _axis(panel: Panel, name: str, ends: tuple[float, float]) -> dict[str, Any]:
     return found | {"marks": [[float(place), text] for place, text in marks.items()]}
 
 
-def _item(item: Any, ends: Any, panel: Panel) -> dict[str, Any]:
-    """An item; its kind, its names in the legend and its look."""
+def _item(item: Item, limits: Limits, log: str) -> dict[str, Any]:
+    """An item of a panel with these limits and this `log`: its look and its places."""
     if isinstance(item, Text):
-        place = place_of(item, ends, panel.log)
-        align = "right" if place[0] >= ends["x"][1] else item.ha
-        at = {"at": (min(place[0], ends["x"][1]), place[1]), "shift": item.shift, "align": align}
-        return {"kind": "text", "text": item.text, "color": item.color, **at}
-    found = {"names": [item.label, *item.also], "label": item.label, "color": item.color}
+        (x, y), edge = item.place(limits, log), limits["x"][1]
+        at = {"at": (min(x, edge), y), "shift": item.shift}
+        align = "right" if x >= edge else item.ha
+        return {"kind": "text", "text": item.text, "color": item.color, "align": align, **at}
     if isinstance(item, Bars):
         corners = (item.left, item.right, item.low, item.high)
-        return found | {"kind": "bars", "corners": [_packed(corner) for corner in corners]}
-    x = ends["x"] if item.x is None else item.x
-    y = ends["y"] if item.y is None else item.y
-    if item.y is None and not item.linestyle:
-        y = np.full(np.shape(x), ends["y"][1])
-    if np.size(item.notes) == np.size(x):
-        step = _step(np.size(x))
-        found["notes"] = list(item.notes[::step])
+        return _look(item) | {"corners": [*map(_packed, corners)]}
+    assert isinstance(item, Line)
+    x, y = item.places(limits)
+    notes = {"notes": list(item.notes[:: _step(np.size(x))])} if item.notes else {}
+    return _look(item) | notes | _points(x, y)
+
+
+def _look(item: Any) -> dict[str, Any]:
+    """The kind, the names in the legend and the look of a line or of bars."""
+    found = {"names": [item.label, *item.also], "label": item.label, "color": item.color}
+    if isinstance(item, Bars):
+        return found | {"kind": "bars"}
     found |= {"kind": "line", "style": item.linestyle, "width": item.linewidth}
-    found |= {"marker": item.marker, "size": 1.3 * item.markersize, "hollow": item.hollow}
-    return found | _points(x, y)
+    return found | {"marker": item.marker, "size": 1.3 * item.markersize, "hollow": item.hollow}
 
 
 def _step(count: int) -> int:

@@ -13,8 +13,20 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.plot import Bars, Dots, Image, Item, Line, Map, Panel, Plot, Text
-from fenicsrom.post.base.style import DPI, EDGE, SOFT, STYLE, Axes, Figure
+from fenicsrom.post.base.plot import (
+    Bars,
+    Dots,
+    Image,
+    Item,
+    Limits,
+    Line,
+    Map,
+    Panel,
+    Plot,
+    Text,
+    sizes,
+)
+from fenicsrom.post.base.style import DPI, EDGE, SOFT, Axes, Figure, styled
 
 LINE, LETTER = 0.19, 0.082
 """Height of a line of text and mean width of a letter, inches."""
@@ -28,29 +40,24 @@ ROW = 0.225  # height of a row of a legend, inches
 SAMPLE = 0.62  # width of the sample in a legend with its spaces, inches
 SIDES = (0, 1, 2, 0, 1)
 """The rows of `_lay_out` for what `_spaces` gives."""
-Limits = dict[str, tuple[float, float]]
+LEGEND_ROWS = 9  # of a column of a legend beside a panel
 
 
+@styled
 def figure_of(plot: Plot, dpi: int = DPI) -> Figure:
     """Draw a plot with so many pixels per inch."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((plot.width, plot.height or 5.0), dpi=dpi)
-        limits, places = plot.limits(), plot.places()
-        axes = []
-        for k, (panel, ends) in enumerate(zip(plot.panels, limits, strict=True)):
-            axes.append(figure.add_axes((0.1, 0.1, 0.8, 0.8), label=f"{k}"))
-            _draw(axes[k], panel, ends)
-        lowest = max(row + rows for row, _, rows, _ in places)
-        for axis, (row, column, rows, _) in zip(axes, places, strict=True):
-            if "x" in plot.share and row + rows < lowest:
-                axis.tick_params(labelbottom=False)
-            if "y" in plot.share and column > 0:
-                axis.tick_params(labelleft=False)
-        _lay_out(figure, plot, axes)
-        return figure
+    figure, axes = Figure((plot.width, plot.height or 5.0), dpi=dpi), []
+    for k, (panel, limits) in enumerate(zip(plot.panels, plot.limits(), strict=True)):
+        axes.append(figure.add_axes((0.1, 0.1, 0.8, 0.8), label=f"{k}"))
+        _draw(axes[k], panel, limits)
+        if "x" in plot.share and sum(panel.place[::2]) < plot.rows:
+            axes[k].tick_params(labelbottom=False)
+        if "y" in plot.share and panel.place[1] > 0:
+            axes[k].tick_params(labelleft=False)
+    _lay_out(figure, plot, axes)
+    return figure
 
 
 def _draw(axis: Axes, panel: Panel, ends: Limits) -> None:
@@ -77,10 +84,13 @@ def _draw(axis: Axes, panel: Panel, ends: Limits) -> None:
     if panel.plain or any(isinstance(item, Map) for item in panel.items):
         axis.grid(visible=False)
     if panel.legend:
-        columns = 1 + (len(panel.legend) - 1) // 9
-        samples = [_sample(item) for item in panel.legend]
-        place: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "ncols": columns}
-        axis.legend(handles=samples, **place)
+        place: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "ncols": _columns(panel)}
+        axis.legend(handles=[*map(_sample, panel.legend)], **place)
+
+
+def _columns(panel: Panel) -> int:
+    """The number of columns of the legend beside a panel."""
+    return -(-len(panel.legend) // LEGEND_ROWS)
 
 
 def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
@@ -101,11 +111,7 @@ def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
         extent = (left, right, low, high)
         axis.imshow(item.pixels, extent=extent, interpolation="bilinear", aspect="auto")
     else:
-        look = {
-            "cmap": _colour_map(item.cmap),
-            "vmin": item.vmin,
-            "vmax": item.vmax,
-        }
+        look = {"cmap": _colour_map(item.cmap), "vmin": item.vmin, "vmax": item.vmax}
         if isinstance(item, Map):
             look |= {"rasterized": True, "zorder": 1.5}
             axis.pcolormesh(item.x, item.y, item.values, **look)
@@ -116,15 +122,11 @@ def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
 
 def _add_line(axis: Axes, item: Line, ends: Limits) -> None:
     """Draw a line."""
-    x = ends["x"] if item.x is None else item.x
-    y = ends["y"] if item.y is None else item.y
-    if not item.linestyle and item.y is None:  # marks at the upper edge
-        y = np.full(np.shape(x), ends["y"][1])
     look = _look(item) | {"clip_on": item.y is not None}
-    if item.spread is not None:
-        axis.errorbar(x, y, item.spread, capsize=2, elinewidth=1.0, **look)
-        return
-    axis.plot(x, y, **look)
+    if item.spread is None:
+        axis.plot(*item.places(ends), **look)
+    else:
+        axis.errorbar(*item.places(ends), item.spread, capsize=2, elinewidth=1.0, **look)
 
 
 def _look(item: Line) -> dict[str, Any]:
@@ -137,7 +139,6 @@ def _look(item: Line) -> dict[str, Any]:
 
 def _add_text(axis: Axes, item: Text, ends: Limits, log: str) -> None:
     """Write a text."""
-    place = place_of(item, ends, log)
     look: dict[str, Any] = {name: getattr(item, name) for name in ("color", "fontsize", "ha", "va")}
     look |= {"rotation": item.rotation, "zorder": 7, "annotation_clip": False}
     if item.halo:
@@ -146,20 +147,7 @@ def _add_text(axis: Axes, item: Text, ends: Limits, log: str) -> None:
         look |= {"weight": "bold", "path_effects": [withStroke(linewidth=2.5, foreground="white")]}
     if item.leader:
         look["arrowprops"] = {"arrowstyle": "-", "color": item.color, "linewidth": 0.5}
-    axis.annotate(item.text, place, item.shift, textcoords="offset points", **look)
-
-
-def place_of(item: Text, ends: Limits, log: str) -> tuple[float, float]:
-    """The place of a text in the units of the axes."""
-    place = []
-    for name, value in (("x", item.x), ("y", item.y)):
-        if name in item.part:
-            scale = np.log10 if name in log else np.asarray
-            low, high = map(float, scale(ends[name]))
-            value = low + value * (high - low)
-            value = 10.0**value if name in log else value
-        place.append(float(value))
-    return place[0], place[1]
+    axis.annotate(item.text, item.place(ends, log), item.shift, textcoords="offset points", **look)
 
 
 def _colour_map(colours: str | Sequence[str]) -> Any:
@@ -183,30 +171,29 @@ def _sample(item: Any) -> Any:
 
 def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
     """Place the panels, the colour bars, the legend and the title."""
-    places = plot.places()
-    rows = max(row + down for row, _, down, _ in places)
-    columns = max(column + wide for _, column, _, wide in places)
+    rows = plot.rows
+    columns = max(sum(panel.place[1::2]) for panel in plot.panels)
     before, after = np.zeros((3, columns)), np.zeros((2, rows))
-    for place, axis, panel in zip(places, axes, plot.panels, strict=True):
-        row, column, down, wide = place
+    for axis, panel in zip(axes, plot.panels, strict=True):
+        row, column, down, wide = panel.place
         cells = [(before, column)] * 2 + [(before, column + wide - 1)]
         cells += [(after, row), (after, row + down - 1)]
         for (space, at), side, size in zip(cells, SIDES, _spaces(axis, panel), strict=True):
             space[side, at] = max(space[side, at], size)
-    wide_of = _sizes(plot.width - before.sum(), plot.widths, columns)
+    wide_of = sizes(plot.width - before.sum(), plot.widths, columns)
     head, height = _head_of(plot), plot.height
     if not height:  # that of the tallest panel to scale
-        across = [wide_of[column] for _, column, _, _ in places]
+        across = [wide_of[panel.place[1]] for panel in plot.panels]
         ends = zip(plot.limits(), across, strict=True)
         tall = max(width * np.ptp(own["y"]) / np.ptp(own["x"]) for own, width in ends)
         height = head + float(after.sum() + tall)
         figure.set_figheight(height)
     _write_head(figure, plot, height)
-    tall_of = _sizes(height - head - after.sum(), plot.heights, rows)
+    tall_of = sizes(height - head - after.sum(), plot.heights, rows)
     lefts = np.cumsum(before.sum(axis=0) + wide_of) - wide_of - before[2]
     lows = height - head - np.cumsum(after.sum(axis=0) + tall_of) + after[1]
-    for place, axis, panel in zip(places, axes, plot.panels, strict=True):
-        row, column, down, wide = place
+    for axis, panel in zip(axes, plot.panels, strict=True):
+        row, column, down, wide = panel.place
         x, y = lefts[column], lows[row + down - 1]
         last = column + wide - 1
         extent = lefts[last] + wide_of[last] - x, lows[row] + tall_of[row] - y
@@ -215,13 +202,7 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
         axis.yaxis.set_label_coords(-before[1, column] / extent[0], 0.5)
         for item in panel.items:
             if getattr(item, "bar", ""):
-                _add_bar(figure, item, np.array([x, y, *extent]), whole, _beside(panel))
-
-
-def _sizes(space: float, parts: Sequence[float], count: int) -> Array:
-    """The widths or heights of panels that share a space, inches."""
-    shares = np.array(parts or np.ones(count), dtype=np.float64)
-    return np.asarray(max(space, 0.5) * shares / shares.sum())
+                _add_bar(figure, item, np.array([x, y, *extent]), whole, panel)
 
 
 def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float]:
@@ -236,20 +217,19 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     bottom = (LINE + 0.06 + powers if shown else 0.0) + LINE * 1.1 * (1 + panel.xlabel.count("\n"))
     bottom -= 0.0 if panel.xlabel else LINE
     top = EDGE_SPACE + (LINE * 1.3 if panel.title else 0.0)
-    marks, right = max(marks, first), max(EDGE_SPACE, last)
-    right = max(right, _beside(panel))
-    items: Sequence[Any] = panel.items
-    for item in items:
+    marks, right = max(marks, first), max(EDGE_SPACE, last, _beside(panel))
+    item: Any
+    for item in panel.items:
         if isinstance(item, Text) and "y" in item.part and item.y >= 1.0 and item.va == "bottom":
             top = max(top, EDGE_SPACE + LINE * (1.0 + 1.3 * bool(panel.title)))
-        if getattr(item, "bar", "") and getattr(item, "below", False):
+        if getattr(item, "bar", "") and panel.plain:
             bottom += BAR_BELOW + LINE * item.bar.count("\n")
         elif getattr(item, "bar", ""):
             texts = item.ticks.values() or ("0.0001",)
             right = BAR + LETTER * max(map(len, texts)) + _beside(panel)
     if panel.legend:
-        longest = max(len(item.label) for item in panel.legend if not isinstance(item, Text))
-        right += (1 + (len(panel.legend) - 1) // 9) * (SAMPLE + LETTER * longest)
+        longest = max(len(item.label) for item in panel.legend)
+        right += _columns(panel) * (SAMPLE + LETTER * longest)
     return label, marks, right, top, bottom
 
 
@@ -307,8 +287,8 @@ def _write_head(figure: Figure, plot: Plot, height: float) -> None:
         figure.legend(handles=handles, ncols=columns, borderaxespad=0.2, **at)
 
 
-def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float) -> None:
-    """Draw the colour bar of an item beside or below its panel (x, y, width, height), inches."""
+def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, panel: Panel) -> None:
+    """Draw the colour bar of an item of a panel, whose box is (x, y, width, height), inches."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -317,10 +297,10 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, beside: float)
     known = values[np.isfinite(values)] if np.isfinite(values).any() else np.array([0.0, 1.0])
     low = float(known.min()) if item.vmin is None else item.vmin
     high = float(known.max()) if item.vmax is None else item.vmax
-    place: Any = np.array([x + width + 0.1 + beside, y, 0.12, height])
-    if item.below:
+    place, look = np.array([x + width + 0.1 + _beside(panel), y, 0.12, height]), dict[str, Any]()
+    if panel.plain:
         place = np.array([x + 0.25 * width, y - 0.24, 0.5 * width, 0.12])
-    look: Any = {"orientation": "horizontal"} if item.below else {}
+        look = {"orientation": "horizontal"}
     shades = ScalarMappable(Normalize(low, high), _colour_map(item.cmap))
     bar: Any = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
     if marks := {at: text for at, text in item.ticks.items() if low <= at <= high}:

@@ -22,6 +22,8 @@ MARGIN = 0.05
 """What an axis shows beyond its values, relative to their range."""
 
 Ends = tuple[float | None, float | None]
+Limits = Mapping[str, tuple[float, float]]
+"""The ends of the axes "x" and "y" of a panel."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,6 +65,12 @@ class Line(_Named):
     notes: Sequence[str] = ()
     spread: Any = None
 
+    def places(self, limits: Limits) -> tuple[Any, Any]:
+        """Its places x and y in a panel with these limits."""
+        x, y = (limits[k] if own is None else own for k, own in (("x", self.x), ("y", self.y)))
+        marks = self.y is None and not self.linestyle  # at the upper edge
+        return x, np.full(np.shape(x), y[1]) if marks else y
+
 
 @dataclass(frozen=True, eq=False)
 class Bars(_Named):
@@ -82,9 +90,8 @@ class _Shaded(_Named):
     Attributes:
         cmap: name of the colour map, or a colour for each whole number from `vmin`.
         vmin, vmax: range of the values.
-        bar: title of the colour bar; "" of none.
+        bar: title of the colour bar, which is below a plain panel; "" of none.
         ticks: the marks of the colour bar and their texts.
-        below: whether the colour bar is below the panel.
     """
 
     cmap: str | Sequence[str] = "viridis"
@@ -92,7 +99,6 @@ class _Shaded(_Named):
     vmax: float | None = None
     bar: str = ""
     ticks: Mapping[float, str] = field(default_factory=dict)
-    below: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +161,16 @@ class Text:
     va: str = "center"
     rotation: float = 0.0
 
+    def place(self, limits: Limits, log: str) -> tuple[float, float]:
+        """Its place in the units of the axes of a panel with these limits and this `log`."""
+        found = []
+        for axis, value in (("x", self.x), ("y", self.y)):
+            if axis in self.part:
+                low, high = limits[axis]
+                value = low * (high / low) ** value if axis in log else low + value * (high - low)
+            found.append(float(value))
+        return found[0], found[1]
+
 
 Item = Line | Bars | Map | Dots | Image | Text
 
@@ -171,8 +187,8 @@ class Panel:
         tight: axes that end at their values.
         whole: axes that have whole numbers only.
         xticks, yticks: marks and their texts, where they are not numbers.
-        place: row and column, and how many rows and columns it spans; by default the panels fill
-            the rows of the plot.
+        place: row and column, and how many rows and columns it spans; the plot fills its rows with
+            panels without a place.
         plain: whether nothing of its axes is drawn but their texts.
         square: whether both axes have the same scale.
         legend: names beside the panel on the right.
@@ -189,10 +205,10 @@ class Panel:
     whole: str = ""
     xticks: Mapping[float, str] = field(default_factory=dict)
     yticks: Mapping[float, str] = field(default_factory=dict)
-    place: tuple[int, int, int, int] | None = None
+    place: tuple[int, ...] = ()
     plain: bool = False
     square: bool = False
-    legend: Sequence[Item] = ()
+    legend: Sequence[_Named] = ()
 
     def values(self, axis: str) -> Array:
         """All finite values that an axis shows."""
@@ -218,6 +234,12 @@ def _extent(item: Item, axis: str) -> Iterator[Any]:
             yield from (np.subtract(places, item.spread), np.add(places, item.spread))
         if isinstance(item, Map) and np.size(places) == np.shape(item.values)["yx".index(axis)]:
             yield edges_of(places)
+
+
+def sizes(space: float, parts: Sequence[float], count: int) -> Array:
+    """The widths or heights (count,) of panels that share a space in these parts, or equally."""
+    shares = np.array(parts or np.ones(count), dtype=np.float64)
+    return np.asarray(max(space, 0.5) * shares / shares.sum())
 
 
 def edges_of(middles: Any) -> Array:
@@ -272,40 +294,39 @@ class Plot:
     xlabel: str = ""
     ylabel: str = ""
     title: str = ""
-    legend: Sequence[Item] | None = None
+    legend: Sequence[_Named] | None = None
     details: Sequence[Detail] = ()
     detail_labels: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
-        """Give the outer panels their labels."""
-        places = self.places()
-        lowest = max((row + down for row, _, down, _ in places), default=0)
+        """Give the panels their places, and the outer ones their labels."""
         panels = [
-            replace(
-                panel,
-                xlabel=panel.xlabel or self.xlabel * (row + down == lowest),
-                ylabel=panel.ylabel or self.ylabel * (column == 0),
-            )
-            for panel, (row, column, down, _) in zip(self.panels, places, strict=True)
+            replace(panel, place=panel.place or (*divmod(k, self.columns), 1, 1))
+            for k, panel in enumerate(self.panels)
         ]
+        lowest = max((sum(panel.place[::2]) for panel in panels), default=0)
+        for k, panel in enumerate(panels):
+            row, column, down, _ = panel.place
+            xlabel = panel.xlabel or self.xlabel * (row + down == lowest)
+            ylabel = panel.ylabel or self.ylabel * (column == 0)
+            panels[k] = replace(panel, xlabel=xlabel, ylabel=ylabel)
         object.__setattr__(self, "panels", panels)
 
     @property
-    def samples(self) -> list[Any]:
+    def rows(self) -> int:
+        """The number of rows of panels."""
+        return max((sum(panel.place[::2]) for panel in self.panels), default=0)
+
+    @property
+    def samples(self) -> list[_Named]:
         """The samples of the legend."""
         if self.legend is not None:
             return list(self.legend)
-        items = [item for panel in self.panels for item in panel.items if not panel.legend]
-        named = [item for item in reversed(items) if isinstance(item, _Named) and item.label]
-        first = {item.label: item for item in named}
-        return [first[name] for name in dict.fromkeys(item.label for item in reversed(named))]
-
-    def places(self) -> list[tuple[int, int, int, int]]:
-        """Row, column and spans of each panel."""
-        cells = (divmod(k, self.columns) for k in range(len(self.panels)))
-        return [
-            panel.place or (*cell, 1, 1) for panel, cell in zip(self.panels, cells, strict=True)
-        ]
+        found: dict[str, _Named] = {}
+        for item in (item for panel in self.panels for item in panel.items if not panel.legend):
+            if isinstance(item, _Named) and item.label:
+                found.setdefault(item.label, item)
+        return list(found.values())
 
     def limits(self) -> list[dict[str, tuple[float, float]]]:
         """The ends of the axes "x" and "y" of each panel."""

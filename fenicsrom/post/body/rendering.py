@@ -186,5 +186,4 @@ def names_at(names: Iterable[tuple[str, Array, str]], frame: Frame, wide: float)
 def bar_to(largest: float, title: str, cmap: str = "viridis") -> dict[str, Any]:
     """A colour bar below a body, from 0 to the largest value."""
     ticks = {part * largest: f"{part * largest:.3g}" for part in (0.0, 0.5, 1.0)}
-    look: dict[str, Any] = {"bar": title, "vmin": 0.0, "vmax": largest, "cmap": cmap}
-    return look | {"ticks": ticks, "below": True}
+    return {"bar": title, "vmin": 0.0, "vmax": largest, "cmap": cmap, "ticks": ticks}
