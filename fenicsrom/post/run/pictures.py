@@ -353,7 +353,7 @@ def _of_sizes(found: Sized | None) -> list[Picture]:
         return []
     stored = found.stored
     draw = partial(plot_sizes, known, stored.size, stored.scene.basis.accuracy)
-    return [picture("Error over the size of the basis", "sizes", draw, SUMMARY)]
+    return [picture("Error over the size of the basis", "sizes", draw, "")]
 
 
 def _coordinates(study: Study) -> list[Picture]:

@@ -1,7 +1,6 @@
 """The report of a run, `report.html`, and its sentences."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -176,7 +175,7 @@ def estimate_rows(
         shifts = (_percent(e.shift) if e.shift else None for e in errors.values())
         found.append(["frequency of the resonance", *shifts])
     for k, name in enumerate(names):
-        found.append([f"{what}, {name}", *_ranges(errors, partial(_along, k))])
+        found.append([f"{what}, {name}", *_ranges(errors, lambda e, k=k: e.directions[k])])
     for quantity in contact_quantities(scene):
         found.append([quantity, *_ranges(errors, attrgetter(CONTACT[quantity]))])
     return found
@@ -205,11 +204,6 @@ def free_sentence(errors: Mapping[str, MotionErrors]) -> str | None:
         "with the same stuck positions, the second one that with those to which the run of the "
         "other model from rest leads."
     )
-
-
-def _along(direction: int, errors: MotionErrors) -> float:
-    """The error of a direction."""
-    return errors.directions[direction]
 
 
 def _ranges(
@@ -490,9 +484,14 @@ class RunReport(Report):
 def report(found: Study | Rerun) -> Report:
     """The report of a run: tables and sentences, and the pictures of the motion."""
     motions, names = found.motions, direction_names(found.scene, found.points)
-    errors: list[list[Any]] = []
+    errors = None
     if found.errors:
         errors = estimate_rows(found.scene, found.errors, motions["reduced"], names)
+    tried = {} if found.sized is None else found.sized.tried
+    sizes = table_of(
+        {"coordinates": size, "estimated error of the basis %": _percent(tried[size])}
+        for size in sorted(tried)
+    )
     left_out_table = table_of({"stage": line.key, "reason": line} for line in found.left_out)
     periods = PERIODS_NOTE if has_period(motions) else None
     table = response_rows(motions, found.sizes, names, probe_motions(found))
@@ -501,10 +500,9 @@ def report(found: Study | Rerun) -> Report:
         Section("Estimated errors", [errors]),
         *(_of_study(found) if isinstance(found, Study) else ()),
         *_stresses(found.stresses),
-        Section("Size of the basis", [_sizes(found.sized)], terminal=False),
+        Section("Size of the basis", [sizes], terminal=False),
         Section("Left out", [left_out_table], terminal=False),
     ]
-    listed = motion_pictures(found)
     return RunReport(
         "summary",
         "",
@@ -513,7 +511,7 @@ def report(found: Study | Rerun) -> Report:
         sections,
         (),
         {},
-        listed,
+        motion_pictures(found),
         _notes(found),
         quantities=quantities(found),
         unjudged=unjudged(found),
@@ -600,12 +598,3 @@ def _of_study(study: Study) -> Iterator[Section]:
         {"stage": stage, "s": f"{round(s, 3):.3g}"} for stage, s in study.seconds.items()
     )
     yield Section("Run time", [seconds], terminal=False)
-
-
-def _sizes(found: Sized | None) -> list[list[Any]]:
-    """The table of the models of several sizes that were tried."""
-    told = {} if found is None else found.tried
-    return table_of(
-        {"coordinates": size, "estimated error of the basis %": _percent(told[size])}
-        for size in sorted(told)
-    )
