@@ -290,7 +290,6 @@ def linear_model(
     loads: Any = None,
     load_histories: LoadHistories = NO_LOADS,
     masters: int = 0,
-    probes: int = 2,
 ) -> ReducedModel:
     """A linear model of dense matrices; its first coordinates are its contact displacements and its
     probe."""
@@ -298,16 +297,10 @@ def linear_model(
     n = mass.shape[0]
     elastic = ElasticPolynomial(np.zeros(n), stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
     loads = np.zeros((n, 0)) if loads is None else np.asarray(loads, float).reshape(n, -1)
-    probe = np.eye(probes, n)
+    contact = first(masters, n)
+    d = contact[0].frame.shape[2]
     return reduced_model(
-        mass,
-        damping,
-        elastic,
-        loads,
-        load_histories,
-        *first(masters, n, max(probes, 2)),
-        probe,
-        np.zeros(probes),
+        mass, damping, elastic, loads, load_histories, *contact, np.eye(d, n), np.zeros(d)
     )
 
 

@@ -54,7 +54,7 @@ def test_load_that_moves_the_linear_body_far_is_warned(factor: float, is_warned:
     load = {"group": "load", "direction": [0.0, 1.0], "force": force, "frequency": 3.2}
     scene = beam_scene(2, loads=[load])
     model = linear_model(
-        np.eye(1), np.eye(1), loads=np.eye(1), load_histories=load_histories(scene), probes=1
+        np.eye(1), np.eye(1), loads=np.eye(1), load_histories=load_histories(scene)
     )
     found = implausible_loads(model, scene, np.array([3.0]), 2.54)
     assert bool(found) == is_warned and all("loads[0]" in text for text in found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,11 @@ from fenicsrom.assess.curves.stability_search import EXTRA, SHORTEST, divide_gap
 from fenicsrom.online.curves.curve import Piece
 
 
-def motion(parameter: float, stable: bool = True) -> Any:
-    return SimpleNamespace(parameter=parameter, amplitude=np.ones((1, 1)), stable=stable)
+@dataclass(eq=False)
+class Motion:
+    parameter: float
+    stable: bool = True
+    amplitude: Any = field(default_factory=lambda: np.ones((1, 1)))
 
 
 def divided(
@@ -34,8 +37,10 @@ def divided(
         between: see `divide_gaps`; by default the mean of the parameters.
     """
     count = (compared - 1) * every + 1
-    points = [motion(p, not unstable[0] < p < unstable[1]) for p in np.linspace(0.0, 1.0, count)]
-    sizes = {id(point): size(point.parameter) for point in points[::every]}
+    points: Any = [
+        Motion(p, not unstable[0] < p < unstable[1]) for p in np.linspace(0.0, 1.0, count)
+    ]
+    sizes = {point: size(point.parameter) for point in points[::every]}
     found: list[float] = []
 
     def compare(point: Any) -> float:
@@ -43,7 +48,7 @@ def divided(
         found.append(point.parameter)
         return size(point.parameter)
 
-    middle = between or (lambda a, b: motion(0.5 * (a.parameter + b.parameter)))
+    middle = between or (lambda a, b: Motion(0.5 * (a.parameter + b.parameter)))
     divide_gaps([Piece(points)], sizes, middle, compare)
     assert len(set(found)) == len(found)
     return found
@@ -56,7 +61,7 @@ def hill(p: float) -> float:
 
 def test_distances_along_a_curve_are_relative_to_both_extents() -> None:
     """From 2 to 6 Hz, and to amplitudes of which the largest is 10."""
-    points = [motion(2.0), motion(4.0), motion(6.0)]
+    points: Any = [Motion(2.0), Motion(4.0), Motion(6.0)]
     for point, sizes in zip(points, ([1.0, 2.0], [4.0, 2.0], [4.0, 10.0]), strict=True):
         point.amplitude = np.array(sizes)
     (found,) = lengths_along([Piece(points)])

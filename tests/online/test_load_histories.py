@@ -137,13 +137,13 @@ def test_steps_end_at_corners_and_respect_the_longest_step() -> None:
 # ------------------------------------------------------------------ motions
 
 DAMPING, STIFFNESS = 0.4, 50.0
-FREE = no_contacts(1)
+FREE = no_contacts()
 
 
 def oscillator(found: LoadHistories) -> Any:
     count = found.spans.shape[0]
     return linear_model(
-        2.0, STIFFNESS, damping=DAMPING, loads=np.ones((1, count)), load_histories=found, probes=1
+        2.0, STIFFNESS, damping=DAMPING, loads=np.ones((1, count)), load_histories=found
     )
 
 

@@ -136,9 +136,9 @@ def test_momentum_equals_impulse_of_the_loads(scheme: str) -> None:
         np.array([0.7, np.pi / 2]),
     )
     model = linear_model(
-        4.0, 0.0, loads=[[1.0, 1.0]], load_histories=harmonic(amplitude, omega, phase), probes=1
+        4.0, 0.0, loads=[[1.0, 1.0]], load_histories=harmonic(amplitude, omega, phase)
     )
-    motion = integrate(Problem(model, no_contacts(1), fixed_steps(scheme, 50, 1.0), None))
+    motion = integrate(Problem(model, no_contacts(), fixed_steps(scheme, 50, 1.0), None))
     time = motion.time
     load = 3.0 * np.sin(5.0 * time + 0.7) - 2.0
     impulse = np.sum(0.5 * (load[1:] + load[:-1]) * np.diff(time))

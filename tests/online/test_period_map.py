@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -58,7 +62,6 @@ def shaken(dimension: int = 2, n: int = 4, *, nonlinear: bool = True) -> Reduced
         loads=rng.uniform(0.5, 1.5, (n, 1)),
         load_histories=harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3])),
         masters=dimension,
-        probes=dimension,
     )
 
 
@@ -231,6 +234,33 @@ def test_monodromy_of_wavy_turning_cylinder_matches_differences(name: str, spin:
     model, contacts = shaken(nonlinear=False), curved(one_contact(**RUB), CYLINDER, spin)
     pmap = period_map(model, contacts, name)
     assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+
+
+def period_on_waves() -> Array:
+    """The end of a period before a wavy turning cylinder, and its derivatives: (N, N + 2)."""
+    model, contacts = shaken(nonlinear=False), curved(one_contact(**RUB), CYLINDER, 0.7)
+    pmap = period_map(model, contacts, "discrete-gradient")
+    found = end(pmap, model, contacts, run_in(pmap, model, contacts, 1))
+    return np.column_stack([found.z, found.matrix, found.by_parameter])
+
+
+PLAIN = """
+import sys
+sys.path[:0] = sys.argv[1:3]
+from test_period_map import period_on_waves
+period_on_waves().tofile(sys.argv[3])
+"""
+
+
+def test_plain_code_gives_the_derivatives_of_compiled_code(tmp_path: Path) -> None:
+    here, path, expected = Path(__file__).parent, tmp_path / "period", period_on_waves()
+    subprocess.run(
+        [sys.executable, "-c", PLAIN, str(here.parent), str(here), str(path)],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        check=True,
+    )
+    found = np.fromfile(path).reshape(expected.shape)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", SCHEMES)

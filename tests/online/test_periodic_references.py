@@ -151,7 +151,7 @@ def prescribed(
     """
     d = contacts.centre.shape[1]
     omega = 2.0 * steps * np.tan(np.pi / steps)
-    model = linear_model(mass * np.eye(d), mass * omega**2 * np.eye(d), masters=d, probes=d)
+    model = linear_model(mass * np.eye(d), mass * omega**2 * np.eye(d), masters=d)
     problem = Problem(model, contacts, None, 1.0, varied)
     grid = np.linspace(0.0, 1.0, steps + 1)
     pmap = PeriodMap(problem, scheme("discrete-gradient", model), grid)

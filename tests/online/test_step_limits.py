@@ -16,7 +16,7 @@ from fenicsrom.online.run.march import integrate
 from fenicsrom.online.step.step import landings, longest_step
 from fenicsrom.scene import Load, Time
 
-FREE = no_contacts(1)
+FREE = no_contacts()
 
 
 def histories(**given: Any) -> LoadHistories:
@@ -63,7 +63,7 @@ def test_steps_land_on_corners_of_tables_and_approach_but_not_on_straight_rows()
 
 def run(found: LoadHistories, contacts: Contacts, tolerance: float, duration: float) -> Motion:
     """x'' + x = load, in plain Python."""
-    model = linear_model(1.0, 1.0, loads=[[1.0]], load_histories=found, probes=1)
+    model = linear_model(1.0, 1.0, loads=[[1.0]], load_histories=found)
     time = Time.of(duration=duration, tolerance=tolerance)
     return integrate(Problem(model, contacts, time, None), compiled=False)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from fenicsrom.online.curves import continuation
 from fenicsrom.online.curves.continuation import Continuation, follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
 from fenicsrom.online.curves.events import (
+    Spectrum,
     _Planes,
     excitation,
     outside,
@@ -81,10 +82,12 @@ def test_pair_that_meets_on_the_real_axis_without_excitation_changes_nothing(
         assert one.parameter == other.parameter
 
 
+@dataclass
 class Trials:
-    """A path that counts the points that are sought, and finds none."""
+    """A path that counts the places that are sought. It shows the same pair at each, or none."""
 
-    calls = 0
+    seen: tuple[Spectrum, float] | None = None
+    calls: int = 0
 
     def place(self, point: CurvePoint) -> NDArray[np.float64]:
         return np.append(point.s, point.parameter)
@@ -92,8 +95,11 @@ class Trials:
     def direction(self, point: CurvePoint) -> NDArray[np.float64]:
         return point.tangent / np.linalg.norm(point.tangent)
 
-    def glance(self, y: NDArray[np.float64], along: NDArray[np.float64]) -> None:
+    def glance(
+        self, y: NDArray[np.float64], along: NDArray[np.float64]
+    ) -> tuple[Spectrum, float] | None:
         self.calls += 1
+        return self.seen
 
     def correct(
         self, y: NDArray[np.float64], along: NDArray[np.float64], *, exact: bool = False
@@ -101,19 +107,37 @@ class Trials:
         self.calls += 1
 
 
+def turning_points(size: float) -> list[CurvePoint]:
+    """Two neighbours between which a pair turns from an angle of 0.02 to one of -0.03."""
+    given = zip(response(0.0).points, (0.02, -0.03), np.exp([0.05, 0.0]), strict=False)
+    return [
+        replace(point, turning=size * np.exp([1j * angle]), turn_rates=np.ones(1), period=period)
+        for point, angle, period in given
+    ]
+
+
 @pytest.mark.parametrize(("size", "sought"), [(0.94, False), (0.96, True), (0.99, True)])
 def test_pair_that_turns_too_little_to_miss_a_stretch_is_not_sought(
     size: float, sought: bool
 ) -> None:
     """The pair turns by 0.05 from one point to the other; a stretch between needs -2 log(size)."""
-    points = response(0.0).points[:2]
-    a, b = (
-        replace(point, turning=size * np.exp([1j * angle]), turn_rates=np.ones(1), period=period)
-        for point, angle, period in zip(points, (0.02, -0.03), np.exp([0.05, 0.0]), strict=True)
-    )
     path = Trials()
-    assert unseen_points(path, a, b) == []
+    assert unseen_points(path, *turning_points(size)) == []
     assert (path.calls > 0) == sought
+
+
+@pytest.mark.parametrize(("part", "looks"), [(0.4, 1), (0.6, 2)])
+def test_pair_of_which_half_the_damping_exceeds_the_excitation_is_seen_once(
+    part: float, looks: int
+) -> None:
+    """One place shows the pair at the angle of its damping, with e = part times the damping."""
+    damping, size = 0.01, np.exp(-0.01)
+    shape = part / np.hypot(part, 1.0)
+    q, v = 1.0, 1j * np.sqrt((1.0 - shape) / (1.0 + shape))
+    pair, vibration = size * np.exp([1j * damping]), np.array([q, v]).reshape(2, 1, 1)
+    path = Trials((Spectrum(pair, "stable", 0, pair, np.ones(1), vibration, 1000), 0.0))
+    assert unseen_points(path, *turning_points(size)) == []
+    assert path.calls == looks
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 1.1])

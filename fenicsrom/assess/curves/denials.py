@@ -36,13 +36,11 @@ class _Finer(NamedTuple):
     """What finer steps find at a point.
 
     Attributes:
-        point: the point.
         verdict: its own where all steps agree, else that of the first step that finds another
             stability, or `NOT_FOUND`.
         outside: number of multipliers outside of the unit circle; -1 if there is no motion.
     """
 
-    point: CurvePoint
     verdict: str
     outside: int
 
@@ -63,38 +61,37 @@ class Denials:
             ask: called before each motion; it may raise KeyboardInterrupt.
         """
         self._family, self._ask = family, ask
-        self._motions: dict[tuple[int, int], tuple[CurvePoint, Motion | None]] = {}
-        self._known: dict[int, _Finer] = {}
-        self._denied: dict[int, CurvePoint] = {}
+        self._motions: dict[tuple[CurvePoint, int], Motion | None] = {}
+        self._known: dict[CurvePoint, _Finer] = {}
+        self._denied: dict[CurvePoint, CurvePoint] = {}
 
     def motion(self, point: CurvePoint, finer: int = 2) -> Motion | None:
         """The motion at a point with `finer` times as many steps; None if it was not found."""
-        key = id(point), finer
-        if key not in self._motions:
+        if (point, finer) not in self._motions:
             self._ask()
-            self._motions[key] = point, finer_motion(point, self._family, finer)
-        return self._motions[key][1]
+            self._motions[point, finer] = finer_motion(point, self._family, finer)
+        return self._motions[point, finer]
 
     def _finer(self, point: CurvePoint) -> _Finer:
         """What finer steps find at a point.
 
         Next to a fold they may find another motion, which does not count.
         """
-        if id(point) not in self._known:
-            found, near = _Finer(point, point.verdict, outside(point)), point
+        if point not in self._known:
+            found, near = _Finer(point.verdict, outside(point)), point
             for finer in FINER:
                 motion = self.motion(near, finer)
                 if motion is None:
-                    found = _Finer(point, NOT_FOUND, -1)
+                    found = _Finer(NOT_FOUND, -1)
                     break
                 if change(point.amplitude, motion.amplitude) > SAME_MOTION:
                     break
-                found = _Finer(point, motion.verdict, outside(motion))
+                found = _Finer(motion.verdict, outside(motion))
                 if motion.stable != point.stable:
                     break
                 near = replace(point, z=motion.z)
-            self._known[id(point)] = found
-        return self._known[id(point)]
+            self._known[point] = found
+        return self._known[point]
 
     def _denies(self, point: CurvePoint) -> bool:
         return not point.kind and point.stable == self._finer(point).is_unstable
@@ -109,11 +106,11 @@ class Denials:
         Returns:
             The checks with the marked points.
         """
-        wrong = {id(check.point) for check in checks if check.contradicted_by_step}
+        wrong = {check.point for check in checks if check.contradicted_by_step}
         for piece in pieces:
-            self._apply(piece, [k for k, p in enumerate(piece.points) if id(p) in wrong])
+            self._apply(piece, [k for k, p in enumerate(piece.points) if p in wrong])
         return [
-            replace(check, point=self._denied.get(id(check.point), check.point)) for check in checks
+            replace(check, point=self._denied.get(check.point, check.point)) for check in checks
         ]
 
     def _apply(self, piece: Piece, seeds: list[int]) -> None:
@@ -128,21 +125,20 @@ class Denials:
             between = [other for other, its in changes if its == ends]
             sides = self._sides(points, ends, denied, between)
             if sides is None:
-                left_out.add(id(event))
+                left_out.add(event)
             elif sides != ends:
                 apart = max(abs(points[k].parameter - event.parameter) for k in sides)
-                moved[id(event)] = replace(
+                moved[event] = replace(
                     event, within=max(event.within, apart), denied=self._finer(event).verdict
                 )
         piece.special = [
-            moved.get(id(event), event) for event in piece.special if id(event) not in left_out
+            moved.get(event, event) for event in piece.special if event not in left_out
         ]
         for k in denied:
-            found = self._finer(points[k])
-            points[k] = replace(points[k], denied=found.verdict)
-            self._denied[id(found.point)] = points[k]
-            self._known[id(points[k])] = found._replace(point=points[k])
-            self._motions[id(points[k]), FINER[0]] = points[k], self.motion(found.point)
+            point, found = points[k], self._finer(points[k])
+            points[k] = self._denied[point] = replace(point, denied=found.verdict)
+            self._known[points[k]] = found
+            self._motions[points[k], FINER[0]] = self.motion(point)
 
     def _reached(self, points: Sequence[CurvePoint], seed: int) -> Iterator[int]:
         """The numbers of the denied points around a point, up to where all steps agree."""
@@ -190,9 +186,9 @@ class Denials:
 
 def _changes(piece: Piece) -> Iterator[tuple[CurvePoint, tuple[int, int]]]:
     """Each bifurcation of a piece but the folds, with the numbers of the points around it."""
-    numbers, last = {id(point): k for k, point in enumerate(piece.points)}, 0
+    numbers, last = {point: k for k, point in enumerate(piece.points)}, 0
     for point in piece.in_order():
-        last = numbers.get(id(point), last)
-        own = id(point) not in numbers and last + 1 < len(piece.points)
+        last = numbers.get(point, last)
+        own = point not in numbers and last + 1 < len(piece.points)
         if own and point.kind in BIFURCATIONS and point.kind != FOLD:
             yield point, (last, last + 1)

@@ -86,7 +86,7 @@ def lengths_along(pieces: Sequence[Piece]) -> list[Array]:
 
 def divide_gaps(
     pieces: Sequence[Piece],
-    sizes: dict[int, float],
+    sizes: dict[CurvePoint, float],
     between: Callable[[CurvePoint, CurvePoint], CurvePoint | None],
     compare: Callable[[CurvePoint], float],
     most: int = EXTRA,
@@ -95,16 +95,16 @@ def divide_gaps(
 
     Args:
         pieces: the parts of the curve.
-        sizes: identity of a compared point -> |mu| of the richer basis, NaN if it is not known.
+        sizes: compared point -> |mu| of the richer basis, NaN if it is not known.
         between: computes a stable point of the curve between two neighbours; None if there is none.
         compare: compares a point and gives |mu| of the richer basis, NaN if it is not known.
         most: largest number of these points.
     """
     rows = [
-        [_Place(p, float(at), sizes.get(id(p))) for p, at in zip(piece.points, along, strict=True)]
+        [_Place(p, float(at), sizes.get(p)) for p, at in zip(piece.points, along, strict=True)]
         for piece, along in zip(pieces, lengths_along(pieces), strict=True)
     ]
-    closed: set[tuple[int, int]] = set()
+    closed: set[tuple[CurvePoint, CurvePoint]] = set()
     for _ in range(most):
         gap = _most_urgent(rows, closed)
         if gap is None:
@@ -117,7 +117,7 @@ def divide_gaps(
         else:
             point = between(ends[0].point, ends[1].point)
             if point is None:
-                closed.add((id(ends[0].point), id(ends[1].point)))
+                closed.add((ends[0].point, ends[1].point))
                 continue
             chosen = last
             row.insert(chosen, _Place(point, middle, None))
@@ -125,14 +125,14 @@ def divide_gaps(
 
 
 def _most_urgent(
-    rows: Sequence[list[_Place]], closed: set[tuple[int, int]]
+    rows: Sequence[list[_Place]], closed: set[tuple[CurvePoint, CurvePoint]]
 ) -> tuple[list[_Place], int, int] | None:
     """The gap to be divided next, by its row and its ends; None if there is none."""
     best, chosen = 0.0, None
     for row in rows:
         known = [k for k, place in enumerate(row) if place.is_known]
         for first, last in pairwise(known):
-            if (id(row[first].point), id(row[last].point)) in closed:
+            if (row[first].point, row[last].point) in closed:
                 continue
             divisible = last == first + 1 or _inside(row, first, last)
             if divisible and all(place.point.stable for place in row[first:last]):
@@ -172,8 +172,8 @@ def resolved_events(curve: Curve, steps: int) -> list[CurvePoint]:
         curve: the curve.
         steps: number of steps in a period.
     """
-    left_out = {id(point) for point in _unresolved(curve, (0.5 * HARMONIC * np.pi / steps) ** 2)}
-    return [point for point in curve.special if id(point) not in left_out]
+    left_out = set(_unresolved(curve, (0.5 * HARMONIC * np.pi / steps) ** 2))
+    return [point for point in curve.special if point not in left_out]
 
 
 def _unresolved(curve: Curve, share: float) -> Iterator[CurvePoint]:

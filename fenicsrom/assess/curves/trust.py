@@ -168,10 +168,10 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     found = [(LARGEST, max(points, key=lambda point: float(point.amplitude.max())))]
     for piece in pieces:
         found += [("first", piece.points[0]), ("last", piece.points[-1])]
-    unique: dict[int, tuple[str, CurvePoint]] = {}
+    names: dict[CurvePoint, str] = {}
     for name, point in found:
-        unique.setdefault(id(point), (name, point))
-    return list(unique.values())
+        names.setdefault(point, name)
+    return [(name, point) for point, name in names.items()]
 
 
 def spread(pieces: Sequence[Piece], *, stable: bool = True) -> list[tuple[str, CurvePoint]]:
@@ -259,8 +259,8 @@ class _Checks:
         self._pieces, self._family, self._richer, self._ask = pieces, family, richer, ask
         self._finer = finer or (lambda point: finer_motion(point, family))
         self._bifurcations = bifurcations(pieces)
-        self._home: dict[int, CurvePoint] = {}
-        self._motions: dict[int, PeriodicMotion | None] = {}  # of the richer basis
+        self._home: dict[CurvePoint, CurvePoint] = {}
+        self._motions: dict[CurvePoint, PeriodicMotion | None] = {}  # of the richer basis
         self.found: list[Check] = []
 
     def bifurcations(self, most: int) -> None:
@@ -305,9 +305,9 @@ class _Checks:
         self._ask()
         finer, motion, verdict = self._finer(point) if step else None, None, None
         if self._richer is not None and richer:
-            if id(point) not in self._motions:
-                self._motions[id(point)] = richer_motion(point, self._richer)
-            motion = self._motions[id(point)]
+            if point not in self._motions:
+                self._motions[point] = richer_motion(point, self._richer)
+            motion = self._motions[point]
             verdict = None if motion is None else _confirmed(point, motion, self._richer)
         check = Check(
             point,
@@ -329,7 +329,7 @@ class _Checks:
         """The stable motion at the mean parameter of two neighbours; None if it was not found."""
         found = _between(a, b, self._family)
         if found is not None:
-            self._home[id(found)] = a
+            self._home[found] = a
         return found
 
     def judge(self) -> None:
@@ -345,7 +345,7 @@ class _Checks:
         The point lies in a stretch of one stability. A stretch that the other motions do not have
         at all is more than a shift, but one that the end of the curve cuts off may go on beyond it.
         """
-        point, home = check.point, self._home.get(id(check.point), check.point)
+        point, home = check.point, self._home.get(check.point, check.point)
         for piece in self._pieces:
             at = next((k for k, other in enumerate(piece.points) if other is home), None)
             if at is None:
@@ -387,7 +387,6 @@ class _Checks:
 
     def _has_agreement(self, stretch: Sequence[CurvePoint], check: Check) -> bool:
         """Whether the other motions have the stability of a stretch somewhere."""
-        inside = {id(point) for point in stretch}
 
         def agrees(other: Check) -> bool:
             asked = [other.finer_verdict] * check.contradicted_by_step
@@ -397,7 +396,7 @@ class _Checks:
                 for verdict in asked
             )
 
-        known = [c for c in self.found if id(self._home.get(id(c.point), c.point)) in inside]
+        known = [c for c in self.found if self._home.get(c.point, c.point) in stretch]
         clearest = max(stretch, key=lambda point: abs(size_of(point) - 1.0))
         if not any(map(agrees, known)) and all(c.point is not clearest for c in known):
             self.compare(BETWEEN, clearest, richer=check.contradicted)
@@ -425,14 +424,14 @@ def checks(
     """
     made = _Checks(pieces, family, richer, ask, finer)
     sizes = {
-        id(point): made.compare(where, point).richer_multiplier for where, point in selected(pieces)
+        point: made.compare(where, point).richer_multiplier for where, point in selected(pieces)
     }
     if any((check.basis_error or 0.0) > limit for check in made.found):
         return made.found
     count = sum(len(piece.points) for piece in pieces)
     made.bifurcations(min(SPREAD, -(-count // SHARE)))
-    others = [each for each in spread(pieces) if id(each[1]) not in sizes]
-    others += [each for each in spread(pieces, stable=False) if id(each[1]) not in sizes]
+    others = [each for each in spread(pieces) if each[1] not in sizes]
+    others += [each for each in spread(pieces, stable=False) if each[1] not in sizes]
     left = _affordable(pieces, richer) - len(made.found)
     every = -(-len(others) // left) if left > 0 else len(others) + 1
     if np.isfinite(limit):
@@ -446,7 +445,7 @@ def checks(
         if both or not point.stable or size_of(point) > 1.0 - NEAR:
             check = made.compare(name, point, richer=both)
             if both:
-                sizes[id(point)] = check.richer_multiplier
+                sizes[point] = check.richer_multiplier
     if richer is not None:
         most = min(EXTRA, len(sizes) // 2, max(left - len(others), 0))
         divide_gaps(

@@ -163,19 +163,16 @@ def first_slip(stiffness: Number, first: Number, last: Number, e: Vector, change
     """s*, where a point that sticks with the stretch ea + s G begins to slip, equation (7).
 
     Args:
-        stiffness: k_t.
-        first: La.
-        last: Lb.
-        e: ea.
-        change: G.
+        stiffness: k_t, N/m.
+        first: La, N.
+        last: Lb, N.
+        e: ea, m.
+        change: G, m.
     """
     rise, square = last - first, stiffness * stiffness
     start = stiffness * root(dot(e, e))
-    below = start - first
     a, b = square * dot(change, change) - rise * rise, square * dot(e, change) - first * rise
-    return first_root(
-        a, b, (below if value(below) < 0.0 else constant(below, 0.0)) * (start + first)
-    )
+    return first_root(a, b, -1.0 * positive(first - start) * (first + start))
 
 
 @part
@@ -189,17 +186,17 @@ def friction(
     theta: float,
     line: bool,
 ) -> tuple[Vector, Vector, int]:
-    """Mean friction (9) of a step, the motion (10) of its slider, and SLIP or STICK.
+    """Mean friction (9) of a step, N, the motion (10) of its slider, m, and SLIP or STICK.
 
     The schemes that weight the ends of the step (`line` is False) apply the law once, at e1.
 
     Args:
-        stiffness: k_t.
-        first: La.
-        last: Lb.
+        stiffness: k_t, N/m.
+        first: La, N.
+        last: Lb, N.
         fraction: tau.
-        e0: the tangential stretch at the start.
-        e1: that at the end.
+        e0: the tangential stretch at the start, m.
+        e1: that at the end, m.
         theta: 1 - a.
         line: whether slip is located along the straight path.
     """

@@ -102,7 +102,7 @@ class PointForce(NamedTuple):
     Attributes:
         after: y1, N.
         size: mean normal force, N.
-        normal: it as a vector, N.
+        normal: the mean normal force as a vector, N.
         friction: mean friction, N.
         moved: motion of the slider relative to the surface, m.
         mode: OPEN, SLIP or STICK.
@@ -175,7 +175,7 @@ def lifted_vector(x: Number, u: Vector) -> Vector:
 def point_force(
     contacts: Contacts, interval: Interval, p: int, start: PointState, x1: Vector, b: Number
 ) -> PointForce:
-    """The law of point p over a step from its start to the displacement x1; b as above."""
+    """The law of point p over a step from its start to x1; b as in `force_over_step`."""
     a, theta, line = interval.start_weight, 1.0 - interval.start_weight, interval.discrete_gradient
     begin, end = interval.begin, interval.end
     after = trial_normal_force(contacts, p, x1, end)
@@ -274,11 +274,7 @@ def end_of_step(
 ) -> PointEnd:
     """Point p at the end x1 of a step, where the law is applied once more."""
     begin, end, line = interval.begin, interval.end, interval.discrete_gradient
-    kn, kt, is_plane = (
-        contacts.normal_stiffness[p],
-        contacts.tangential_stiffness[p],
-        contacts.kind[p] == PLANE,
-    )
+    kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
     coated, trial = line and is_coated(contacts, p), mean.after
     if coated:
         trial = coated_end_force(contacts, interval, p, trial)
@@ -292,7 +288,7 @@ def end_of_step(
         contacts, interval, p, start, x1, mean.friction, force
     )
     force = times(part_kept, force)
-    if mode == SLIP or not is_plane:
+    if mode == SLIP or contacts.kind[p] != PLANE:
         slider = minus(x1, times(1.0 / kt, force))
     if mode == SLIP or mean.mode == SLIP:
         mode = SLIP

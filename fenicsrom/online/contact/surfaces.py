@@ -326,10 +326,8 @@ def gap_discrete_gradient(
         zero = constant(x0[0] + x1[0], 0.0)
         return constant(zero, 1.0), zero, zero
     centre = vector(contacts.centre[p])
-    z0, z1 = (
-        across_axis(contacts, p, minus(x0, centre)),
-        across_axis(contacts, p, minus(x1, centre)),
-    )
+    z0 = across_axis(contacts, p, minus(x0, centre))
+    z1 = across_axis(contacts, p, minus(x1, centre))
     both = plus(z0, z1)
     found = times(contacts.side[p] / (root(dot(z0, z0)) + root(dot(z1, z1))), both)
     if has_waves(contacts, p):
@@ -352,12 +350,10 @@ def advect_with_surface(
     angle = surface_turn(contacts, p, begin, end)
     if angle == 0.0 or contacts.kind[p] == PLANE:
         return times(constant(angle, 1.0), place)
-    there = minus(place, vector(contacts.centre[p]))
-    first, second = dot(vector(contacts.axes[p, 0]), there), dot(vector(contacts.axes[p, 1]), there)
+    x, y, _ = across_axis(contacts, p, minus(place, vector(contacts.centre[p])))
     c, s = cosine(angle) - 1.0, sine(angle)
-    along = times(c * first - s * second, vector(contacts.axes[p, 0]))
-    across = times(s * first + c * second, vector(contacts.axes[p, 1]))
-    return plus(place, plus(along, across))
+    moved = c * x - s * y
+    return plus(place, in_frame(contacts, p, (moved, s * x + c * y, constant(moved, 0.0))))
 
 
 def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:

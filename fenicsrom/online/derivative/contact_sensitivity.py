@@ -37,6 +37,7 @@ from fenicsrom.online.kernels.numbers import (
     times,
     value,
     vector,
+    write_vector,
 )
 
 
@@ -146,9 +147,7 @@ def perturbed(u: Array, shift: bool, k: int) -> Vector:
 @part
 def write_derivative(u: Vector, out: Array, c: int) -> None:
     """Write the derivative of a complex vector to column c of an array (d, ..)."""
-    out[0, c], out[1, c] = u[0].imag / STEP, u[1].imag / STEP
-    if out.shape[0] > 2:
-        out[2, c] = u[2].imag / STEP
+    write_vector(out[:, c], (u[0].imag / STEP, u[1].imag / STEP, u[2].imag / STEP))
 
 
 @kernel
@@ -181,9 +180,7 @@ def differentiate_along(
     write_derivative(plus(found.normal, found.friction), law.force[p], c)
     write_derivative(end.state.slider, law.slider[p], c)
     last = end.state.slider
-    law.end[p, 0], law.end[p, 1] = last[0].real, last[1].real
-    if d > 2:
-        law.end[p, 2] = last[2].real
+    write_vector(law.end[p], (last[0].real, last[1].real, last[2].real))
     rests = contacts.kind[p] == PLANE and not is_coated(contacts, p)
     rests = rests and start.trial.real > 0.0 and end.state.trial.real > 0.0
     rests = rests and found.mode == STICK and end.mode == STICK

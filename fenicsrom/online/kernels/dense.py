@@ -245,7 +245,7 @@ def copy_vector(out, vector):  # type: ignore[no-untyped-def]
 @overload(copy_vector, jit_options=SHORT)
 def _copy_vector(out, vector):  # type: ignore[no-untyped-def]
     def one(out, vector):  # type: ignore[no-untyped-def]
-        for i in range(min(out.size, vector.size)):  # a model may have no probe
+        for i in range(out.size):
             out[i] = vector[i]
 
     def several(out, vector):  # type: ignore[no-untyped-def]

@@ -170,19 +170,19 @@ def write_vector(out: Array, u: Vector) -> None:
 
 @part
 def plus(u: Vector, v: Vector) -> Vector:
-    """U + v."""
+    """The sum of two vectors."""
     return u[0] + v[0], u[1] + v[1], u[2] + v[2]
 
 
 @part
 def minus(u: Vector, v: Vector) -> Vector:
-    """U - v."""
+    """The difference of two vectors."""
     return u[0] - v[0], u[1] - v[1], u[2] - v[2]
 
 
 @part
 def times(s: Number, u: Vector) -> Vector:
-    """S u."""
+    """The product of a number and a vector."""
     return s * u[0], s * u[1], s * u[2]
 
 

@@ -445,8 +445,14 @@ def reduced_model(
     pressure: PressurePolynomial | None = None,
     turning: Turning | None = None,
 ) -> ReducedModel:
-    """A `ReducedModel` with its workspace; arguments as its attributes."""
-    n, m = mass.shape[0], contact_rows.shape[0]
+    """A `ReducedModel` with its workspace; arguments as its attributes.
+
+    Raises:
+        ValueError: the probe has not one row (n,) for each direction of space.
+    """
+    n, d = mass.shape[0], points.frame.shape[2]
+    if probe.shape != (d, n):
+        raise ValueError(f"the probe has the shape {probe.shape}, not {d, n}")
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
     turning = no_turning() if turning is None else turning
@@ -465,28 +471,40 @@ def reduced_model(
         np.ascontiguousarray(velocity_matrix, np.float64),
         _tidy(pressure, "numbers"),
         _tidy(turning)._replace(inertia=float(turning.inertia)),
-        work=Workspace(
-            columns=np.ascontiguousarray(elastic.quadratic.T),
-            points=np.zeros((2, n)),
-            products=np.zeros((3, 2, elastic.cubic.shape[0])),
-            force=np.zeros(n),
-            tangent=np.zeros((n, n)),
-            factor=np.zeros((n, n)),
-            pivots=np.zeros(n, dtype=np.int64),
-            key=np.full(3, np.nan),
-            compliance=compliance_of(contact_rows),
-            contact_columns=np.ascontiguousarray(contact_rows.T),
-            contact=np.zeros(m),
-            mass_product=np.zeros(n),
-            velocity_product=np.zeros(n),
-            factors=np.zeros(loads.shape[1]),
-            load_vector=np.zeros(n),
-            pressure_factors=np.zeros((2, pressure.numbers.size)),
-            pressure_vectors=np.zeros((2, n)),
-            pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
-            speeds=np.zeros(3),
-            velocity=np.zeros(velocity_matrix.shape),
-        ),
+        work=_workspace(elastic, loads, contact_rows, velocity_matrix, pressure),
+    )
+
+
+def _workspace(
+    elastic: ElasticPolynomial,
+    loads: Array,
+    contact_rows: Array,
+    velocity_matrix: Array,
+    pressure: PressurePolynomial,
+) -> Workspace:
+    """The scratch arrays of a model; arguments as its attributes."""
+    n = elastic.force.size
+    return Workspace(
+        columns=np.ascontiguousarray(elastic.quadratic.T),
+        points=np.zeros((2, n)),
+        products=np.zeros((3, 2, elastic.cubic.shape[0])),
+        force=np.zeros(n),
+        tangent=np.zeros((n, n)),
+        factor=np.zeros((n, n)),
+        pivots=np.zeros(n, dtype=np.int64),
+        key=np.full(3, np.nan),
+        compliance=compliance_of(contact_rows),
+        contact_columns=np.ascontiguousarray(contact_rows.T),
+        contact=np.zeros(contact_rows.shape[0]),
+        mass_product=np.zeros(n),
+        velocity_product=np.zeros(n),
+        factors=np.zeros(loads.shape[1]),
+        load_vector=np.zeros(n),
+        pressure_factors=np.zeros((2, pressure.numbers.size)),
+        pressure_vectors=np.zeros((2, n)),
+        pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
+        speeds=np.zeros(3),
+        velocity=np.zeros(velocity_matrix.shape),
     )
 
 

@@ -2,9 +2,8 @@
 
 Newton's method with load steps, for every static equilibrium of the program.
 
-The solid and the 1D beam under static loads, and a model under the preload of its contacts, share
-these two functions. They differ in how a correction is
-computed and in when it is small enough, so each passes both as functions.
+The solid, the 1D beam and reduced models share `newton` and `in_load_steps`. They differ in how a
+correction is computed and in when it is small enough, so each passes both as functions.
 
 The equilibrium in which a motion starts: under the static loads and the preload of the contacts.
 
@@ -477,11 +476,9 @@ class _Statics:
             shape = -shape
         size = max(mass_norm(model, q), mass_norm(model, seed))
         pushed = q + BUCKLING_PUSH * size * shape
-
-        def step(start: Array, mass_coefficient: float) -> Array | None:
-            return self.newton(start, 1.0, mass_coefficient)
-
-        found = downhill(pushed, 2.0 * abs(rate), step, self.unstable)
+        found = downhill(
+            pushed, 2.0 * abs(rate), lambda u, rate: self.newton(u, 1.0, rate), self.unstable
+        )
         if found is not None:
             return found
         raise ConvergenceError(
