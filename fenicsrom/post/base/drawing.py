@@ -297,12 +297,13 @@ def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, panel: Panel) 
     known = values[np.isfinite(values)] if np.isfinite(values).any() else np.array([0.0, 1.0])
     low = float(known.min()) if item.vmin is None else item.vmin
     high = float(known.max()) if item.vmax is None else item.vmax
-    place, look = np.array([x + width + 0.1 + _beside(panel), y, 0.12, height]), dict[str, Any]()
+    place, look = (x + width + 0.1 + _beside(panel), y, 0.12, height), dict[str, Any]()
     if panel.plain:
-        place = np.array([x + 0.25 * width, y - 0.24, 0.5 * width, 0.12])
+        place = x + 0.25 * width, y - 0.24, 0.5 * width, 0.12
         look = {"orientation": "horizontal"}
+    axes: Any = np.array(place) / whole
     shades = ScalarMappable(Normalize(low, high), _colour_map(item.cmap))
-    bar: Any = figure.colorbar(shades, cax=figure.add_axes(tuple(place / whole)), **look)
+    bar: Any = figure.colorbar(shades, cax=figure.add_axes(axes), **look)
     if marks := {at: text for at, text in item.ticks.items() if low <= at <= high}:
         bar.set_ticks(list(marks), labels=list(marks.values()))
     bar.set_label(item.bar)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
@@ -112,8 +113,13 @@ NOISE = note(f"amplitude below {NEGLIGIBLE:g} of the largest")
 # axis. A quantity is the displacement u or the force f in direction 0 (normal), 1 or 2
 # (tangential). The last panel is the orbit of the point.
 _LOOPS = {
-    2: (("u1", "f1"), ("u0", "f0"), ("u1", "u0")),
-    3: (("u1", "f1"), ("u2", "f2"), ("u0", "f0"), ("u1", "u2")),
+    2: ((("u", 1), ("f", 1)), (("u", 0), ("f", 0)), (("u", 1), ("u", 0))),
+    3: (
+        (("u", 1), ("f", 1)),
+        (("u", 2), ("f", 2)),
+        (("u", 0), ("f", 0)),
+        (("u", 1), ("u", 2)),
+    ),
 }
 
 
@@ -172,12 +178,15 @@ def plot_points(
     for k, (label, (value, share)) in enumerate(curves.items()):
         items: list[Item] = [*line.numbers()]
         for name in motions:
-            found, at = np.array([value(point) for point in points[name]]), line.at
-            heights = found / share if found.size == at.size else found
-            at = at if found.size == at.size else np.arange(1.0, found.size + 1.0)
+            found: Array = np.array([value(point) for point in points[name]])
+            at = line.at
+            if found.size == at.size:
+                found = found / share
+            else:
+                at = np.arange(1.0, found.size + 1.0)
             notes = [f"contact point {k + 1}" for k in range(len(found))]
             look: dict[str, Any] = {"marker": "o", "markersize": 3.5, **styles[name]}
-            items.append(Line(at, heights, label=name, notes=notes, **look))
+            items.append(Line(at, found, label=name, notes=notes, **look))
         at_row = (0, *_columns(3)[k])
         panels.append(Panel(items, line.label, label, whole="x", place=at_row))
     there = {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}
@@ -201,29 +210,29 @@ def _columns(count: int) -> list[tuple[int, int, int]]:
 
 def _loops(
     motions: Mapping[str, Motion], point: int, names: Sequence[str]
-) -> list[tuple[list[Item], dict[str, str]]]:
+) -> list[tuple[list[Item], dict[str, Any]]]:
     """The lines and labels of each of `_LOOPS` of a contact point over the last period."""
     styles = line_styles(motions)
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
     names = names or plain_names(directions, touching=True)
-    found = []
+    found: list[tuple[list[Item], dict[str, Any]]] = []
     for pair in _LOOPS[directions]:
         items: list[Item] = []
         for name, motion in motions.items():
             part = motion.last_period()
-            if all(int(k) < motion.displacement.shape[2] for _, k in pair):
+            if all(k < motion.displacement.shape[2] for _, k in pair):
                 values = {"u": 1e3 * motion.displacement[part], "f": motion.force[part]}
-                x, y = (values[kind][:, point, int(k)] for kind, k in pair)
+                x, y = (values[kind][:, point, k] for kind, k in pair)
                 items.append(Line(x, y, label=name, **styles[name]))
         units = {"u": "displacement, mm", "f": "force, N"}
-        across, up = (f"{names[int(k)]} {units[kind]}" for kind, k in pair)
+        across, up = (f"{names[k]} {units[kind]}" for kind, k in pair)
         found.append((items, {"xlabel": across, "ylabel": up}))
     found[-1][1]["title"] = "orbit"
     return found
 
 
 def plot_modes(
-    labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray, names: Sequence[str]
+    labels: Sequence[str], positions: Array, shapes: Array, names: Sequence[str]
 ) -> Plot:
     """The displacement of shapes along the axis of a slender body.
 
@@ -326,7 +335,7 @@ def _states(motions: Mapping[str, Motion], point: int, place: Any) -> Panel:
     return Panel(bars, _time_label(motions), **look, tight="x", place=place)
 
 
-def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
+def _phase(motion: Motion, periods: int) -> tuple[Array, NDArray[np.bool_]]:
     """Select the last periods of a motion.
 
     Returns:

@@ -175,7 +175,11 @@ def estimate_rows(
         shifts = (_percent(e.shift) if e.shift else None for e in errors.values())
         found.append(["frequency of the resonance", *shifts])
     for k, name in enumerate(names):
-        found.append([f"{what}, {name}", *_ranges(errors, lambda e, k=k: e.directions[k])])
+
+        def one(e: MotionErrors, k: int = k) -> float:
+            return e.directions[k]
+
+        found.append([f"{what}, {name}", *_ranges(errors, one)])
     for quantity in contact_quantities(scene):
         found.append([quantity, *_ranges(errors, attrgetter(CONTACT[quantity]))])
     return found

@@ -78,14 +78,15 @@ def critical_quantities(found: Campbell) -> list[Quantity]:
 
 def margin_table(found: Campbell) -> list[list[Any]]:
     """The margins at the speed of operation, if known; the first row is the header."""
-    if found.margins is None or found.operating_squares is None:
+    margins = found.margins
+    if margins is None or found.operating_squares is None:
         return []
     hertz = np.sqrt(np.maximum(found.operating_squares, 0.0)) / (2.0 * np.pi)
     orders = found.scene.campbell.engine_orders
     shown = [
         Quantity("", lambda k: found.labels[k], "mode"),
         Quantity("", lambda k: float(hertz[k]), "frequency, Hz"),
-        *components("", lambda k: found.margins[k], orders, "EO {}, %", 3),
+        *components("", lambda k: margins[k], orders, "EO {}, %", 3),
     ]
     return table_of(range(len(found.labels)), shown)
 

@@ -242,18 +242,17 @@ def pareto_figure(comparison: Comparison) -> Plot:
         front = pareto_front(costs, errors)
         # a staircase: between two points of the front, the left one is the best available
         x, y = np.repeat([(costs[k], errors[k]) for k in front], 2, axis=0).T
-        items: list[Item] = [
+        lines = [
             Line(x[1:], y[:-1], "-", FRONT, 1.2, label="Pareto front", zorder=1.0),
             Line(np.full(2, full.seconds), None, ":", "#000000", 1.0, label="full model"),
-            *_points(outcomes, costs, front),
         ]
+        items = [*lines, *_points(outcomes, costs, front)]
         up = "" if panels else _error_label(comparison)
         panels.append(Panel(items, f"{title}, s", up, title, log="xy"))
     samples = _samples(outcomes, DOT, DOTS)
     if any(o.combination.elastic_force == "projection" for o in outcomes):
         samples.append(Line(label="projection", color=INK, hollow=True, **DOT))
-    more = [item for item in panels[0].items[:2]]
-    return Plot(panels, 10.5, 6.2, 2, share="y", legend=[*samples, *more])
+    return Plot(panels, 10.5, 6.2, 2, share="y", legend=[*samples, *lines])
 
 
 def _points(outcomes: Sequence[Outcome], xs: Sequence[float], named: Sequence[int]) -> list[Item]:
@@ -273,7 +272,7 @@ def _points(outcomes: Sequence[Outcome], xs: Sequence[float], named: Sequence[in
 
 def _samples(
     outcomes: Sequence[Outcome], look: Mapping[str, Any], looks: Mapping[str, Mapping[str, Any]]
-) -> list[Item]:
+) -> list[Line]:
     """The samples of the legend: colours for derivatives, looks for methods."""
     methods = dict.fromkeys(o.combination.method for o in outcomes)
     return [
