@@ -178,15 +178,12 @@ def plot_points(
     for k, (label, (value, share)) in enumerate(curves.items()):
         items: list[Item] = [*line.numbers()]
         for name in motions:
-            found: Array = np.array([value(point) for point in points[name]])
-            at = line.at
-            if found.size == at.size:
-                found = found / share
-            else:
-                at = np.arange(1.0, found.size + 1.0)
+            found = np.array([value(point) for point in points[name]])
+            along = found.size == line.at.size
+            at, heights = (line.at, found / share) if along else (np.arange(found.size) + 1, found)
             notes = [f"contact point {k + 1}" for k in range(len(found))]
             look: dict[str, Any] = {"marker": "o", "markersize": 3.5, **styles[name]}
-            items.append(Line(at, found, label=name, notes=notes, **look))
+            items.append(Line(at, heights, label=name, notes=notes, **look))
         at_row = (0, *_columns(3)[k])
         panels.append(Panel(items, line.label, label, whole="x", place=at_row))
     there = {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}
