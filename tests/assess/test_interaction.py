@@ -418,9 +418,6 @@ def worn_line(rpm: float, steps: int) -> tuple[dict[str, Any], Line]:
 def test_wear_of_a_map_matches_an_explicit_integration(
     rpm: float, depth: float, area: float, peak: float, within: float
 ) -> None:
-    """Reference: wear in a map at 5500 and 7500 rpm: depth, peak force | another program | 30.50,
-    99.2 µm; 39.15, 59.76 N | agree | 0.5 %; 3 %
-    """
     row, line = worn_line(rpm, 720)
     assert row["worn_depth_m"] == pytest.approx(depth, rel=within)
     assert row["worn_area_m_rad"] == pytest.approx(area, rel=within)

@@ -93,11 +93,8 @@ def test_linear_beam_matches_the_recomputed_paper(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["open_2d", pytest.param("stick_slip_2d", marks=pytest.mark.long)])
 def test_full_model_matches_the_recomputed_paper(name):
-    """Reference: paper's beam without contact, plane solid: across / along | paper; recomputed |
-    200.5 / 4.6 mm; 199.92 / 4.580 mm | 199.92 / 4.581 mm | 0.2 %
-
-    Reference: paper's beam with stick and slip, 250 N, plane solid | paper; recomputed | 19.618 /
-    0.044 mm; 19.623 / 0.0409 mm | 19.626 / 0.0408 mm | 0.2 %
+    """Reference: paper's beam, plane solid, four cases | paper; recomputed |
+    [tables 1 and 3](../demos/paper/README.md) | agree | 0.2 %
     """
     scene = demo(name, *PAPER)
     motion = simulate(full_model(body(scene)), scene)
@@ -120,12 +117,6 @@ BASES = [
     [("slip_liftoff_2d", 0), pytest.param("high_load_2d", 1, marks=pytest.mark.long)],
 )
 def test_full_model_matches_the_recomputed_paper_and_reduced_models_match_it(name, load):
-    """Reference: paper's beam with slip and lift-off, 40 N, plane solid | paper; recomputed | 157.6
-    / 2.835 mm; 157.60 / 2.842 mm | 157.59 / 2.843 mm | 0.2 %
-
-    Reference: paper's beam under a high load, plane solid | paper; recomputed | 418 mm; 416.73 /
-    20.05 mm | 416.71 / 20.05 mm | 0.2 %
-    """
     scene = demo(name, *PAPER)
     solid = body(scene)
     reference = simulate(full_model(solid), scene)

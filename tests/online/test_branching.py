@@ -100,8 +100,8 @@ def doubled() -> tuple[Family, CurvePoint, Curve]:
 
 
 def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any) -> None:
-    """Reference: first period doubling of Duffing and Holmes | literature | F from 0.20 to 0.28 |
-    inside | the interval
+    """Reference: two period doublings of Duffing and Holmes | literature | F from 0.20 to 0.28, to
+    0.29 | inside | the intervals
     """
     _, point, _ = doubled
     assert 0.20 < point.parameter < 0.28
@@ -109,9 +109,6 @@ def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any
 
 
 def test_branch_of_a_period_doubling_has_motions_of_two_periods(doubled: Any) -> None:
-    """Reference: second period doubling of Duffing and Holmes | literature | F from 0.28 to 0.29 |
-    inside | the interval
-    """
     _, point, curve = doubled
     assert all(other.periods == 2 for other in curve.points)
     assert abs(curve.points[0].parameter - point.parameter) < 0.01
@@ -165,8 +162,8 @@ def test_branch_leaves_along_the_eigenvector_of_its_bifurcation(kind: str, colum
 
 @pytest.mark.slow
 def test_load_connects_the_three_duffing_motions() -> None:
-    """Reference: saddle of a Duffing oscillator through the load: multipliers | recomputed |
-    0.381762, 2.124463 | agree | 1e-6
+    """Reference: saddle of a Duffing oscillator: multipliers | recomputed | 0.381762, 2.124463 |
+    agree | 1e-6
     """
     found = [through_load(steps) for steps in (200, 400, 800)]
     assert [len(motions) for motions in found] == [2, 2, 2]
@@ -181,9 +178,6 @@ def test_load_connects_the_three_duffing_motions() -> None:
 
 @pytest.mark.slow
 def test_saddle_is_reached_through_the_fold() -> None:
-    """Reference: saddle of a Duffing oscillator through the fold: multipliers | recomputed |
-    0.381762, 2.124463 | agree | 1e-6
-    """
     limits = []
     for steps in (400, 800):
         model, period = oscillator(0.05, (1.0, 0.0, 1.0), 0.3, 1.0)

@@ -78,11 +78,8 @@ def half_ranges(motion: Motion, steps: int = 720) -> Array:
 def test_wear_and_vibration_of_a_blade_match_an_explicit_integration(
     rpm: float, depth: float, area: float, peak: float, half_range: float, within: float
 ) -> None:
-    """Reference: blade wears an oval casing at 5500 rpm: depth, peak force, amplitude | another
-    program | 30.50 µm; 39.15 N; 30.07 µm | agree | 0.5 %
-
-    Reference: blade wears an oval casing at 7500 rpm: depth, peak force, amplitude | another
-    program | 99.2 µm; 59.76 N; 76.3 µm | agree | 3 %
+    """Reference: blade wears an oval casing, 5500 and 7500 rpm: depth, force, amplitude | another
+    program | 30.50, 99.2 µm; 39.15, 59.76 N; 30.07, 76.3 µm | agree | 0.5 %; 3 %
     """
     motion = integrate(rubbing(rpm))
     worn = worn_of(motion)
