@@ -173,7 +173,8 @@ def _lines(deck: Deck) -> Iterator[str]:
     yield from _sections(deck, names)
     if len(deck.printed):
         yield from _set("NSET", printed, deck.printed)
-    yield "*BOUNDARY"
+    if deck.clamped.any():
+        yield "*BOUNDARY"
     for axis, component in enumerate(deck.clamped.T, 1):
         yield from (f"{1 + node}, {axis}, {axis}" for node in np.flatnonzero(component))
     for node, terms in deck.equations:

@@ -354,6 +354,8 @@ def solve_eigenmodes(
             return omega_squared, modes, count
         frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
         needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation)) + 1
+        if rigid := int(np.sum(omega_squared == 0.0)):
+            needed = max(needed, rigid + LEAST_MODES)
         if needed <= solved or count == most:
             break
         count = min(2 * count, most)
@@ -414,6 +416,7 @@ class ComponentModes:
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
             of modes; the basis does not use the inverse of this matrix.
         loads: static responses to the loads that the modes leave out.
+        rigid: number of the first normal modes that are rigid motions.
     """
 
     method: str
@@ -426,6 +429,7 @@ class ComponentModes:
     labels: tuple[str, ...]
     flexibility_condition: float
     loads: LoadVectors
+    rigid: int = 0
 
     @property
     def frequencies_hz(self) -> Array:
@@ -521,9 +525,9 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     free = structure.free - (0 if rubin else m)
     omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     # of a body with Coriolis forces the whole pencil was judged (`fem.equilibrium.buckling`)
-    if structure.gyroscopic is None and np.any(omega_squared <= 0.0):
+    if structure.gyroscopic is None and np.any(omega_squared < 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
-        number = counted(int(np.sum(omega_squared <= 0)), "mode")
+        number = counted(int(np.sum(omega_squared < 0)), "mode")
         structure.warnings.append(Note(NoteKind.UNSTABLE, f"{what}: omega^2 < 0 of {number}"))
     normal = align_modes(structure, omega_squared, normal)[:, :count]
     static = masters
@@ -549,6 +553,7 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         labels,
         scaled_condition(contact_flexibility),
         load_vectors(structure, held, load_responses(structure)),
+        int(np.sum(omega_squared[:count] == 0.0)),
     )
 
 

@@ -32,15 +32,18 @@ def mesh(run: Run) -> None:
         run.mesh = build_mesh(run.study.scene.geometry, run.comm)
 
 
-def solid(run: Run) -> None:
-    """Assemble the solid, and solve for its static equilibrium if there are static loads."""
+def solid(run: Run, free: bool = False) -> None:
+    """Assemble the solid, and solve for its static equilibrium if there are static loads.
+
+    `free` tells whether nothing need hold the body.
+    """
     import numpy as np
 
     from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
     from fenicsrom.fem.solid.solid import solid_of
 
     assert run.mesh is not None
-    body = run.study.solid = solid_of(run.study.scene, run.mesh)
+    body = run.study.solid = solid_of(run.study.scene, run.mesh, free=free)
     for text in body.warnings:
         if has_kind([text], NoteKind.IMPLAUSIBLE, NoteKind.UNSTABLE):
             log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long

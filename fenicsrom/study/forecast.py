@@ -71,7 +71,7 @@ def set_up(scene: Scene) -> Solid:
     with watch("mesh"):
         mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
     with watch("supports, loads and contacts"):
-        return solid_of(scene, mesh, UNDEFORMED)
+        return solid_of(scene, mesh, UNDEFORMED, free=True)
 
 
 def refusal_of(command: str, scene: Scene) -> str:

@@ -10,6 +10,7 @@ lists all of them. The numbers are written before the pictures.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from fenicsrom.scene import Scene
@@ -87,9 +88,10 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     stuck = Stage("contact frequencies", True, without, building.contact_frequencies)
     file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
     elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
+    solid = partial(building.solid, free=modes_only)
     return [
         Stage("mesh", True, file, building.mesh),
-        Stage("solid", True, elements, building.solid, solid_parts(scene)),
+        Stage("solid", True, elements, solid, solid_parts(scene)),
         Stage(
             "interface vectors",
             with_modes and not modes_only and basis.masters == "motion",

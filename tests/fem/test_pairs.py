@@ -334,7 +334,7 @@ def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     with pytest.raises(ConvergenceError, match="press it on"):
         solid(scene_of(mesh, 2, contact, supports=held[:1], loads=load))
     rolling = [{"group": "0 low y", "components": ["y"]}]
-    with refusal(ErrorKind.SUPPORT, "supports", names="1 rigid motion of"):
+    with refusal(ErrorKind.SUPPORT, "supports", names="1 translation of"):
         solid(scene_of(mesh, 2, contact, supports=rolling, loads=load))
 
 

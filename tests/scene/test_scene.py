@@ -340,7 +340,7 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         ("loads.0.node=[1, 0]", ErrorKind.CONFLICT, "loads[0].node"),
         ("probe={}", ErrorKind.MISSING, "probe.group"),
         ('probe={node=[1, 0], at="centre"}', ErrorKind.CONFLICT, "probe.at"),
-        ("supports=[]", ErrorKind.TYPE, "supports"),
+        ("supports=3", ErrorKind.TYPE, "supports"),
         # geometry
         ("geometry.dimension=3", ErrorKind.CONFLICT, "geometry.thickness"),
         ('geometry.mesh="a.msh"', ErrorKind.CONFLICT, "geometry.parameters"),

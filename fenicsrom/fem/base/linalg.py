@@ -1,6 +1,7 @@
 """Factorisations and eigenmodes by PETSc and SLEPc, on arrays of the unknowns of this rank."""
 
 import numpy as np
+import scipy.linalg
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 from slepc4py import SLEPc
@@ -122,6 +123,73 @@ class Factorisation:
         b, x = _dense(self.matrix, block), _dense(self.matrix, np.zeros(block.shape, order="F"))
         self._ksp.matSolve(b, x)
         return _values(x, b)
+
+
+class FreeFactorisation:
+    """The inverse stiffness of a free body, on the complement of its rigid motions.
+
+        K⁺ = P K_d⁻¹ Pᵀ,    P = I − R Rᵀ M.
+
+    R are the rigid motions, mass-orthonormal. In K_d as many unknowns are held as there are rigid
+    motions. Pᵀ f is in balance, so that they take no force: K⁺ f is the deformation of the body
+    that a force f accelerates, without a rigid part (inertia relief: Craig and Chang, AIAA Paper
+    77-405, 1977).
+
+    Attributes:
+        matrix: K.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, rigid: Array, mass: PETSc.Mat, prefix: str):
+        """Factorise K_d.
+
+        Args:
+            matrix: K, symmetric.
+            rigid: (local rows, r) R.
+            mass: M.
+            prefix: as `Factorisation`.
+
+        Raises:
+            ConvergenceError: as `Factorisation.update`.
+        """
+        self.matrix, self._rigid, self._inertia = matrix, rigid, multiply(mass, rigid)
+        self._comm, count = matrix.comm.tompi4py(), rigid.shape[1]
+        own = scipy.linalg.qr(rigid.T, mode="r", pivoting=True)[1][:count]
+        first = matrix.getOwnershipRange()[0]
+        numbers = np.concatenate(self._comm.allgather(first + own))
+        motions = np.concatenate(self._comm.allgather(rigid[own]))
+        held = np.sort(numbers[scipy.linalg.qr(motions.T, mode="r", pivoting=True)[1][:count]])
+        self._held = held.astype(PETSc.IntType)
+        local = held - first
+        self._own = local[(local >= 0) & (local < len(rigid))]
+        self._inner = Factorisation(self._held_matrix(matrix.copy()), prefix)
+
+    def _held_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """K_d in place of K."""
+        matrix.zeroRowsColumns(self._held, self.matrix.norm(PETSc.NormType.INFINITY))
+        return matrix
+
+    def update(self) -> None:
+        """Factorise again after the values of the matrix changed; errors as `Factorisation`."""
+        self.matrix.copy(self._inner.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._held_matrix(self._inner.matrix)
+        self._inner.update()
+
+    def solve(self, block: Array) -> Array:
+        """K⁺ times the columns of a block (local rows, k)."""
+        balanced = block - self._inertia @ self._comm.allreduce(self._rigid.T @ block)
+        balanced[self._own] = 0.0
+        found = self._inner.solve(balanced)
+        return np.asarray(found - self._rigid @ self._comm.allreduce(self._inertia.T @ found))
+
+    def negative_eigenvalues(self) -> int:
+        """Number of negative eigenvalues of K."""
+        return self._inner.negative_eigenvalues()
+
+    def destroy(self, matrix: bool = False) -> None:
+        """Free the factors, and the matrix too if asked. Collective."""
+        self._inner.destroy(matrix=True)
+        if matrix:
+            self.matrix.destroy()
 
 
 def negative_eigenvalues(matrix: PETSc.Mat) -> int:

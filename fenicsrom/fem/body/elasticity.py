@@ -43,7 +43,7 @@ from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.forms import compiled_expression, compiled_form, quadrature_degree
-from fenicsrom.fem.base.linalg import Factorisation, add_entries
+from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation, add_entries
 from fenicsrom.fem.body.cyclic import CutFaces, WaveFactorisation
 from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
@@ -51,6 +51,8 @@ from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displace
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
 from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.scene import Scene
+
+AnyFactor = Factorisation | FreeFactorisation | WaveFactorisation
 
 
 class Joint(NamedTuple):
@@ -93,6 +95,7 @@ class ElasticBody:
         size: global number of unknowns, clamped ones included.
         local: number of unknowns that this rank owns, clamped ones included.
         free: global number of unknowns that no support clamps.
+        supports: the supports.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
         conditions: the boundary conditions of the clamped unknowns.
         slanted: the projection of nodes that are held along slanted directions; None without such
@@ -109,19 +112,22 @@ class ElasticBody:
         joint: contacts between bodies as springs, in `residual` and `tangent` only; None without.
         room: sparse (local, local); the tangent has its entries besides those of the forms; None.
         point_masses: (local,) concentrated mass at each unknown, kg.
+        mass: M.
+        rigid: (local, r) mass-orthonormal rigid motions that nothing holds.
         pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
 
     pressures: Any
+    mass: PETSc.Mat
+    rigid: Array
 
     def __init__(self, mesh: Mesh, scene: Scene):
         """Clamp the supports and compile the forms.
 
         Raises:
-            SceneError: a support or a group of cells is missing, or the supports do not hold the
-                body.
+            SceneError: a support or a group of cells is missing.
         """
         self.mesh, self.source = mesh, scene.source
         self.geometry, self.material = scene.geometry, scene.material
@@ -141,9 +147,8 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        held = held_displacements(mesh, self.space, scene.supports, scene.source, scene.joined)
-        if held.apart:
-            self.warnings.append(Note(NoteKind.APART, held.apart, "geometry"))
+        held = held_displacements(mesh, self.space, scene.supports, scene.source)
+        self.supports = scene.supports
         if mesh.sector and not scene.cyclic and not self._uses(scene, held, *mesh.sector.places):
             self.warnings.append(mesh.sector.note)
         self._zero = fem.Function(self.space)
@@ -184,6 +189,14 @@ class ElasticBody:
     def springs(self) -> Array:
         """(local,) stiffness of the springs at each unknown, N/m."""
         return np.asarray(self.couplings.diagonal())
+
+    @property
+    def held_matrix(self) -> csr_array:
+        """Sparse (local, local) projection on the displacements that the supports hold."""
+        found = np.zeros(self.local)
+        found[self.clamped] = 1.0
+        held = csr_array(diags_array(found))
+        return held if self.slanted is None else csr_array(held + self.slanted.blocks)
 
     @property
     def extent(self) -> float:
@@ -373,13 +386,14 @@ class ElasticBody:
             empty.destroy()
         return matrix
 
-    def factorised(
-        self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True
-    ) -> Factorisation | WaveFactorisation:
+    def factorised(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True) -> AnyFactor:
         """Factorise a stiffness; of a sector, for loads alike on all sectors. Collective.
 
-        Arguments and errors as `Factorisation`.
+        The inverse of a free body is that on the complement of its rigid motions. Arguments and
+        errors as `Factorisation`.
         """
+        if self.rigid.shape[1]:
+            return FreeFactorisation(matrix, self.rigid, self.mass, prefix)
         if self.cut is None:
             return Factorisation(matrix, prefix, symmetric)
         return WaveFactorisation(matrix, self.cut.constraint(0), prefix, symmetric)

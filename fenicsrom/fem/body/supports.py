@@ -27,7 +27,7 @@ import numpy.typing as npt
 import scipy.sparse
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
@@ -46,13 +46,11 @@ class Held(NamedTuple):
         unknowns: (c,) sorted local numbers of the clamped unknowns.
         nodes: (s,) local numbers of the nodes that are also held along slanted directions.
         slanted: (s, d, d) Σ n_k n_kᵀ of these directions, which are orthogonal to the clamped axes.
-        apart: a sentence on the pieces of the mesh that share no node; empty for one piece.
     """
 
     unknowns: npt.NDArray[np.int32]
     nodes: npt.NDArray[np.int32]
     slanted: Array
-    apart: str = ""
 
 
 class Slanted:
@@ -62,6 +60,7 @@ class Slanted:
         rank: number of directions that are held, over all ranks.
         nodes: (s,) local numbers of the nodes of this rank.
         held: (s, d, d) Σ n_k n_kᵀ of the directions along which they are held.
+        blocks: sparse (local, local), the same at the unknowns of the nodes.
     """
 
     def __init__(self, space: fem.FunctionSpace, held: Held):
@@ -75,8 +74,9 @@ class Slanted:
         self.rank = round(comm.allreduce(float(np.trace(self.held, axis1=1, axis2=2).sum())))
         rows = np.repeat(self._unknowns[:, :, None], d, axis=2).ravel()
         columns = np.repeat(self._unknowns[:, None, :], d, axis=1).ravel()
-        blocks = scipy.sparse.csr_array((self.held.ravel(), (rows, columns)), shape=(local, local))
-        matrix: Any = scipy.sparse.eye_array(local, format="csr") - blocks
+        shape = local, local
+        self.blocks = csr_array((self.held.ravel(), (rows, columns)), shape=shape)
+        matrix: Any = scipy.sparse.eye_array(local, format="csr") - self.blocks
         size = (local, index.size_global * d)
         starts, columns = (a.astype(PETSc.IntType) for a in (matrix.indptr, matrix.indices + first))
         self._matrix = PETSc.Mat().createAIJ(
@@ -122,11 +122,7 @@ The lengths of the motion are relative to the extent of the mesh.
 
 
 def held_displacements(
-    mesh: Mesh,
-    space: fem.FunctionSpace,
-    supports: Sequence[Support],
-    source: str,
-    joined: bool = False,
+    mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Support], source: str
 ) -> Held:
     """Give the displacements that the supports hold. Collective.
 
@@ -137,10 +133,9 @@ def held_displacements(
         space: the displacement space, Lagrange.
         supports: the supports.
         source: name of the scene file, for messages.
-        joined: whether contacts between bodies may hold pieces of the mesh, too.
 
     Raises:
-        SceneError: a region is missing, or the supports do not hold the body.
+        SceneError: a region is missing.
     """
     d = mesh.domain.geometry.dim
     dyads = np.zeros((space.tabulate_dof_coordinates().shape[0], d, d))
@@ -164,10 +159,7 @@ def held_displacements(
     slanted[whole[:, :, None] | whole[:, None, :]] = 0.0
     kept = np.trace(slanted, axis1=1, axis2=2) > 0.5
     unknowns = np.flatnonzero(axial.reshape(-1)).astype(np.int32)
-    held = Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
-    if joined:  # `fem.equilibrium.joined` checks the pieces
-        return held
-    return held._replace(apart=check_rigid_motions(mesh, space, held, supports, source))
+    return Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
 
 
 def support_directions(
@@ -231,49 +223,65 @@ def conditions(
     return found if space.mesh.comm.allreduce(rest.size) else found[:1]
 
 
-def check_rigid_motions(
-    mesh: Mesh, space: fem.FunctionSpace, held: Held, supports: Sequence[Support], source: str
-) -> str:
-    """Check that no piece of the mesh can move as a rigid body. Collective.
+class RigidMotions(NamedTuple):
+    """The rigid motions (1) of the k pieces of a mesh, m of each, and those that nothing holds.
+
+    Attributes:
+        fields: sparse (local, k m) displacements.
+        moments: (k m, k m) mean products of what is held of them.
+        free: (k m, r) combinations that nothing holds.
+    """
+
+    fields: csr_array
+    moments: Array
+    free: Array
+
+
+def free_motions(body: Any, springs: csr_array) -> RigidMotions:
+    """Find the rigid motions of pieces that neither supports nor springs hold. Collective.
 
     Args:
-        mesh: the mesh.
-        space: the displacement space.
-        held: the displacements that the supports hold.
-        supports: the supports, for messages.
-        source: name of the scene file, for messages.
-
-    Returns:
-        A sentence on the pieces of the mesh that share no node; empty for one piece.
-
-    Raises:
-        SceneError: no support touches a piece, or a piece can move as a rigid body.
+        body: the body.
+        springs: sparse, symmetric (local, local) stiffness of the springs, N/m.
     """
-    d, comm = mesh.domain.geometry.dim, mesh.domain.comm
-    piece, count = node_pieces(mesh, space)
-    x = space.tabulate_dof_coordinates()
+    d, comm = body.dimension, body.comm
+    piece, count = node_pieces(body.mesh, body.space)
+    low, high = body.mesh.bounds()
+    x = body.space.tabulate_dof_coordinates()[: body.local // d]
+    motions = rigid_motions((x - 0.5 * (low + high)) / body.extent, d)
+    m = motions.shape[2]
+    columns = np.broadcast_to(m * piece[: len(x), None, None] + np.arange(m), motions.shape)
+    fields = csr_array(
+        (motions.ravel(), columns.ravel(), np.arange(0, motions.size + 1, m)),
+        shape=(body.local, count * m),
+    )
+    held = body.held_matrix
+    times = np.bincount(piece[np.arange(body.local) // d], held.diagonal(), count)
+    moments = comm.allreduce((fields.T @ held @ fields).toarray())
+    moments /= np.maximum(comm.allreduce(times), 1.0).repeat(m)
+    sprung = comm.allreduce((fields.T @ springs @ fields).toarray())
+    moments += sprung / max(float(np.abs(sprung).max()), np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh(moments)
+    return RigidMotions(fields, moments, vectors[:, values < COINCIDENT])
 
-    local = space.dofmap.index_map.size_local
-    owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
-    low, high = mesh.bounds()
-    arm = (x - 0.5 * (low + high)) / mesh.extent()
-    motions = rigid_motions(arm, d).reshape(-1, 3 * (d - 1))
-    along = held.slanted[inner] @ motions.reshape(-1, d, motions.shape[1])[held.nodes[inner]]
-    rows = np.concatenate([motions[owned], along.reshape(-1, motions.shape[1])])
-    of = np.concatenate([piece[owned // d], np.repeat(piece[held.nodes[inner]], d)])
-    moments = np.zeros((count, rows.shape[1], rows.shape[1]))
-    np.add.at(moments, of, rows[:, :, None] * rows[:, None, :])
-    touched = comm.allreduce(np.bincount(of, minlength=count))
-    moments = comm.allreduce(moments) / np.maximum(touched, 1)[:, None, None]
-    if not touched.all():
-        raise _untouched(mesh, supports, int((touched == 0).sum()))
-    for k in range(count):
-        if free := _free_motions(moments[k], d):
-            where = "" if count == 1 else f" of one of the {count} connected pieces of the mesh"
-            reason = f"they leave {free}{where} free, so the stiffness is singular"
-            reason += "; clamp more nodes or components"
-            raise refuse(source, reason, ErrorKind.SUPPORT, "supports")
-    lows, highs = zip(*comm.allgather(ends_of(piece, x[:, :d], count)), strict=True)
+
+def loose(body: Any, found: RigidMotions) -> SceneError:
+    """The error of supports that leave rigid motions free."""
+    d, supports = body.dimension, body.supports
+    pieces = found.moments.diagonal().reshape(-1, 3 * (d - 1)).max(axis=1)
+    if untouched := int((pieces == 0.0).sum()):
+        return _untouched(body.mesh, supports, untouched)
+    where = "" if len(pieces) == 1 else f" of the {len(pieces)} connected pieces of the mesh"
+    reason = f"they leave {_named_motions(found.free, d)}{where} free, so the stiffness is "
+    reason += "singular; clamp more nodes or components, or hold them by springs or contacts"
+    return refuse(body.source, reason, ErrorKind.SUPPORT, "supports")
+
+
+def pieces_apart(mesh: Mesh, space: fem.FunctionSpace) -> str:
+    """A sentence on the pieces of the mesh that share no node; empty for one. Collective."""
+    d, (piece, count) = mesh.domain.geometry.dim, node_pieces(mesh, space)
+    ends = ends_of(piece, space.tabulate_dof_coordinates()[:, :d], count)
+    lows, highs = zip(*mesh.domain.comm.allgather(ends), strict=True)
     return apart(np.min(lows, axis=0), np.max(highs, axis=0))
 
 
@@ -286,19 +294,17 @@ def rigid_motions(arm: Array, d: int) -> Array:
     return motions
 
 
-def _free_motions(moments: Array, d: int) -> str:
-    """Name the rigid motions whose clamped components all vanish; empty if there is no such motion.
+def _named_motions(free: Array, d: int) -> str:
+    """Name rigid motions, such as "2 translations and 1 rotation".
 
     Args:
-        moments: (3 or 6, 3 or 6) mean products of the clamped components of the motions.
-        d: dimension of space; the first d motions are the translations.
+        free: (pieces · m, r) motions as combinations of the m motions (1) of each piece.
+        d: dimension of space; the first d motions of a piece are its translations.
     """
-    values, vectors = np.linalg.eigh(moments)
-    free = vectors[:, values < COINCIDENT]
-    turning = int(np.linalg.matrix_rank(free[d:], tol=np.sqrt(COINCIDENT)))
+    turns = free.reshape(-1, 3 * (d - 1), free.shape[1])[:, d:].reshape(-1, free.shape[1])
+    turning = int(np.linalg.matrix_rank(turns, tol=np.sqrt(COINCIDENT)))
     counts = {"translation": free.shape[1] - turning, "rotation": turning}
-    named = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
-    return " and ".join(named)
+    return " and ".join(counted(n, name) for name, n in counts.items() if n)
 
 
 def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneError:

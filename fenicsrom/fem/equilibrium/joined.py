@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.body.elasticity import Joint
-from fenicsrom.fem.body.supports import COINCIDENT, node_pieces, rigid_motions
+from fenicsrom.fem.body.supports import free_motions
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import closed_springs, trial_forces
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.words import counted
 
 SOFT = 1e-6
 """Tangential springs of the search, relative to k_t: stiffer ones make their ends follow slowly."""
@@ -50,30 +49,27 @@ def sticking(body: Any, contacts: Contacts, x: Array, soft: float = 1.0) -> Join
     return Joint(body.contact_rows, springs, reference)
 
 
+def all_closed(body: Any, contacts: Contacts) -> Joint:
+    """All points closed, from which the search for the equilibrium starts."""
+    x = np.zeros(body.contact_rows.shape[0])
+    x[:: body.dimension] = contacts.radius + 1.0
+    return sticking(body, contacts, x, SOFT)
+
+
 def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
     """The equilibrium (local,) of a body under its static loads; its joint and factor follow.
 
     Args:
-        body: the solid, undeformed; its factor is not made yet.
+        body: the solid, undeformed, with the joint of `all_closed`; its factor is not made yet.
         contacts: the contacts between its pieces, at its contact points.
         bends: whether the equilibrium changes the stiffness.
 
     Raises:
-        SceneError: a piece is held neither by supports nor by contacts.
         ConvergenceError: nothing presses on a piece that contacts hold, or no equilibrium was
             found.
     """
     rows, rest, load = body.contact_rows, np.zeros(body.local), body.static_load
     normal = np.arange(rows.shape[0]) % body.dimension == 0
-    x = np.zeros(rows.shape[0])
-    x[normal] = contacts.radius + 1.0  # all points are closed
-    body.joint = sticking(body, contacts, x, SOFT)
-    if free := loose(body):
-        reason = (
-            f"supports and contacts leave {counted(free, 'rigid motion')} of the pieces of the "
-        )
-        reason += "mesh free; clamp every piece, or give it a contact"
-        raise refuse(body.source, reason, ErrorKind.SUPPORT, "supports")
     u = rest
     with closing(Statics(body, body.factor, overwrite=True)) as statics:
         for _ in range(CHANGES):
@@ -89,7 +85,8 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
                 if shear <= LEFT * pressed:
                     break
                 continue
-            if loose(body):
+            held = free_motions(body, body.joint.stiffness)
+            if held.free.shape[1] > body.free_motions.shape[1]:
                 reason = "the contacts of a piece of the mesh open under the static loads, and no "
                 reason += "support holds it: press it on by a bolt or a load"
                 raise ConvergenceError(reason, u)
@@ -131,17 +128,3 @@ def _note_slide(body: Any, x: Array) -> None:
             "across the contact, and hold the bodies against static loads along it by supports"
         )
         body.warnings.append(Note(NoteKind.WARNING, text, "contacts"))
-
-
-def loose(body: Any) -> int:
-    """Number of rigid motions of pieces that neither supports nor springs of the joint hold."""
-    d, (piece, count) = body.dimension, node_pieces(body.mesh, body.space)
-    x = body.space.tabulate_dof_coordinates()
-    low, high = body.mesh.bounds()
-    motions = rigid_motions((x - 0.5 * (low + high)) / body.extent, d)
-    fields = np.zeros((len(x), d, count, motions.shape[2]))
-    fields[np.arange(len(x)), :, piece] = motions
-    fields = fields.reshape(body.local, -1)
-    moved = (body.joint.rows @ fields)[body.joint.springs > 0.0]
-    held = np.concatenate([fields[body.clamped], moved])
-    return int(np.sum(np.linalg.eigvalsh(held.T @ held / max(len(held), 1)) < COINCIDENT))

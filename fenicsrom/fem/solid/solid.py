@@ -21,18 +21,19 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
-from fenicsrom.fem.base.linalg import Factorisation, add_entries, eigenmodes, multiply
-from fenicsrom.fem.body.cyclic import WaveFactorisation
-from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
+from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.pairs import pair_rows
 from fenicsrom.fem.body.places import Places
+from fenicsrom.fem.body.supports import free_motions, loose, pieces_apart
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
-from fenicsrom.fem.equilibrium.joined import bring_together, sticking
+from fenicsrom.fem.equilibrium.joined import all_closed, bring_together, sticking
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, all_points, contacts_of, points_on
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
@@ -45,6 +46,7 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.places import AXES
 from fenicsrom.scene.keys.unit_system import LENGTHS
+from fenicsrom.words import counted
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""
@@ -79,6 +81,7 @@ class Solid(ElasticBody):
         loads: the loads.
         static_load: (local,) sum of the static loads that do not follow the deformation, N.
         loaded: whether static loads or rotation deform the body.
+        free_motions: (local, r) rigid motions that nothing holds.
         unstable: number of directions in which the equilibrium that the loads reach from the
             undeformed body is unstable; without contacts the body then is in a stable one nearby.
         equilibrium: (local,) displacement under the static loads, at speed, m.
@@ -126,12 +129,18 @@ class Solid(ElasticBody):
         self._unit_length = float(LENGTHS[scene.units.length])
         self._set_attachments(scene.attachments)
         self._set_contacts(scene.contacts)
+        springs = self.couplings
         self._set_bolts(scene.bolts)
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
+            self.joint = all_closed(self, self._contacts)
+            springs = csr_array(springs + self.joint.stiffness)
             rows = abs(self.contact_rows)
             self.room = csr_array(rows.T @ rows + abs(self.couplings))
+        elif sentence := pieces_apart(mesh, self.space):
+            self.warnings.append(Note(NoteKind.APART, sentence, "geometry"))
+        self._find_free_motions(scene, springs)
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
@@ -187,6 +196,37 @@ class Solid(ElasticBody):
         """M."""
         return self.mass_matrix(0.0)
 
+    def _find_free_motions(self, scene: Scene, springs: csr_array) -> None:
+        """Find the rigid motions that neither supports nor springs (local, local) hold.
+
+        Raises:
+            SceneError: they are free although there are supports; or something would move the body
+                along them: a load, a wall or a rotation, or it is a sector.
+        """
+        found = free_motions(self, springs)
+        self.free_motions = found.fields @ found.free
+        if found.free.size and scene.supports:
+            raise loose(self, found)
+        given = {
+            "rotation": scene.rotation,
+            "cyclic": scene.cyclic,
+            "loads": scene.loads,
+            "contacts": [one for one in scene.contacts if one.against is None],
+        }
+        for key, table in given.items() if self.free_motions.shape[1] else ():
+            if table:
+                allowed = f"must hold the body in a scene with {key}; without, it may be left free"
+                raise Where(scene.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(local, r) mass-orthonormal rigid motions that nothing holds."""
+        motions = self.free_motions
+        if not motions.shape[1]:
+            return motions
+        values, vectors = np.linalg.eigh(self.mass_inner(motions, motions))
+        return np.asarray(motions @ vectors / np.sqrt(values))
+
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
         """G of the Coriolis force −G u̇, skew, N s/m; None without this force."""
@@ -202,7 +242,7 @@ class Solid(ElasticBody):
         )
 
     @cached_property
-    def factor(self) -> Factorisation | WaveFactorisation:
+    def factor(self) -> AnyFactor:
         """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
 
         Of bodies that touch each other it is K_lin⁻¹ (`fenicsrom.fem.equilibrium.joined`).
@@ -444,9 +484,13 @@ class Solid(ElasticBody):
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
 
-        `inverse` is K⁻¹, or the inverse with the contact displacements held at zero.
+        `inverse` is K⁻¹, or the inverse with the contact displacements held at zero. Rigid motions
+        come first, with ω² = 0.
         """
-        return eigenmodes(self.factor.matrix, self.mass, inverse, count, "fenicsrom_modes")
+        rigid = self.rigid[:, :count]
+        more = count - rigid.shape[1]
+        squares, modes = eigenmodes(self.factor.matrix, self.mass, inverse, more, "fenicsrom_modes")
+        return np.append(np.zeros(rigid.shape[1]), squares), np.concatenate([rigid, modes], axis=1)
 
     # ------------------------------------------------------------------ statics
 
@@ -562,7 +606,7 @@ class Solid(ElasticBody):
             self._renew(self.factor)
         self._set_follower_loads()
 
-    def _renew(self, factor: Factorisation) -> None:
+    def _renew(self, factor: AnyFactor) -> None:
         """Make a factor that of the symmetric part of the tangent at the equilibrium."""
         self.tangent(self.equilibrium, factor.matrix)
         factor.update()
@@ -575,13 +619,21 @@ def _extrapolation(known: Sequence[float], to: float) -> Array:
     )
 
 
-def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) -> Solid:
+def solid_of(
+    scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None, free: bool = False
+) -> Solid:
     """Build the solid of a scene on a mesh; arguments and errors as `Solid`.
 
     The likely cause of implausible numbers is a warning, and part of a failure.
 
+    Args:
+        scene: the scene.
+        mesh: the mesh.
+        known: as `Solid`.
+        free: whether rigid motions may be left that nothing holds.
+
     Raises:
-        SceneError: the mesh has another dimension than the scene.
+        SceneError: the mesh has another dimension than the scene, or nothing holds the body.
     """
     dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
     if dimension != found:
@@ -595,6 +647,12 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
             raise
         cause = f"{error}; {suspicious[0]}"
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
+    if not free and (count := found.free_motions.shape[1]):
+        allowed = (
+            f"must hold the body, with springs to the ground: {counted(count, 'rigid motion')} "
+            "would make it drift; only fenicsrom modes and plan take a free body"
+        )
+        raise Where(scene.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
     found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
 

@@ -570,7 +570,10 @@ def _of_study(study: Study) -> Iterator[Section]:
     alone = not study.motions  # the command `modes`
     if study.modes is not None:
         hertz = enumerate(study.modes.frequencies_hz, 1)
-        modes = table_of({"mode": f"{k}V", "frequency Hz": f"{f:.5g}"} for k, f in hertz)
+        modes = table_of(
+            {"mode": f"{k}V", "frequency Hz": f"{f:.5g}" if k > study.modes.rigid else "0 (rigid)"}
+            for k, f in hertz
+        )
         yield Section("Modes", [modes], terminal=alone)
     if study.contact_hz is not None:
         free, stuck = study.contact_hz.T

@@ -359,6 +359,8 @@ def _of_stages(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": left_out(study),
     }
+    if modes is not None and modes.rigid:
+        found["rigid_modes"] = modes.rigid
     if study.contact_hz is not None:
         first, stuck = study.contact_hz.T
         name = "closed_points_stuck" if study.scene.joined else "free"

@@ -87,7 +87,10 @@ def beam_problems(scene: Scene) -> Problems:
 
 
 def support_problems(scene: Scene) -> Problems:
-    """Yield the problems of the components that the supports clamp."""
+    """Yield the problems of the components that the supports clamp, and of a scene without any."""
+    if not scene.supports and scene.output.stresses != "none":
+        allowed = 'must be "none" without [[supports]], whose reactions come with the stresses'
+        yield Problem("output.stresses", allowed)
     for index, support in enumerate(scene.supports):
         yield from _component_problems(scene, f"supports[{index}]", support.components)
         if support.normal is not None and support.components is not None:

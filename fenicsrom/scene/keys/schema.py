@@ -532,7 +532,8 @@ class Scene:
         geometry: the mesh.
         material: the material of cells that are in no group of `materials`.
         materials: materials of groups of cells.
-        supports: where the body is held.
+        supports: where the body is held. `supports = []`, above all tables, leaves it
+            free or on its springs.
         attachments: concentrated masses, springs and dashpots.
         loads: what acts on the body: one action and one history.
         contacts: contact points.
@@ -562,7 +563,7 @@ class Scene:
     geometry: Annotated[Geometry, table_of(Geometry)]
     material: Annotated[Material, table_of(Material)]
     materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
-    supports: Annotated[tuple[Support, ...], tables_of(Support, least=1)]
+    supports: Annotated[tuple[Support, ...], tables_of(Support)]
     attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
