@@ -16,6 +16,7 @@ from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, multiply, 
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.problem import Compliance, given_compliance
 from fenicsrom.online.model.loads import GAUSS, factors
+from fenicsrom.online.model.matrices import SAME_COEFFICIENT
 from fenicsrom.online.step.state import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
@@ -44,9 +45,6 @@ more than the factor of ten by which `fenicsrom.online.step.step` recognises rou
 
 PATIENCE = 10
 """Iterations of a step, of at most fifteen, before each one makes its own factor."""
-
-SAME_COEFFICIENT = 1e-10
-"""Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,6 +166,10 @@ def full_tensors(elastic: ElasticPolynomial) -> tuple[Array, Array]:
     return elastic.quadratic[pair], both[pair[:, :, None, None], pair[None, None, :, :]]
 
 
+SAME_COEFFICIENT = 1e-10
+"""Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
+
+
 @dataclass(eq=False)
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
@@ -211,9 +215,10 @@ class DenseModel:
         """Begin without a factor."""
         self.velocity_forces = self.velocity_matrix.size > 0
         if not self.velocity_forces:
-            self.velocity_matrix = np.zeros_like(self.mass)
-        self._factor: tuple[Array, NDArray[np.int32]] | None = None
+            self.velocity_matrix = 0.0 * self.mass
+        self._inverse: Callable[[Array], Array] | None = None
         self._key: tuple[float, float, float] | None = None
+        self._response: tuple[Array, Array] | None = None  # Z and BᵀZ of a linear model
 
     def set_at_rest(self) -> None:
         """Do nothing: this model has no follower pressure."""
@@ -229,12 +234,15 @@ class DenseModel:
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:
         """Mean force over a step and its derivative by dq."""
-        mean, matrix, coefficient = start_weight * start, np.zeros_like(self.mass), 0.0
+        mean, coefficient = start_weight * start, 0.0
+        matrix: Any = 0.0
         for point, weight in zip(points, weights, strict=True):
             force, tangent = self.elastic(q0 + point * dq)
             mean = mean + weight * force
-            matrix += weight * point * tangent
             coefficient += weight * point
+            matrix = tangent if self.linear else matrix + weight * point * tangent
+        if self.linear:
+            matrix = coefficient * matrix
         return mean, Tangent(matrix, float(coefficient))
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
@@ -250,30 +258,43 @@ class DenseModel:
         directions: NDArray[np.int64],
     ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
-        from scipy.linalg import lu_factor, lu_solve  # slow to import, and few runs need it
-
         key = mass_coefficient, velocity_coefficient, tangent.coefficient
-        if not (self.linear and key == self._key):
+        same = self._key is not None and np.allclose(
+            key, self._key, rtol=SAME_COEFFICIENT, atol=0.0
+        )
+        if not (self.linear and same):
             effective = mass_coefficient * self.mass + tangent.matrix
             if self.velocity_forces:
-                effective += velocity_coefficient * self.velocity_matrix
-            self._factor = (
-                lu_factor(effective, check_finite=False) if np.all(np.isfinite(effective)) else None
-            )
-            self._key = key
+                effective = effective + velocity_coefficient * self.velocity_matrix
+            self._inverse, self._key, self._response = self.inverse(effective), key, None
+        assert self._inverse is not None
+        y = self._inverse(-residual)
+        if self.linear and self._response is None:
+            unit = self._inverse(self.contact_rows.T)
+            self._response = unit, self.contact_rows @ unit
+        if self._response is not None:
+            unit, delassus = self._response
+            found = delassus[np.ix_(directions, directions)]
+            return y, unit[:, directions], given_compliance(found)
         rows = self.contact_rows[directions]
-        block = np.concatenate([-residual[:, None], rows.T], axis=1)
-        if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
-            block[:] = np.nan
-        else:
-            block = lu_solve(self._factor, block, check_finite=False)
-        return block[:, 0].copy(), block[:, 1:].copy(), given_compliance(rows @ block[:, 1:])
+        unit = self._inverse(rows.T)
+        return y, unit, given_compliance(rows @ unit)
+
+    def inverse(self, matrix: Any) -> Callable[[Array], Array]:
+        """The inverse of a matrix (n, n) times a block (n, k); NaN if the matrix is singular."""
+        from scipy.linalg import lu_factor, lu_solve  # slow to import, and few runs need it
+
+        if np.all(np.isfinite(matrix)):
+            factor = lu_factor(matrix, check_finite=False)
+            if np.all(np.diag(factor[0]) != 0.0):
+                return lambda block: np.asarray(lu_solve(factor, block, check_finite=False))
+        return lambda block: np.full(block.shape, np.nan)
 
     def write_normal_flexibility(self, h: float, out: Array) -> None:
         """Write the flexibility (P,) of the contact points, as `ReducedModel`."""
-        effective = 2.0 / h**2 * self.mass + 0.5 * self.elastic(np.zeros(len(self.mass)))[1]
+        effective = 2.0 / h**2 * self.mass + 0.5 * self.elastic(np.zeros(self.mass.shape[0]))[1]
         normals = self.contact_rows[:: len(self.contact_rows) // out.size]
-        out[:] = np.sum(normals.T * np.linalg.solve(effective, normals.T), axis=0)
+        out[:] = np.sum(normals.T * self.inverse(effective)(normals.T), axis=0)
 
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness."""
