@@ -25,6 +25,8 @@ def report(found: Any) -> Report:
             from fenicsrom.post.studies.campbell_report import report as compose
         case "Comparison":
             from fenicsrom.post.studies.compare_report import report as compose
+        case "DiskRun":
+            from fenicsrom.post.studies.disk_run_report import report as compose
         case "EquilibriumPath":
             from fenicsrom.post.curves.equilibrium_report import report as compose
         case "InteractionMap":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from fenicsrom.scene import Rotation, Scene
 from fenicsrom.scene.base.rules import Where
@@ -79,7 +79,8 @@ def modes(
     """
     if scene.cyclic is not None:
         return nodal_diameters(scene, comm, folder=folder)
-    return run(scene, comm, folder=folder, modes_only=True, stop=stop)
+    found = run(scene, comm, folder=folder, modes_only=True, stop=stop)
+    return cast("Study", found)
 
 
 @starts_from(sectors=True)

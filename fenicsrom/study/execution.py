@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.speed_range import build_range
 from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
-from fenicsrom.study.writing import keep_motion
+from fenicsrom.study.writing import keep_motion, written
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.rotation.disk_run import DiskRun
     from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from fenicsrom.study.offline_cache import OfflineCache
 
 
-@starts_from(pairs=True)
+@starts_from(pairs=True, sectors=True)
 def run(
     scene: Scene,
     comm: Any = None,
@@ -38,8 +40,8 @@ def run(
     mesh: Mesh | None = None,
     overwrite: bool = False,
     fresh: bool = False,
-) -> Study:
-    """Run all stages that a scene needs.
+) -> Study | DiskRun:
+    """Run all stages that a scene needs; of a sector of a disk, see `disk_motion`.
 
     Args:
         scene: the scene, or the path of its file.
@@ -64,6 +66,11 @@ def run(
     """
     from fenicsrom.records import Study
 
+    if scene.cyclic is not None:
+        if modes_only or resume is not None:
+            given = "modes_only" if modes_only else "resume"
+            raise refuse(scene.source, f"not allowed with {given}", ErrorKind.CONFLICT, "cyclic")
+        return disk_motion(scene, comm, folder, stop, mesh)
     if scene.speeds_rpm is not None and not modes_only:
         reason = "not allowed in this run; build the model with build_model (or `fenicsrom run "
         reason += "SCENE`), or leave the key out"
@@ -80,6 +87,23 @@ def run(
         listed = stages(scene, modes_only, files=folder is not None)
         execute(run, listed, None if modes_only else _cache(run, fresh))
     return run.study
+
+
+def disk_motion(
+    scene: Scene,
+    comm: Any = None,
+    folder: Path | None = None,
+    stop: Callable[[], bool] = never,
+    mesh: Mesh | None = None,
+) -> DiskRun:
+    """Integrate the disk of a sector. Collective; arguments and errors as `run`."""
+    from fenicsrom.assess.rotation.disk_run import disk_run
+    from fenicsrom.fem.mesh.mesh import build_mesh
+
+    require_disk_run(scene)
+    comm = comm or all_ranks()
+    found = disk_run(scene, mesh or build_mesh(scene.geometry, comm), Stopwatch(), stop)
+    return written(found, folder, comm)
 
 
 def offline(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.errors import SceneError
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.checks import LEAST_MODES, require_no_sector
+from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.scene.keys.times import Duration, FixedStep, StepsPerPeriod
 from fenicsrom.words import counted
 
@@ -89,9 +90,11 @@ def require_usable(command: str, scene: Scene) -> None:
     Raises:
         SceneError: the command would refuse the scene.
     """
-    if command not in ("modes", "campbell"):
+    if command not in ("run", "modes", "campbell"):
         require_no_sector(scene, command)
     check: Callable[[Scene], object] = str
+    if command == "run" and scene.cyclic is not None:
+        check = require_disk_run
     match command:  # each check is imported when it is needed
         case "response":
             from fenicsrom.assess.curves.response_problem import check_response as check
@@ -114,7 +117,7 @@ def forecast(scene: Scene, solid: Solid) -> list[str]:
 
     points = solid.points.contact.size
     lines = [f"unknowns: {solid.free}, {counted(points, 'contact point')}"]
-    if not scene.static_only and scene.speeds_rpm is None:
+    if not scene.static_only and scene.speeds_rpm is None and scene.cyclic is None:
         least, most, parts = coordinates_of(scene, points)
         number = f"{least} to {most}" if most > least else f"{least}"
         lines.append(f"coordinates: about {number}: {parts}")

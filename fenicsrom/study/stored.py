@@ -16,11 +16,12 @@ from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.rotation.disk_run import DiskRun
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Rerun, Study
 
 
-@starts_from("StoredModel", pairs=True)
+@starts_from("StoredModel", pairs=True, sectors=True)
 def integrate(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -30,7 +31,7 @@ def integrate(
     stop: Callable[[], bool] = never,
     fresh: bool = False,
     keys: Collection[str] = (),
-) -> Study | Rerun:
+) -> Study | DiskRun | Rerun:
     """Run a scene or a stored model; of a range of speeds, its model runs at that of the scene.
 
     Arguments and errors as `rerun` and `fenicsrom.study.execution.run`.
@@ -40,7 +41,7 @@ def integrate(
 
     if not isinstance(given, Scene):
         return rerun(given, folder, resume=resume, stop=stop, given=keys)
-    if given.speeds_rpm is None:
+    if given.speeds_rpm is None or given.cyclic is not None:
         return run(given, comm, folder=folder, resume=resume, stop=stop, fresh=fresh)
     stored = build_model(given, comm=comm)
     save_model(folder / MODEL, stored)

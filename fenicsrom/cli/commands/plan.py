@@ -42,7 +42,8 @@ def plan(options: argparse.Namespace) -> int:
         if path.suffix.lower() != ".png":
             raise refused("--picture", path, "must end in .png", ErrorKind.FORMAT)
     scene = read_scene(options.scene, options.overrides, unloaded=options.picture is not None)
-    command, items = ("run", study.plan(scene)) if scene.cyclic is None else ("modes", [])
+    items = study.plan(scene) if scene.cyclic is None else []
+    command = "run" if scene.cyclic is None or not scene.static_only else "modes"
     print(f"fenicsrom {command} {options.scene}:")
     for item in items:
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"

@@ -51,6 +51,9 @@ BESIDE = 0.1
 APART = 0.02
 """Largest distance of a node from the other face, turned, relative to its facet."""
 
+INDEPENDENT = 1e-6
+"""Smaller shapes of a cut face, relative to the largest one, are not taken."""
+
 ROUNDING = 1e-9
 """Smaller weights are the rounding of coordinates."""
 
@@ -223,6 +226,40 @@ class CutFaces:
     def _of_leaders(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (l, ..) at all leading nodes from values (n, ..) at the nodes of this rank."""
         return np.concatenate(self._body.comm.allgather(values[self._led]))
+
+    # ------------------------------------------------------------------ faces in few shapes
+
+    @property
+    def neighbour(self) -> int:
+        """The leading face of sector j + neighbour is the following face of sector j."""
+        return 1 if self.angle > 0.0 else -1
+
+    def face_shapes(self, fields: Complex) -> Array:
+        """Orthonormal shapes (l d, m) of the leading face that span parts of fields. Collective.
+
+        Args:
+            fields: (local, k) complex displacements; real and imaginary parts count, each as much.
+        """
+        if any(self._body.comm.allgather(self._central.size)):
+            reason = "must not meet on the axis in a disk in time: give the disk a bore"
+            raise self._refused("left", self._cyclic.left, reason)
+        parts = np.concatenate([fields.real, fields.imag], axis=1)
+        found = self._of_leaders(parts.reshape(-1, self._d, parts.shape[1]))
+        found = found.reshape(-1, parts.shape[1])
+        sizes = np.linalg.norm(found, axis=0)
+        kept = sizes > INDEPENDENT * sizes.max(initial=0.0)
+        shapes, values, _ = np.linalg.svd(found[:, kept] / sizes[kept], full_matrices=False)
+        return np.asarray(shapes[:, values > INDEPENDENT * values[0]])
+
+    def lifted(self, shapes: Array) -> Array:
+        """Shapes (l d, m) on the leading face, then turned on the following one: (local, 2 m)."""
+        n, d, m = *self._held.shape, shapes.shape[1]
+        nodes, found = shapes.reshape(-1, d, m), np.zeros((n, d, 2, m))
+        found[self._led, :, 0] = nodes[np.searchsorted(self._leaders, self._led + self._first)]
+        led = nodes[self._leading]
+        found[self._followers, :, 1] = np.einsum("ij,sk,skjm->sim", self.turn, self._weights, led)
+        found[self._held] = 0.0
+        return found.reshape(n * d, 2 * m)
 
     # ------------------------------------------------------------------ waves
 

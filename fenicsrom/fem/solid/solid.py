@@ -62,10 +62,13 @@ class KnownEquilibrium:
     Attributes:
         displacement: (local,) m, or () of the same displacement at all unknowns.
         unstable: see `Solid`.
+        displaced: whether supports are displaced, too; the residual is then not checked, because
+            their inertia is no part of it.
     """
 
     displacement: Array
     unstable: int
+    displaced: bool = False
 
 
 UNDEFORMED = KnownEquilibrium(np.zeros(()), 0)
@@ -256,7 +259,7 @@ class Solid(ElasticBody):
             add_entries(stiffness, self.joint.stiffness)
         factor = self.factorised(stiffness, "fenicsrom_stiffness")
         if self._known is not None and self._bends:
-            if self.symmetric:
+            if self.symmetric and not self._known.displaced:
                 Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
             else:
                 self._renew(factor)

@@ -7,7 +7,8 @@ from dataclasses import MISSING
 from operator import mul, sub
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import Problem, Problems, order_problems
+from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
+from fenicsrom.scene.base.tables import require_none
 from fenicsrom.scene.checks.curve_checks import speed_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.schema import Rotation, Scene
@@ -52,13 +53,52 @@ def cyclic_problems(scene: Scene) -> Problems:
         if h > cyclic.sectors // 2:
             allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
             yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
-    for name in ("contacts", "bolts"):
-        if getattr(scene, name):
-            yield Problem(name, "not allowed with [cyclic]", value="tables")
+    if scene.bolts:
+        yield Problem("bolts", "not allowed with [cyclic]", value="tables")
+    given = cyclic.mistuning
+    if isinstance(given, tuple) and len(given) != cyclic.sectors:
+        allowed = f"must hold a number for each of the {cyclic.sectors} sectors, not {len(given)}"
+        yield Problem("cyclic.mistuning", allowed, ErrorKind.RANGE)
+    for k, contact in enumerate(scene.contacts):
+        waves = contact.surface is not None and contact.surface.waves
+        parts = {"against": contact.against, "abradable": contact.abradable, "surface.waves": waves}
+        for name in filter(parts.get, parts):
+            yield Problem(f"contacts[{k}].{name}", "not allowed with [cyclic]")
     for k, load in enumerate(scene.loads):
-        if load.everywhere and load.static and not _are_parallel(load.direction, axis):
+        if load.everywhere and not _are_parallel(load.direction, axis):
             allowed = "must be along cyclic.axis: another direction is another one in each sector"
             yield Problem(f"loads[{k}].direction", allowed)
+
+
+def require_disk_run(scene: Scene) -> None:
+    """Check that a sector of a disk can move in time.
+
+    Raises:
+        SceneError: it cannot.
+    """
+    require_none(_disk_run_problems(scene), scene, Where(scene.source))
+
+
+def _disk_run_problems(scene: Scene) -> Problems:
+    """Yield what a run of a disk cannot do."""
+    rotation = scene.rotation
+    if scene.static_only:
+        yield Problem("loads", "none varies in time, so nothing moves", value="tables")
+    if not scene.contacts and not scene.probe:
+        yield Problem("probe", "must be a table: the motion is seen there", value=MISSING)
+    unusual: dict[str, object] = {
+        "geometrically_nonlinear": scene.geometrically_nonlinear,
+        "rotation.history": rotation is not None and rotation.history,
+        "rotation.speeds_rpm": rotation is not None and rotation.speeds_rpm,
+        "damping.ratios": any(scene.damping.modal),
+        "reference.full": scene.reference.full,
+        "output.stresses": scene.output.stresses != "none",
+        **{f"loads[{k}].follower": True for k in scene.followers},
+    }
+    for k, load in enumerate(scene.loads):
+        unusual[f"loads[{k}].sweep"] = load.order and load.transient
+    for key in filter(unusual.get, unusual):
+        yield Problem(key, "not allowed in a run of a disk ([cyclic])")
 
 
 def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:

@@ -335,6 +335,24 @@ class Load:
         frequency = OrderFrequency.at(history.frequency.order, speed_rpm)
         return replace(self, history=replace(history, frequency=frequency))
 
+    def seen_ahead(self, angle: float) -> Load:
+        """Give this load as seen by a sector that is ahead by an angle (rad) along the rotation.
+
+        The sector meets the pattern of an engine order earlier. Other loads act alike.
+        """
+        history, ahead = self.history, self.order * angle
+        if isinstance(history, Harmonic):
+            history = replace(history, phase=history.phase + ahead)
+        if isinstance(history, Harmonics):
+            terms = ((k, size, phase + k * ahead) for k, size, phase in history.harmonics)
+            history = replace(history, harmonics=tuple(terms))
+        return replace(self, history=history)
+
+    @property
+    def order(self) -> int:
+        """The engine order; 0 of a load without one."""
+        return self.frequency.order if isinstance(self.frequency, OrderFrequency) else 0
+
     @property
     def static(self) -> bool:
         """Whether the load is constant in time."""

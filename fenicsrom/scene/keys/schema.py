@@ -22,6 +22,7 @@ from fenicsrom.scene.base.rules import (
     Where,
     array,
     choice,
+    either,
     flag,
     integer,
     list_of,
@@ -285,10 +286,23 @@ class Rotation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cyclic:
-    """A disk of which the mesh is one sector, for `fenicsrom modes` and `campbell`.
+class Deviation:
+    """Random differences between the sectors of a disk.
 
-    Loads, supports and attachments act in every sector alike, turned with it.
+    Attributes:
+        deviation: standard deviation of the relative changes of stiffness.
+        seed: seed of the random numbers.
+    """
+
+    deviation: Annotated[float, number(least=0.0, below=0.3)]
+    seed: Annotated[int, integer(0, 2**31 - 1)] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cyclic:
+    """A disk of which the mesh is one sector, for `fenicsrom modes`, `campbell` and `run`.
+
+    Loads, contacts, supports and attachments are in every sector alike, turned with it.
 
     Attributes:
         sectors: number of sectors of the disk.
@@ -297,6 +311,8 @@ class Cyclic:
         axis: axis of the disk in 3D, of any length. Default: that of [rotation].
         point: a point of the axis. Default: that of [rotation], or the origin.
         diameters: nodal diameters. Default: 0 to 12, or to half the number of sectors.
+        mistuning: relative changes of the stiffness of all sectors in a run, or their deviation and
+            seed. Default: none.
     """
 
     sectors: Annotated[int, integer(3, 1000)]
@@ -305,6 +321,10 @@ class Cyclic:
     axis: Annotated[tuple[float, ...] | None, rules.direction] = None
     point: Annotated[tuple[float, ...] | None, rules.point] = None
     diameters: Annotated[tuple[int, ...] | None, list_of(integer(0, 500))] = None
+    mistuning: Annotated[
+        tuple[float, ...] | Deviation | None,
+        either(list_of(number(above=-1.0), distinct=False), table_of(Deviation)),
+    ] = None
 
 
 def surface_turns(surface: Surface, rotation: Rotation | None) -> float:

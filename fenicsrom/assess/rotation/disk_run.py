@@ -1,0 +1,195 @@
+"""The motion of a disk of sectors in time: amplitudes by sector, and shares of nodal diameters.
+
+With x_j(t) the displacement of the probe of sector j in its frame, without its mean over time, the
+share of h nodal diameters in the motion is
+
+    Σ_t (|X_h|² + |X_{N−h}|²) / Σ_t Σ_k |X_k|²,    X_k = Σ_j x_j e^{−2πi jk/N}.             (1)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
+from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.progress import working_time
+from fenicsrom.scene.keys.schema import Deviation, Scene
+from fenicsrom.words import brief, counted
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.mesh.mesh import Mesh
+    from fenicsrom.fem.solid.fixed_sector import WaveError
+    from fenicsrom.reduction.stages import Timer
+
+AXES = "xyz"
+
+WAVE_ERROR = 0.01
+"""Largest accepted error of the frequencies of a nodal diameter by the reduction."""
+
+
+@brief()
+@dataclass(eq=False, repr=False, kw_only=True)
+class DiskRun:
+    """The motion of a disk under a scene.
+
+    Attributes:
+        scene: the scene of the sector.
+        model: the disk.
+        mistuning: (N,) relative changes of the stiffness of the sectors.
+        motion: the motion; up to a failure if there was one.
+        tuned: the motion of the disk of equal sectors; None if this one is tuned, too.
+        sentence: what was found of the cut faces.
+        shapes: number of shapes of a cut face.
+        wave_error: error of the frequencies of a nodal diameter by the reduction.
+        seconds: run time.
+        warnings: notes for the user.
+        unfinished: the error that ended the motion; None without one.
+        interrupted: whether the run was asked to stop.
+        files: the written files, the one to open first at the head.
+    """
+
+    scene: Scene
+    model: DiskModel
+    mistuning: Array
+    motion: Motion
+    tuned: Motion | None = None
+    sentence: str
+    shapes: int
+    wave_error: WaveError
+    seconds: float = 0.0
+    warnings: list[Note] = field(default_factory=list)
+    unfinished: ConvergenceError | AccuracyError | None = None
+    interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
+
+    @cached_property
+    def displacement(self) -> Array:
+        """(ns, N, d) displacement of the probes over the last period, in their sectors' frames."""
+        assert self.motion.coordinates is not None
+        return self.model.displacements(self.motion.coordinates)
+
+    @cached_property
+    def direction(self) -> int:
+        """The axis of the sector's frame along which the probes move most."""
+        return int(np.argmax(np.ptp(self.displacement, axis=0).max(axis=0)))
+
+    @property
+    def peaks(self) -> Array:
+        """(N,) amplitudes of the probes along this axis: half of peak to peak, m."""
+        return np.asarray(np.ptp(self.displacement[:, :, self.direction], axis=0) / 2.0)
+
+    @property
+    def amplification(self) -> float | None:
+        """Largest amplitude over that of the tuned disk; None of a tuned disk."""
+        if self.tuned is None or self.tuned.coordinates is None:
+            return None
+        moved = self.model.displacements(self.tuned.coordinates)[:, :, self.direction]
+        largest = float(np.ptp(moved, axis=0).max()) / 2.0
+        return float(self.peaks.max()) / largest if largest > 0.0 else None
+
+    @property
+    def shares(self) -> Array:
+        """(N/2 + 1,) share (1) of each nodal diameter in the motion."""
+        moved = self.displacement - self.displacement.mean(axis=0)
+        parts = np.sum(np.abs(np.fft.fft(moved, axis=1)) ** 2, axis=(0, 2))
+        k = np.arange(parts.size)
+        folded = np.bincount(np.minimum(k, parts.size - k), weights=parts)
+        return np.asarray(folded / max(float(parts.sum()), 1e-300))
+
+
+def deviations(scene: Scene) -> Array:
+    """The relative changes (N,) of the stiffness of the sectors."""
+    assert scene.cyclic is not None
+    given, count = scene.cyclic.mistuning, scene.cyclic.sectors
+    if isinstance(given, Deviation):
+        return given.deviation * np.random.default_rng(given.seed).standard_normal(count)
+    return np.zeros(count) if given is None else np.array(given)
+
+
+def disk_run(
+    scene: Scene, mesh: Mesh, timed: Timer, stop: Callable[[], bool] = lambda: False
+) -> DiskRun:
+    """Integrate the disk of a scene, and the tuned disk beside a mistuned one. Collective.
+
+    Args:
+        scene: a scene with the table [cyclic].
+        mesh: the mesh of a sector.
+        timed: gives a context that times the stage of a name.
+        stop: called after each period; the run ends when it returns True.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: a stage before the motion failed, or its first step.
+    """
+    from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
+    from fenicsrom.fem.solid.solid import solid_of
+
+    begin = working_time()
+    with timed("solid"):
+        body = solid_of(scene, mesh)
+    assert body.cut is not None
+    sector = reduced_sector(body, scene, timed)
+    with timed("waves of the mesh"):
+        error = wave_error(body, scene, sector)
+    whole, delta = disk_scene(scene), deviations(scene)
+    model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
+    with timed("disk motion"):
+        motion = _motion(model, whole, stop, ended)
+    if delta.any() and not ended:
+        with timed("motion of the tuned disk"):
+            equal = disk_model(sector, whole, np.zeros_like(delta))
+            tuned = _motion(equal, whole, stop, ended)
+    warnings = [*body.warnings]
+    if error.relative > WAVE_ERROR:
+        text = (
+            f"frequencies of {counted(error.diameter, 'nodal diameter')} are "
+            f"{100.0 * error.relative:.2g} % off by the reduction: raise basis.modes"
+        )
+        warnings.append(Note(NoteKind.ERROR, text, "basis.modes"))
+    if motion.period is not None and not motion.steady and not ended:
+        text = f"the motion does not repeat after {counted(motion.periods, 'period')}"
+        warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
+    return DiskRun(
+        scene=scene,
+        model=model,
+        mistuning=delta,
+        motion=motion,
+        tuned=tuned,
+        sentence=body.cut.sentence,
+        shapes=sector.shapes,
+        wave_error=error,
+        seconds=working_time() - begin,
+        warnings=warnings,
+        **ended,
+    )
+
+
+def _motion(
+    model: DiskModel, scene: Scene, stop: Callable[[], bool], ended: dict[str, Any]
+) -> Motion:
+    """The motion of a disk, checked; `ended` takes how it ended if it did so early."""
+    try:
+        motion = simulate(model, scene, keep_coordinates=True, stop=stop)
+    except Interrupted as error:
+        ended["interrupted"] = True
+        return error.partial
+    except (ConvergenceError, AccuracyError) as error:
+        ended["unfinished"] = error
+        if not isinstance(error.partial, Motion):
+            raise
+        return error.partial
+    try:
+        check_energy(motion)
+    except AccuracyError as error:
+        ended["unfinished"] = error
+    return motion

@@ -1,0 +1,108 @@
+"""A sector of a disk in few coordinates.
+
+    u = u₀ + R η + Ψ y + Ψ′ y′,    Ψ = W − K_c⁻¹ K W                                      (1)
+
+R is the basis of the sector with both cut faces clamped, an ordinary body: normal modes, responses
+to loads and static modes of its contacts. W are a few shapes of the leading face, and the same
+shapes turned on the following one; K_c is the stiffness K with clamped faces, so that Ψ carries
+the sector along without a force inside. The shapes are those of the lowest waves with few nodal
+diameters, which serve the diameters in between (Craig and Bampton, AIAA J. 6, 1968, with an
+interface in few modes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fenicsrom.fem.body.cyclic import Complex
+from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid
+from fenicsrom.fem.solid.wave import wave
+from fenicsrom.online.model.disk_model import Sector
+from fenicsrom.reduction.basis import project
+from fenicsrom.reduction.stages import Reduction, Timer
+from fenicsrom.scene import Scene, Support
+from fenicsrom.scene.keys.excitation import HIGHEST_MODE
+
+WAVES = 3
+"""Number of modes of each nodal diameter whose shapes the cut faces take."""
+
+
+def wave_diameters(scene: Scene) -> list[int]:
+    """The nodal diameters that shape the cut faces: 0, 1, 2, N/2, and those of the loads."""
+    assert scene.cyclic is not None
+    n = scene.cyclic.sectors
+    met = (load.order % n for load in scene.loads)
+    return sorted({0, 1, min(2, n // 2), n // 2, *(min(h, n - h) for h in met)})
+
+
+def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
+    """Reduce a sector whose cut faces are free. Collective.
+
+    Args:
+        sector: the sector, in its equilibrium.
+        scene: its scene, with the table [cyclic].
+        timed: gives a context that times the stage of a name.
+
+    Raises:
+        SceneError: the cut faces meet on the axis.
+        ConvergenceError, AccuracyError: the modes were not found.
+    """
+    cut, cyclic = sector.cut, scene.cyclic
+    assert cut is not None and cyclic is not None
+    with timed("waves"):
+        fields = [_lowest_waves(sector, h) for h in wave_diameters(scene)]
+        shapes = cut.face_shapes(np.concatenate(fields, axis=1))
+    clamps = Support(group=cyclic.left), Support(group=cyclic.right)
+    clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps))
+    known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
+    interior = Solid(sector.mesh, clamped, known)
+    basis = Reduction(interior, clamped, timed).basis
+    faces = cut.lifted(shapes)
+    faces -= interior.factor.solve(interior.without_held(sector.stiffness_times(faces)))
+    interior.destroy()
+    with timed("reduction"):
+        whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
+        return Sector(project(sector, whole, nonlinear=False), shapes.shape[1], cut.neighbour)
+
+
+class WaveError(NamedTuple):
+    """How well the disk of a reduced sector has the frequencies of the mesh.
+
+    Attributes:
+        diameter: a nodal diameter between those of the waves that shape the cut faces.
+        relative: largest error of the frequencies in the range of the loads, at least of two.
+    """
+
+    diameter: int
+    relative: float
+
+
+def wave_error(body: Solid, scene: Scene, sector: Sector) -> WaveError:
+    """Compare waves of a reduced sector with those of the mesh. Collective."""
+    assert scene.cyclic is not None
+    n, known = scene.cyclic.sectors, wave_diameters(scene)
+    between = [h for h in range(n // 2 + 1) if h not in known] or known
+    h = between[len(between) // 2]
+    found = sector.wave_frequencies(h, n)
+    count = max(2, int(np.sum(found < HIGHEST_MODE * body.excitation)))
+    with wave(body, h) as exact:
+        copies = 2 if exact.double else 1
+        count = min(count, exact.free // copies)
+        squares = exact.eigenmodes(exact.factor, copies * count)[0][::copies]
+    wanted = np.sqrt(squares) / (2.0 * np.pi)
+    return WaveError(h, float(np.max(np.abs(found[:count] / wanted - 1.0))))
+
+
+def _lowest_waves(sector: Solid, h: int) -> Complex:
+    """Displacements (local, k) of the lowest waves with h nodal diameters.
+
+    A wave that goes around comes twice; both together have its real and its imaginary part.
+    """
+    assert sector.cut is not None
+    with wave(sector, h) as body:
+        count = min(WAVES * (2 if body.double else 1), body.free)
+        modes = body.eigenmodes(body.factor, count)[1]
+    return sector.cut.displacements(h, modes.astype(complex))

@@ -1,0 +1,135 @@
+"""The report of a disk in time: tables, picture and files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.rotation.disk_run import AXES, DiskRun
+from fenicsrom.notes import AMPLITUDES, DISSIPATION
+from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
+from fenicsrom.post.base.page import Report, Section
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
+from fenicsrom.post.base.tables import Quantity, rows_of, table_of
+from fenicsrom.words import counted
+
+LEAST = 1e-4
+"""Smaller shares of a nodal diameter are not in the table."""
+
+SECTORS = (
+    Quantity("sector", "sector", "sector"),
+    Quantity("amplitude_m", "amplitude", "amplitude, mm"),
+    Quantity("mistuning", "mistuning", ""),
+    Quantity("mistuning_percent", "percent", "change of stiffness, %", 3),
+)
+DIAMETERS = (
+    Quantity("nodal_diameter", "diameter", "nodal diameter"),
+    Quantity("share", "share", ""),
+    Quantity("share_percent", "percent", "share of the motion, %"),
+)
+
+
+def sectors(found: DiskRun) -> list[dict[str, float]]:
+    """A row for each sector."""
+    pairs = enumerate(zip(found.peaks, found.mistuning, strict=True))
+    return [
+        {"sector": j, "amplitude": float(a), "mistuning": float(delta), "percent": 100.0 * delta}
+        for j, (a, delta) in pairs
+    ]
+
+
+def diameters(found: DiskRun) -> list[dict[str, float]]:
+    """A row for each nodal diameter."""
+    pairs = enumerate(map(float, found.shares))
+    return [{"diameter": h, "share": share, "percent": 100.0 * share} for h, share in pairs]
+
+
+def sentences(found: DiskRun) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    motion, peaks, shares = found.motion, found.peaks, found.shares
+    j, h = int(np.argmax(peaks)), int(np.argmax(shares))
+    span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
+    lines = [
+        f"The mesh is {found.sentence}.",
+        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} of each cut face; "
+        f"{counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. Frequencies of "
+        f"{counted(found.wave_error.diameter, 'nodal diameter')} have an error of "
+        f"{100.0 * found.wave_error.relative:.2g} % by the reduction.",
+        f"The largest amplitude of a probe along {AXES[found.direction]} of its sector is "
+        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion have "
+        f"{counted(h, 'nodal diameter')}.",
+    ]
+    if found.amplification is not None:
+        lines.append(
+            f"The largest amplitude is {found.amplification:.4g} times that of the tuned disk."
+        )
+    return lines
+
+
+def report(found: DiskRun) -> Report:
+    """The report of a disk in time: `disk.csv`, `diameters.csv`, `disk.json` and `disk.png`."""
+    motion, told = found.motion, [row for row in diameters(found) if row["share"] >= LEAST]
+    by_sector = SECTORS if found.mistuning.any() else SECTORS[:2]
+    touching = bool(found.scene.contacts)
+    summary = {
+        "sectors": found.mistuning.size,
+        "coordinates": found.model.mass.shape[0],
+        "shapes_of_a_cut_face": found.shapes,
+        "checked_nodal_diameter": found.wave_error.diameter,
+        "relative_frequency_error": found.wave_error.relative,
+        "steps": motion.steps,
+        "periods": motion.periods,
+        "steady": motion.steady,
+        "probe_direction": AXES[found.direction],
+        "largest_amplitude_m": float(found.peaks.max()),
+        "amplification": found.amplification,
+        "shares_of_diameters": found.shares.tolist(),
+        "relative_energy_imbalance": motion.relative_imbalance,
+    }
+    if touching:
+        summary["contact_fractions"] = contact_fractions(motion)
+        summary["friction_dissipation_per_period_J"] = friction_dissipation_per_period(motion)
+    return Report(
+        "disk",
+        "disk in time",
+        found,
+        sentences(found),
+        [
+            Section("Amplitudes by sector", [table_of(sectors(found), by_sector)]),
+            Section("Shares of nodal diameters", [table_of(told, DIAMETERS)]),
+        ],
+        rows_of(sectors(found), SECTORS[:3]),
+        summary,
+        [
+            Picture(
+                "Motion of the disk",
+                "disk.png",
+                lambda: figure(found),
+                "Amplitudes by sector, shares of nodal diameters, and the last period of each "
+                "sector.",
+                "disk.csv",
+            )
+        ],
+        more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS[:2])},
+        unjudged=[AMPLITUDES, *([DISSIPATION] if touching else [])],
+    )
+
+
+def figure(found: DiskRun) -> Plot:
+    """Amplitudes by sector, shares of nodal diameters, and the motion over time."""
+    peaks, shares = 1e3 * found.peaks, 100.0 * found.shares
+    panels = [
+        Panel([_bars(peaks)], "sector", "amplitude, mm"),
+        Panel([_bars(shares)], "nodal diameter", "share of the motion, %"),
+    ]
+    time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
+    lines: list[Item] = [Line(time, moved[:, j], linewidth=0.6) for j in range(moved.shape[1])]
+    label = f"probes along {AXES[found.direction]}, mm"
+    return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 8.8)
+
+
+def _bars(values: Array) -> Bars:
+    """A bar for each of some values."""
+    at = np.arange(values.size)
+    return Bars(at - 0.4, at + 0.4, np.zeros(values.size), values)

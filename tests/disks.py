@@ -1,0 +1,75 @@
+"""Meshes and scenes of small disks, whole or as one sector."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fenicsrom import make_scene
+
+N = 6
+CYCLIC = {"sectors": N, "left": "left", "right": "right"}
+STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0}
+
+
+def turned(points: Any, j: float) -> Any:
+    """Points in space after j sectors."""
+    return Rotation.from_rotvec([0.0, 0.0, 2.0 * np.pi * j / N]).apply(points)
+
+
+def copied(points: Any, cells: Any, copies: int) -> tuple[Any, Any]:
+    """Some neighbouring sectors with common nodes."""
+    every = np.concatenate([turned(points, j) for j in range(copies)])
+    found, of = np.unique(every.round(9), axis=0, return_inverse=True)
+    return found, np.concatenate([of[cells + j * len(points)] for j in range(copies)])
+
+
+def ring() -> tuple[Any, Any]:
+    """A plane sector of quadrilaterals, r = 0.1 to 0.3 m."""
+    angle, radius = np.linspace(0.0, 2.0 * np.pi / N, 3), np.linspace(0.1, 0.3, 3)
+    at = np.array([(x * np.cos(a), x * np.sin(a), 0.0) for a in angle for x in radius])
+    number = np.arange(len(at)).reshape(3, -1)
+    cells = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
+    return at, np.stack([part.ravel() for part in cells], axis=1)
+
+
+def hub() -> tuple[Any, Any]:
+    """A sector of a hexagonal plate as three tetrahedra, with nodes on the axis."""
+    flat = np.array([(0.0, 0.0), (0.3, 0.0), (0.15, 0.15 * np.sqrt(3.0))])
+    points = np.array([(*x, z) for z in (0.0, 0.05) for x in flat])
+    return points, np.array([(0, 1, 2, 5), (0, 4, 1, 5), (0, 3, 4, 5)])
+
+
+def scene_of(path: Path, points: Any, cells: Any, on_right: Any = False, **more: Any) -> Any:
+    """The scene of a mesh with the node sets left, right, bore and rim."""
+    d = 2 if cells.shape[1] == 4 and not points[:, 2].any() else 3
+    angle = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
+    radius = np.hypot(points[:, 0], points[:, 1])
+    on_axis = radius < 1e-9
+    sets = {
+        "right": (np.abs(angle) < 1e-6) | on_axis | on_right,
+        "left": (np.abs(angle - 2.0 * np.pi / N) < 1e-6) | on_axis,
+        "bore": radius < 0.11,
+        "rim": radius > 0.29,
+    }
+    kind = "quad" if d == 2 else "tetra"
+    data = {name: marks.astype(int) for name, marks in sets.items()}
+    meshio.Mesh(points, [(kind, cells)], point_data=data).write(path / "disk.vtk")
+    thick = {"thickness": 0.02} if d == 2 else {}
+    tables: dict[str, Any] = {
+        "geometry": {"mesh": "disk.vtk", "dimension": d, "degree": 2, **thick},
+        "material": STEEL,
+        "supports": [{"group": "bore" if d == 2 else "rim"}],
+        "probe": {"nearest": [0.2, 0.1] if d == 2 else [0.0, 0.0, 0.05]},
+    }
+    return make_scene(folder=path, **(tables | more))
+
+
+def spinning(d: int, coriolis: bool = True) -> dict[str, Any]:
+    """The table of a rotation about z."""
+    axis = {"axis": [0.0, 0.0, 1.0]} if d == 3 else {}
+    return {"speed_rpm": 20_000.0, "coriolis": coriolis, **axis}
