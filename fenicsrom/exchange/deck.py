@@ -64,6 +64,10 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
     require_no_pairs(scene, "export")
+    for k, found in enumerate(scene.attachments):
+        if found.to is not None:
+            reason = "not allowed in fenicsrom export, whose deck has springs to the ground only"
+            raise refuse(scene.source, reason, ErrorKind.CONFLICT, f"attachments[{k}].to")
     if frequencies:
         scene = replace(scene, loads=tuple(load for load in scene.loads if load.static))
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)

@@ -1,15 +1,16 @@
 """Viscous damping besides the mass-proportional one: stiffness-proportional, modal, and dashpots.
 
-    C = α M + β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ + diag(c)                             (1)
+    C = α M + β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ + D                                   (1)
 
 K is the stiffness at the equilibrium, and ω_k, φ_k are the frequencies and the mass-normalised
 normal modes there, without contact (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006,
-section 10.3); c_i is the coefficient of the dashpots to the ground at unknown i. Without dashpots a
-mode φ_k has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The last three terms of (1) depend on the
-body only and not on the basis: the full model and all reduced models have the same damping.
+section 10.3); D is the matrix of the dashpots. Without dashpots a mode φ_k has the damping ratio
+ζ_k + α/(2 ω_k) + β ω_k/2. The last three terms of (1) depend on the body only and not on the basis:
+the full model and all reduced models have the same damping.
 """
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
@@ -25,23 +26,24 @@ class ViscousDamping:
         stiffness: β, s.
         modal: (local, k) vectors sqrt(2 ζ_k ω_k) M φ_k.
         modes: (local, k) sqrt(2 ζ_k ω_k) φ_k.
-        dashpots: (local,) coefficients c of the dashpots, N s/m.
+        dashpots: sparse (local, local) D, N s/m.
     """
 
-    def __init__(self, structure: Structure, damping: Damping, dashpots: Array | None = None):
+    def __init__(self, structure: Structure, damping: Damping, dashpots: csr_array | None = None):
         """Compute the damped modes.
 
         Args:
             structure: the structure in its equilibrium.
             damping: the table [damping] of its scene.
-            dashpots: (local,) coefficients of the dashpots, N s/m; by default there are none.
+            dashpots: sparse (local, local) D, N s/m; by default there are none.
 
         Raises:
             SceneError: there are more damping ratios than modes.
         """
         self._structure, self.stiffness = structure, damping.stiffness
-        self.dashpots = np.zeros(structure.local) if dashpots is None else dashpots
-        held = structure.comm.allreduce(bool(self.dashpots.any()))
+        none = csr_array((structure.local, structure.local))
+        self.dashpots = none if dashpots is None else dashpots
+        held = structure.comm.allreduce(self.dashpots.nnz > 0)
         self.acts = bool(damping.viscous or held)
         self.modal, self.modes = np.zeros((2, structure.local, 0))
         ratios = np.array(damping.modal)
@@ -59,7 +61,7 @@ class ViscousDamping:
     def times(self, block: Array) -> Array:
         """Give the damping matrix without α M, times a block (local, k)."""
         found = self.modal @ self._structure.inner(self.modal, block)
-        found += self.dashpots[:, None] * block
+        found += self.dashpots @ block
         if self.stiffness > 0.0:
             found += self.stiffness * self._structure.stiffness_times(block)
         return np.asarray(found)

@@ -109,6 +109,7 @@ def sprung() -> Any:
     push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e7}
     stocky = (*STOCKY, "geometry.parameters.elements_along=2")
     found = [{"group": "tip", "stiffness": 3e8, "mass": 1.0}, {"group": "load", "stiffness": 1e7}]
+    found += [{"group": "load", "to": {"group": "tip"}, "stiffness": 2e9}]
     return make_solid(beam_scene(2, stocky, loads=[push], contacts=None, attachments=found))
 
 
@@ -164,7 +165,8 @@ def test_reduced_model_with_dashpots_moves_as_the_full_one() -> None:
         "time.steps_per_period=40",
     )
     dashpot = {"group": "tip", "damping": 2e4}
-    solid = make_solid(beam_scene(2, run, contacts=None, attachments=[dashpot]))
+    between = {"node": [0.5, 0.1], "to": {"node": [1.0, -0.1]}, "damping": 2e4}
+    solid = make_solid(beam_scene(2, run, contacts=None, attachments=[dashpot, between]))
     _, _, basis = enriched(solid, modes=8)
     reduced = simulate(project(solid, basis), scene_of(solid))
     full = simulate(full_model(solid), scene_of(solid))

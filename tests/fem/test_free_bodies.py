@@ -40,22 +40,24 @@ def solid(scene: Any) -> Any:
     return solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), free=True)
 
 
-def block_scene() -> Any:
+def block_scene(**tables: Any) -> Any:
     geometry = {"mesh": "in_memory.msh", "dimension": 3}
     material = STEEL | {"poisson": 0.3}
     table = {"geometry": geometry, "material": material, "supports": [], "probe": {"group": "end"}}
-    return parse_scene(table, "free.toml", None, unloaded=True)
+    return parse_scene(table | tables, "free.toml", None, unloaded=True)
 
 
 def block(move: Callable[[Any], Any] = np.array) -> Any:
-    """The solid of a moved block of 0.3 x 0.2 x 0.1 m."""
+    """The solid of a moved block of 0.3 x 0.2 x 0.1 m, with a spring between two corners."""
     corners = [np.zeros(3), np.array([0.3, 0.2, 0.1])]
     kind = dolfinx.mesh.CellType.hexahedron
     domain = dolfinx.mesh.create_box(MPI.COMM_SELF, corners, [3, 2, 1], kind)
     end = dolfinx.mesh.locate_entities_boundary(domain, 2, lambda x: x[0] < 1e-9)
     tags = dolfinx.mesh.meshtags(domain, 2, np.sort(end), np.ones(end.size, dtype=np.int32))
     domain.geometry.x[:] = move(domain.geometry.x)
-    return solid_of(block_scene(), mesh_from_dolfinx(domain, tags, {"end": 1}), free=True)
+    here, there = ({"node": np.ravel(move(x[None])).tolist()} for x in corners)
+    scene = block_scene(attachments=[{**here, "to": there, "stiffness": 1e9}])
+    return solid_of(scene, mesh_from_dolfinx(domain, tags, {"end": 1}), free=True)
 
 
 def test_free_beam_has_the_frequencies_of_the_closed_forms() -> None:

@@ -270,7 +270,7 @@ def test_viscous_forces_and_attachments_enter_the_reaction() -> None:
         return np.asarray(solid.assembled(fem.form(form))) + solid.point_masses * field
 
     rate = 2.0 * ratio * np.sqrt(squares[1]) * (modes[:, 1] @ momentum(move))
-    smooth = momentum(vectors @ a) + rate * momentum(modes[:, 1]) + solid.dashpots * move
+    smooth = momentum(vectors @ a) + rate * momentum(modes[:, 1]) + solid.dashpots @ move
     smooth += solid.springs * (u + beta * move) - solid.load_vectors[:, 0]
     assert solid.springs.sum() > 0.0 and solid.dashpots.sum() > 0.0
     nodal = (smooth + beta * tangent + elastic_force(u)).reshape(-1, 2)

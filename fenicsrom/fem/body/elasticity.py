@@ -115,7 +115,7 @@ class ElasticBody:
         mass: M.
         rigid: (local, r) mass-orthonormal rigid motions that nothing holds.
         pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
-        dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
+        dashpots: sparse, symmetric (local, local) damping matrix of the dashpots, N s/m.
         warnings: sentences for the user.
     """
 
@@ -162,9 +162,10 @@ class ElasticBody:
         self.materials = Materials(mesh, scene)
         self.cut = None if scene.cyclic is None else CutFaces(self, scene.cyclic)
         self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
+        self.dashpots = self.couplings.copy()
         self.joint: Joint | None = None
         self.room: csr_array | None = None
-        self.point_masses, self.dashpots = np.zeros((2, self.local))
+        self.point_masses = np.zeros(self.local)
         self._compile_forms()
         self.inertia = Inertia(self)
         self._turning = scene.rotation

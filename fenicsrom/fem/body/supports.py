@@ -259,8 +259,10 @@ def free_motions(body: Any, springs: csr_array) -> RigidMotions:
     times = np.bincount(piece[np.arange(body.local) // d], held.diagonal(), count)
     moments = comm.allreduce((fields.T @ held @ fields).toarray())
     moments /= np.maximum(comm.allreduce(times), 1.0).repeat(m)
-    sprung = comm.allreduce((fields.T @ springs @ fields).toarray())
-    moments += sprung / max(float(np.abs(sprung).max()), np.finfo(float).tiny)
+    # relative to the sum of absolute values, whose rounding springs within a piece leave
+    products = (fields, springs), (abs(fields), abs(springs))
+    sprung, size = (comm.allreduce((f.T @ k @ f).toarray()) for f, k in products)
+    moments += sprung / max(float(size.max()), np.finfo(float).tiny)
     values, vectors = np.linalg.eigh(moments)
     return RigidMotions(fields, moments, vectors[:, values < COINCIDENT])
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.fem.base.linalg import Factorisation, add_to_diagonal, multiply, negative_eigenvalues
+from fenicsrom.fem.base.linalg import Factorisation, add_entries, multiply, negative_eigenvalues
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.problem import Compliance, given_compliance
 from fenicsrom.online.model.loads import GAUSS, factors
@@ -356,7 +356,7 @@ class FullModel:
         if self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
             self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
-        add_to_diagonal(self._effective, wanted.velocity * self._viscous.dashpots)
+        add_entries(self._effective, wanted.velocity * self._viscous.dashpots)
         if self._solid.gyroscopic is not None and wanted.velocity != 0.0:
             self._effective.axpy(wanted.velocity, self._solid.gyroscopic, structure=_SUBSET)
 

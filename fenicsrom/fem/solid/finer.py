@@ -39,6 +39,11 @@ def too_large(solid: Solid) -> str | None:
     )
 
 
+def _nearest(place: Place) -> Place:
+    """The node nearest to that of the scene, in place of it."""
+    return replace(place, node=None, nearest=place.node) if place.node else place
+
+
 class FinerSolid(Solid):
     """A solid with elements of one degree more than a coarser one, and with its places."""
 
@@ -67,13 +72,12 @@ class FinerSolid(Solid):
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, dashpots and masses; a node is that nearest to the one of the scene."""
-        moved = [
-            replace(found, place=replace(found.place, node=None, nearest=found.place.node))
-            if found.place.node
-            else found
-            for found in attachments
-        ]
-        super()._set_attachments(moved)
+        super()._set_attachments(
+            [
+                replace(found, place=_nearest(found.place), to=found.to and _nearest(found.to))
+                for found in attachments
+            ]
+        )
 
     def _predicted(self) -> Array | None:
         """The equilibrium of the coarser solid, whose displacements are those of both solids."""

@@ -167,7 +167,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     static[:, 0] -= solid.inner(tests, solid.tension[:, None])[:, 0]
     if (viscous := solid.viscous).acts:
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
-        velocity += solid.inner(tests, viscous.dashpots[:, None] * vectors)
+        velocity += solid.inner(tests, viscous.dashpots @ vectors)
         if viscous.stiffness > 0.0:
             strains = solid.inner(solid.unclamped_tangent_times(tests), vectors)
             velocity += viscous.stiffness * (strains + static[:, 1:])

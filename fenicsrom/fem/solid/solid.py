@@ -139,11 +139,11 @@ class Solid(ElasticBody):
             self._contacts = contacts_of(scene, self.points)
             self.joint = all_closed(self, self._contacts)
             springs = csr_array(springs + self.joint.stiffness)
-            rows = abs(self.contact_rows)
-            self.room = csr_array(rows.T @ rows + abs(self.couplings))
-        elif sentence := pieces_apart(mesh, self.space):
+        linked = self.joined or any(one.to for one in scene.attachments)
+        if not linked and (sentence := pieces_apart(mesh, self.space)):
             self.warnings.append(Note(NoteKind.APART, sentence, "geometry"))
         self._find_free_motions(scene, springs)
+        self.room = self._room()
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
@@ -198,6 +198,15 @@ class Solid(ElasticBody):
     def mass(self) -> PETSc.Mat:
         """M."""
         return self.mass_matrix(0.0)
+
+    def _room(self) -> csr_array | None:
+        """The entries that springs, dashpots and contacts between bodies add to a tangent."""
+        found = abs(self.couplings) + abs(self.dashpots)
+        if self.joined:
+            rows = abs(self.contact_rows)
+            found = found + rows.T @ rows
+        inside = found.nnz == np.count_nonzero(found.diagonal())
+        return None if inside else csr_array(found)
 
     def _find_free_motions(self, scene: Scene, springs: csr_array) -> None:
         """Find the rigid motions that neither supports nor springs (local, local) hold.
@@ -279,24 +288,49 @@ class Solid(ElasticBody):
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, the dashpots and the concentrated masses."""
-        springs = np.zeros(self.local)
         for k, found in enumerate(attachments):
-            spread = bool(found.stiffness_per_area or found.damping_per_area)
-            weights, area = self._places.shares(found.place, f"attachments[{k}]", spread)
-            if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
-                area *= self._unit_length ** self.mesh.unit_lengths(found.place)
-            each = np.repeat(weights, self.dimension)
-            each[self.clamped] = 0.0
-            if not self.comm.allreduce(bool(each.any())):
-                raise self._places.clamped(f"attachments[{k}]")
-            self.point_masses += found.mass * each
-            axes = AXES[: self.dimension]
-            each *= np.tile(np.isin(axes, found.components or axes), len(weights))
-            springs += (found.stiffness + found.stiffness_per_area * area) * each
-            self.dashpots += (found.damping + found.damping_per_area * area) * each
-        self.couplings = csr_array(scipy.sparse.diags_array(springs))
+            attached = self._between if found.to else self._to_ground
+            unit, area = attached(found, f"attachments[{k}]")
+            stiffness = found.stiffness + found.stiffness_per_area * area
+            damping = found.damping + found.damping_per_area * area
+            self.couplings = csr_array(self.couplings + stiffness * unit)
+            self.dashpots = csr_array(self.dashpots + damping * unit)
         self.couplings.eliminate_zeros()
+        self.dashpots.eliminate_zeros()
         self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
+
+    def _to_ground(self, found: Attachment, key: str) -> tuple[csr_array, float]:
+        """Add a mass; the matrix (local, local) of a unit spring, and the measure of the place."""
+        spread = bool(found.stiffness_per_area or found.damping_per_area)
+        weights, area = self._places.shares(found.place, key, spread)
+        if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
+            area *= self._unit_length ** self.mesh.unit_lengths(found.place)
+        each = np.repeat(weights, self.dimension)
+        each[self.clamped] = 0.0
+        if not self.comm.allreduce(bool(each.any())):
+            raise self._places.clamped(key)
+        self.point_masses += found.mass * each
+        axes = AXES[: self.dimension]
+        each *= np.tile(np.isin(axes, found.components or axes), len(weights))
+        return csr_array(scipy.sparse.diags_array(each)), area
+
+    def _between(self, found: Attachment, key: str) -> tuple[csr_array, float]:
+        """The matrix (local, local) of a unit spring between two places, and 0."""
+        if self.comm.size > 1:
+            reason = "a spring or dashpot between two places runs on one process only"
+            raise refuse(self.source, reason, ErrorKind.PLACE, f"{key}.to")
+        assert found.to is not None
+        (rows, start), (others, end) = (
+            self._places.find(place, name)
+            for place, name in ((found.place, key), (found.to, f"{key}.to"))
+        )
+        directions, length = np.eye(self.dimension), float(np.linalg.norm(end - start))
+        if found.components:
+            directions = directions[[AXES.index(axis) for axis in found.components]]
+        elif length > ROUNDING * self.extent:
+            directions = (end - start)[None, : self.dimension] / length
+        apart = csr_array(directions @ (others - rows))
+        return csr_array(apart.T @ apart), 0.0
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""

@@ -120,11 +120,12 @@ def gathered_marks(
     """
     regions = _regions(solid, scene)
     placed: list[tuple[str, Place]] = [
-        (f"{name}[{k}]", one.place)
-        for name in ("loads", "attachments")
-        for k, one in enumerate(getattr(scene, name))
-        if name != "loads" or not (one.everywhere or one.kind == "pressure")
+        (f"loads[{k}]", one.place)
+        for k, one in enumerate(scene.loads)
+        if not (one.everywhere or one.kind == "pressure")
     ]
+    ends = {one: [*filter(None, (one.place, one.to))] for one in scene.attachments}
+    placed += [("attachments", place) for found in ends.values() for place in found]
     placed += [
         (f"bolts[{k}].{name}", Place(group=getattr(bolt, name)))
         for k, bolt in enumerate(scene.bolts)
@@ -146,7 +147,7 @@ def gathered_marks(
     marks += [_load_mark(scene, k, grid.points, values, at) for k in range(len(scene.loads))]
     marks += [mark for k in range(len(scene.bolts)) for mark in _bolt_marks(scene, k, at)]
     marks += [
-        Mark("attachment", label, ATTACHED_FORMS[kind], at[found.place][None])
+        Mark("attachment", label, ATTACHED_FORMS[kind], np.array([at[p] for p in ends[found]]))
         for found in scene.attachments
         for kind, label in _attached(found, scene.units, lengths[found.place])
     ]
@@ -293,7 +294,7 @@ def _pressed(contact: Contact, units: Units, lengths: int) -> str:
 
 def _attached(attachment: Any, units: Units, lengths: int) -> list[tuple[str, str]]:
     """The kinds and the labels of the parts of an attachment."""
-    along = " in each direction"
+    along = " in each direction" if attachment.to is None else " between two places"
     if attachment.components is not None:
         along = f" along {', '.join(attachment.components)}"
     found = []

@@ -113,6 +113,11 @@ def attachment_problems(scene: Scene) -> Problems:
         if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
             allowed = "a mass, a stiffness or a damping above 0 must be given"
             yield Problem(f"{key}.mass", allowed, value=MISSING)
+        if found.to == found.place:
+            yield Problem(f"{key}.to", "must be another place")
+        for name in ("mass", "stiffness_per_area", "damping_per_area") if found.to else ():
+            if getattr(found, name):
+                yield Problem(f"{key}.{name}", "not allowed with to")
         for name in ("stiffness", "damping"):
             per_area = getattr(found, f"{name}_per_area")
             if per_area and not found.place.is_mean:
@@ -246,7 +251,9 @@ def _places(scene: Scene) -> list[tuple[str, Place]]:
     loads = enumerate(scene.loads)
     places = [(f"loads[{k}]", load.place) for k, load in loads if not load.everywhere]
     places += [(f"contacts[{k}]", contact.place) for k, contact in enumerate(scene.contacts)]
-    places += [(f"attachments[{k}]", found.place) for k, found in enumerate(scene.attachments)]
+    for k, found in enumerate(scene.attachments):
+        places += [(f"attachments[{k}]", found.place)]
+        places += [(f"attachments[{k}].to", found.to)] if found.to else []
     return places + ([("probe", scene.probe)] if scene.probe else [])
 
 

@@ -96,11 +96,15 @@ class Attachment:
     """One or more of a mass, a spring and a dashpot to the ground, at a node or over a region.
 
     Over a region, each node gets a part in proportion to its share of the area. A spring acts with
-    the force −k u, and a dashpot with the force −c u̇.
+    the force −k u, and a dashpot with the force −c u̇. With `to`, u is the mean displacement of the
+    place relative to that of the other one.
 
     Attributes:
         place: the node or the region.
-        components: directions in which spring and dashpot act, such as ["z"]. Default: all.
+        to: another place of the body, which spring and dashpot connect with this one.
+        components: directions in which spring and dashpot act, such as ["z"]. Default: all; with
+            `to`, the line between the two places, as it lies in the undeformed body, unless they
+            coincide.
         mass: mass.
         stiffness: stiffness k of the spring, in each direction.
         stiffness_per_area: stiffness of the spring per area; N/m² on curves in 3D, N/m for each
@@ -112,6 +116,7 @@ class Attachment:
     """
 
     place: Annotated[Place, Place]
+    to: Annotated[Place | None, table_of(Place)] = None
     components: Annotated[tuple[str, ...] | None, list_of(choice(*AXES))] = None
     mass: Annotated[float, number(least=0.0, unit="kg")] = 0.0
     stiffness: Annotated[float, number(least=0.0, unit="N/m")] = 0.0
