@@ -74,9 +74,6 @@ def both(
 def test_motion_of_same_phase_is_that_of_the_closed_form(frequency: float, error: float) -> None:
     """An oscillator of mass 1 has the phase c w / (k - w^2) and the amplitude F sin(phase) / (c w),
     so that equal phases give w'^2 + w' (k - w^2) / w - k' = 0 and a' / a = w / w'.
-
-    Reference: shift of the resonance of another oscillator | closed form | closed form | agrees |
-    2e-6
     """
     _, motion, _, shift, found = both(frequency, 1.0 + error)
     angle = OMEGA / 200.0  # the steps follow the frequency
@@ -92,8 +89,8 @@ def test_resonance_of_hardening_oscillator_is_followed_past_its_fold() -> None:
     """The softer one has no large motion at this frequency. On the backbone, w^2 is k (1 + 3/4 b
     a^2) and a = F / (c w), so that the shift is that of the root of k (1 + 3/4 b a^2).
 
-    Reference: shift of the resonance of a hardening oscillator | backbone | closed form | agrees
-    | 2 %
+    Reference: shift of the resonance of two oscillators | closed form; backbone | – | agrees |
+    2e-6; 2 %
     """
     scene, motion, other, shift, found = both(1.0075, 0.99, cubic=4.0, force=0.01)
     own, theirs = float(amplitude(motion)[0]), float(amplitude(found)[0])

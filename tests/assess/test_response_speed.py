@@ -78,11 +78,7 @@ def test_errors_of_the_step_are_of_second_order(
 
 @pytest.mark.slow
 def test_curve_passes_the_exact_peak() -> None:
-    """The motion at 4650 rpm, 4.16e-3 m +- 1 %, that a run reaches from lower speeds only.
-
-    Reference: two modes rub, curve at 4650 rpm: amplitude | exact motion | 4.16e-3 m | 4.161e-3 m |
-    1.5 %
-    """
+    """The motion at 4650 rpm, 4.16e-3 m +- 1 %, that a run reaches from lower speeds only."""
     found = fr.response(over_speeds(4400.0, 4652.0))
     points = found.curves[0].points
     assert points[-1].parameter == 4652.0 and found.unfinished is None

@@ -395,7 +395,7 @@ def test_dmig_entries_keep_eleven_digits(tmp_path: Path) -> None:
 
 
 def test_op4_file_is_read_by_pyyeti_and_pynastran(tmp_path: Path) -> None:
-    """Reference: OUTPUT4 files | pyYeti 1.4.7, pyNastran 1.4.1 | matrices | equal | every bit"""
+    """Reference: OUTPUT4 files, DMIG entries | pyYeti 1.4.7, pyNastran 1.4.1 | – | equal | 1e-10"""
     op4 = pytest.importorskip("pyyeti.nastran.op4")
     write_op4(tmp_path / "a.op4", MATRICES)
     theirs = op4.read(str(tmp_path / "a.op4"))
@@ -408,7 +408,6 @@ def test_op4_file_is_read_by_pyyeti_and_pynastran(tmp_path: Path) -> None:
 
 
 def test_dmig_entries_are_read_by_pynastran(tmp_path: Path) -> None:
-    """Reference: DMIG entries | pyNastran 1.4.1 | the matrices | equal | 1e-10"""
     bdf = pytest.importorskip("pyNastran.bdf.bdf")
     write_dmig(tmp_path / "a.bdf", MATRICES, 3)
     theirs = bdf.read_bdf(str(tmp_path / "a.bdf"), xref=False, punch=True, debug=None)

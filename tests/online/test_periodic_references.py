@@ -283,9 +283,7 @@ def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> 
 
 @pytest.mark.parametrize("ratio", [1.05, 1.5, 3.0])
 def test_circular_orbit_has_friction_and_loss_of_the_periodic_slider(ratio: float) -> None:
-    """Reference: circular orbit with friction in 3D, three radii: force, loss | closed form |
-    closed form | 1.4e-7 | 2e-7
-    """
+    """Reference: circle with friction in 3D: force, loss | closed form | – | 1.4e-7 | 2e-7"""
     stiffness, limit = 2.0, 0.6
     contacts = one_contact(3, preload=2.0, friction=0.3, tangential_stiffness=stiffness)
     critical = limit / stiffness
