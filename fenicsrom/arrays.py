@@ -1,9 +1,41 @@
-"""The array types that signatures name."""
+"""The array types that signatures name, and named tuples of arrays."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 """An array of floats; docstrings give its shape."""
+
+T = TypeVar("T")
+
+
+@cache
+def _fields(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+def zeros(kind: Callable[..., T], given: Mapping[str, Any] | None = None, **sizes: int) -> T:
+    """A named tuple of zeros.
+
+    Args:
+        kind: the named tuple. Its fields declare their shapes, as `Annotated[Array, "P 3"]`; a
+            field without a shape is a named tuple of zeros, too.
+        given: the fields that are not zero.
+        sizes: the sizes that the shapes name.
+    """
+
+    def made(hint: Any) -> Any:
+        if not hasattr(hint, "__metadata__"):
+            return zeros(hint, **sizes)
+        shape = [int(sizes.get(size, size)) for size in hint.__metadata__[0].split()]
+        return np.zeros(shape, get_args(get_args(hint.__origin__)[1])[0])
+
+    fields = given or {}
+    rest = {name: made(hint) for name, hint in _fields(kind).items() if name not in fields}
+    return kind(**fields, **rest)

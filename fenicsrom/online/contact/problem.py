@@ -36,12 +36,12 @@ does not depend on the choice, except for rounding.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.coating import is_coated
 from fenicsrom.online.contact.friction import friction_limits, kept_part
 from fenicsrom.online.contact.law import (
@@ -83,28 +83,20 @@ class Compliance(NamedTuple):
     """
 
     rows: Array
-    unit: Array
+    unit: Annotated[Array, "n columns"]
     delassus: Array
-    change: Array
-    weighted: Array
-    gathered: Array
-    jacobian: Array
-    pivots: NDArray[np.int64]
+    change: Annotated[Array, "n 1"]
+    weighted: Annotated[Array, "n m"]
+    gathered: Annotated[Array, "m n"]
+    jacobian: Annotated[Array, "n n"]
+    pivots: Annotated[NDArray[np.int64], "n"]
 
 
 def compliance_of(rows: Array, delassus: Array | None = None) -> Compliance:
     """A `Compliance` of contact rows (m, n), with arrays for its results; or of a given G."""
     m, n = rows.shape
-    return Compliance(
-        rows=rows,
-        unit=np.zeros((n, m + 1)),
-        delassus=np.zeros((m, m)) if delassus is None else delassus,
-        change=np.zeros((n, 1)),
-        weighted=np.zeros((n, m)),
-        gathered=np.zeros((m, n)),
-        jacobian=np.zeros((n, n)),
-        pivots=np.zeros(n, dtype=np.int64),
-    )
+    fields = {"rows": rows, "delassus": np.zeros((m, m)) if delassus is None else delassus}
+    return zeros(Compliance, fields, n=n, m=m, columns=m + 1)
 
 
 def given_compliance(delassus: Array) -> Compliance:

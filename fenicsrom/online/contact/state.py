@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.surfaces import Contacts
 
 OPEN, SLIP, STICK = -1, 0, 1
@@ -26,12 +26,12 @@ class ContactState(NamedTuple):
         state: (P,) OPEN, SLIP or STICK.
     """
 
-    x: Array
-    trial_normal_force: Array
-    normal: Array
-    friction: Array
-    slider: Array
-    state: NDArray[np.int8]
+    x: Annotated[Array, "P d"]
+    trial_normal_force: Annotated[Array, "P"]
+    normal: Annotated[Array, "P d"]
+    friction: Annotated[Array, "P d"]
+    slider: Annotated[Array, "P d"]
+    state: Annotated[NDArray[np.int8], "P"]
 
 
 class ContactScratch(NamedTuple):
@@ -61,26 +61,26 @@ class ContactScratch(NamedTuple):
         space: d zeros; the compiler knows the length of a tuple and unrolls loops over it.
     """
 
-    mean_force: Array
-    mean_friction: Array
-    mean_normal_force: Array
-    force_derivative: Array
-    slider_motion: Array
-    mode: NDArray[np.int8]
-    blending: Array
-    blended_step: Array
-    guess: Array
-    held_force: Array
-    held_friction: Array
-    residual: Array
-    force_change: Array
-    is_candidate: NDArray[np.bool_]
-    candidates: NDArray[np.int64]
-    directions: NDArray[np.int64]
-    touching: NDArray[np.int64]
-    jacobian: Array
-    update: Array
-    pivots: NDArray[np.int64]
+    mean_force: Annotated[Array, "P d"]
+    mean_friction: Annotated[Array, "P d"]
+    mean_normal_force: Annotated[Array, "P"]
+    force_derivative: Annotated[Array, "P d d"]
+    slider_motion: Annotated[Array, "P d"]
+    mode: Annotated[NDArray[np.int8], "P"]
+    blending: Annotated[Array, "P"]
+    blended_step: Annotated[Array, "1"]
+    guess: Annotated[Array, "P d"]
+    held_force: Annotated[Array, "P d"]
+    held_friction: Annotated[Array, "P d"]
+    residual: Annotated[Array, "P d"]
+    force_change: Annotated[Array, "P d"]
+    is_candidate: Annotated[NDArray[np.bool_], "P"]
+    candidates: Annotated[NDArray[np.int64], "P"]
+    directions: Annotated[NDArray[np.int64], "m"]
+    touching: Annotated[NDArray[np.int64], "P"]
+    jacobian: Annotated[Array, "m m"]
+    update: Annotated[Array, "m 1"]
+    pivots: Annotated[NDArray[np.int64], "m"]
     space: tuple[int, ...]
 
 
@@ -121,34 +121,13 @@ class ContactStep(NamedTuple):
 
 def zero_contact_state(points: int, d: int) -> ContactState:
     """A `ContactState` of zeros."""
-    x, normal, friction, slider = np.zeros((4, points, d))
-    state = np.zeros(points, dtype=np.int8)
-    return ContactState(x, np.zeros(points), normal, friction, slider, state)
+    return zeros(ContactState, P=points, d=d)
 
 
 def contact_scratch(points: int, d: int) -> ContactScratch:
     """A `ContactScratch` for P points in d dimensions."""
     m = points * d
-    return ContactScratch(
-        mean_force=np.zeros((points, d)),
-        mean_friction=np.zeros((points, d)),
-        mean_normal_force=np.zeros(points),
-        force_derivative=np.zeros((points, d, d)),
-        slider_motion=np.zeros((points, d)),
-        mode=np.zeros(points, dtype=np.int8),
-        blending=np.zeros(points),
-        blended_step=np.full(1, np.nan),
-        guess=np.zeros((points, d)),
-        held_force=np.zeros((points, d)),
-        held_friction=np.zeros((points, d)),
-        residual=np.zeros((points, d)),
-        force_change=np.zeros((points, d)),
-        is_candidate=np.ones(points, dtype=np.bool_),
-        candidates=np.arange(points),
-        directions=np.arange(m),
-        touching=np.zeros(points, dtype=np.int64),
-        jacobian=np.zeros((m, m)),
-        update=np.zeros((m, 1)),
-        pivots=np.zeros(m, dtype=np.int64),
-        space=(0,) * d,
-    )
+    numbers = {"candidates": np.arange(points), "directions": np.arange(m), "space": (0,) * d}
+    found = zeros(ContactScratch, numbers, P=points, d=d, m=m)
+    found.blended_step[:], found.is_candidate[:] = np.nan, True
+    return found

@@ -9,12 +9,12 @@ engine order of the form sin(n Ω(t) t) would have the wrong frequency n (Ω + t
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.kernels.compilation import kernel, part
 from fenicsrom.online.kernels.numbers import (
@@ -125,14 +125,14 @@ class Coating(NamedTuple):
         worn: (nodes,) worn depth w of all rings, m; empty if no point has a layer.
     """
 
-    thickness: Array
-    yield_force: Array
-    hardening: Array
-    viscosity: Array
-    first: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    angle: Array
-    worn: Array
+    thickness: Annotated[Array, "P"]
+    yield_force: Annotated[Array, "P"]
+    hardening: Annotated[Array, "P"]
+    viscosity: Annotated[Array, "P"]
+    first: Annotated[NDArray[np.int64], "P"]
+    cells: Annotated[NDArray[np.int64], "P"]
+    angle: Annotated[Array, "P"]
+    worn: Annotated[Array, "nodes"]
 
 
 class Contacts(NamedTuple):
@@ -170,23 +170,23 @@ class Contacts(NamedTuple):
         coating: the abradable layers; `normal_stiffness` is then that of contact spring and layer.
     """
 
-    preload: Array
-    normal_stiffness: Array
-    tangential_stiffness: Array
-    friction: Array
-    kind: NDArray[np.int64]
-    axes: Array
-    centre: Array
-    radius: Array
-    side: Array
-    spin: Array
-    turns: Array
-    history: Array
-    times: Array
-    approach: Array
-    order: Array
-    height: Array
-    phase: Array
+    preload: Annotated[Array, "P"]
+    normal_stiffness: Annotated[Array, "P"]
+    tangential_stiffness: Annotated[Array, "P"]
+    friction: Annotated[Array, "P"]
+    kind: Annotated[NDArray[np.int64], "P"]
+    axes: Annotated[Array, "P d d"]
+    centre: Annotated[Array, "P d"]
+    radius: Annotated[Array, "P"]
+    side: Annotated[Array, "P"]
+    spin: Annotated[Array, "P"]
+    turns: Annotated[Array, "P"]
+    history: Annotated[Array, "r 3"]
+    times: Annotated[Array, "k"]
+    approach: Annotated[Array, "P k"]
+    order: Annotated[Array, "h"]
+    height: Annotated[Array, "P h"]
+    phase: Annotated[Array, "P h"]
     coating: Coating
 
 
@@ -383,37 +383,14 @@ def planes(
 ) -> Contacts:
     """The contacts of most scenes: planes at rest at the distance `gap`; all arguments (P,)."""
     count = len(preload)
-    given = preload, gap, normal_stiffness, tangential_stiffness, friction
-    n0, g0, kn, kt, mu = (np.asarray(values, dtype=np.float64) for values in given)
-    return Contacts(
-        preload=n0,
-        normal_stiffness=kn,
-        tangential_stiffness=kt,
-        friction=mu,
-        kind=np.full(count, PLANE),
-        axes=np.tile(np.eye(dimension), (count, 1, 1)),
-        centre=np.zeros((count, dimension)),
-        radius=g0,
-        side=np.ones(count),
-        spin=np.zeros(count),
-        turns=np.zeros(count),
-        history=NO_HISTORY,
-        times=np.zeros(0),
-        approach=np.zeros((count, 0)),
-        order=np.zeros(0),
-        height=np.zeros((count, 0)),
-        phase=np.zeros((count, 0)),
-        coating=Coating(
-            thickness=np.zeros(count),
-            yield_force=np.zeros(count),
-            hardening=np.zeros(count),
-            viscosity=np.zeros(count),
-            first=np.zeros(count, dtype=np.int64),
-            cells=np.zeros(count, dtype=np.int64),
-            angle=np.zeros(count),
-            worn=np.zeros(0),
-        ),
-    )
+    given = preload, normal_stiffness, tangential_stiffness, friction, gap, np.ones(count)
+    names = "preload", "normal_stiffness", "tangential_stiffness", "friction", "radius", "side"
+    fields: dict[str, Any] = {
+        name: np.asarray(values, dtype=np.float64)
+        for name, values in zip(names, given, strict=True)
+    }
+    fields |= {"kind": np.full(count, PLANE), "axes": np.tile(np.eye(dimension), (count, 1, 1))}
+    return zeros(Contacts, fields, P=count, d=dimension, r=0, k=0, h=0, nodes=0)
 
 
 def no_contacts(dimension: int = 2) -> Contacts:

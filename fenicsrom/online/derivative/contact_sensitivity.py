@@ -9,12 +9,12 @@ follows from these: the trial normal force, the normal force and the friction k_
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.coating import is_coated
 from fenicsrom.online.contact.law import (
     PointState,
@@ -87,14 +87,14 @@ class LawDerivative(NamedTuple):
         end: (P, d) the slider at the end, m.
     """
 
-    force: Array
-    slider: Array
-    end: Array
+    force: Annotated[Array, "P d columns"]
+    slider: Annotated[Array, "P d columns"]
+    end: Annotated[Array, "P d"]
 
 
 def law_derivative(points: int, d: int) -> LawDerivative:
     """Arrays for P points in d dimensions."""
-    return LawDerivative(*np.zeros((2, points, d, 3 * d + 1)), np.zeros((points, d)))
+    return zeros(LawDerivative, P=points, d=d, columns=3 * d + 1)
 
 
 @part

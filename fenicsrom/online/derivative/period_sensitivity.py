@@ -29,12 +29,12 @@ hold the derivatives of all numbers that depend on it, and dR/dp is the imaginar
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.state import Interval
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.derivative.contact_sensitivity import (
@@ -42,7 +42,6 @@ from fenicsrom.online.derivative.contact_sensitivity import (
     LawDerivative,
     contact_data,
     differentiate_law,
-    law_derivative,
 )
 from fenicsrom.online.kernels.compilation import compiled, kernel, part
 from fenicsrom.online.kernels.dense import copy_vector, lu_factor, lu_solve
@@ -142,46 +141,30 @@ class Sensitivity(NamedTuple):
         law: derivative of the contact law.
     """
 
-    q: Array
-    v: Array
-    a: Array
-    w: Array
-    before: Array
-    x0: Array
-    w0: Array
-    normal_force: Array
-    is_open: NDArray[np.bool_]
-    touching: NDArray[np.int64]
-    rests: NDArray[np.bool_]
-    blending: Array
-    load: Array
-    rows: Array
-    by_start: Array
-    by_step: Array
-    by_rest: Array
-    pivots: NDArray[np.int64]
+    q: Annotated[Array, "n k"]
+    v: Annotated[Array, "n k"]
+    a: Annotated[Array, "n k"]
+    w: Annotated[Array, "m k"]
+    before: Annotated[Array, "3 n"]
+    x0: Annotated[Array, "P d"]
+    w0: Annotated[Array, "P d"]
+    normal_force: Annotated[Array, "P"]
+    is_open: Annotated[NDArray[np.bool_], "P"]
+    touching: Annotated[NDArray[np.int64], "P"]
+    rests: Annotated[NDArray[np.bool_], "P"]
+    blending: Annotated[Array, "P"]
+    load: Annotated[Array, "n"]
+    rows: Annotated[Array, "m n"]
+    by_start: Annotated[Array, "m n"]
+    by_step: Annotated[Array, "m n"]
+    by_rest: Annotated[Array, "m k"]
+    pivots: Annotated[NDArray[np.int64], "n"]
     law: LawDerivative
 
 
 def no_sensitivity(n: int, columns: int, points: int, d: int) -> Sensitivity:
     """A `Sensitivity` of zeros, of n coordinates and P points in d dimensions, k columns."""
-    m = points * d
-    return Sensitivity(
-        *np.zeros((3, n, columns)),
-        np.zeros((m, columns)),
-        np.zeros((3, n)),
-        *np.zeros((2, points, d)),
-        np.zeros(points),
-        np.zeros(points, dtype=np.bool_),
-        np.zeros(points, dtype=np.int64),
-        np.zeros(points, dtype=np.bool_),
-        np.zeros(points),
-        np.zeros(n),
-        *np.zeros((3, m, n)),
-        np.zeros((m, columns)),
-        np.zeros(n, dtype=np.int64),
-        law_derivative(points, d),
-    )
+    return zeros(Sensitivity, n=n, k=columns, P=points, d=d, m=points * d, columns=3 * d + 1)
 
 
 class EndCoefficients(NamedTuple):

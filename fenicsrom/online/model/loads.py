@@ -46,12 +46,12 @@ the supports. The load vector is -M r, and the time factor is a″.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at
 from fenicsrom.online.kernels.compilation import compiled, kernel
 from fenicsrom.online.model.workspace import Workspace
@@ -271,15 +271,14 @@ class PressurePolynomial(NamedTuple):
         quadratic: (k, c, n, n) H, the derivative of G by q_c; c = n in 3D and 0 in 2D.
     """
 
-    numbers: NDArray[np.int64]
-    linear: Array
-    quadratic: Array
+    numbers: Annotated[NDArray[np.int64], "k"]
+    linear: Annotated[Array, "k n n"]
+    quadratic: Annotated[Array, "k c n n"]
 
 
 def no_pressure(n: int) -> PressurePolynomial:
     """The polynomial of a model of n coordinates without follower pressures."""
-    linear, quadratic = np.zeros((0, n, n)), np.zeros((0, 0, n, n))
-    return PressurePolynomial(np.zeros(0, dtype=np.int64), linear, quadratic)
+    return zeros(PressurePolynomial, k=0, c=0, n=n)
 
 
 def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
+from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.problem import Compliance, compliance_of, form_delassus, is_formed
 from fenicsrom.online.contact.surfaces import Contacts
@@ -483,29 +483,16 @@ def _workspace(
     pressure: PressurePolynomial,
 ) -> Workspace:
     """The scratch arrays of a model; arguments as its attributes."""
-    n = elastic.force.size
-    return Workspace(
-        columns=np.ascontiguousarray(elastic.quadratic.T),
-        points=np.zeros((2, n)),
-        products=np.zeros((3, 2, elastic.cubic.shape[0])),
-        force=np.zeros(n),
-        tangent=np.zeros((n, n)),
-        factor=np.zeros((n, n)),
-        pivots=np.zeros(n, dtype=np.int64),
-        key=np.full(3, np.nan),
-        compliance=compliance_of(contact_rows),
-        contact_columns=np.ascontiguousarray(contact_rows.T),
-        contact=np.zeros(contact_rows.shape[0]),
-        mass_product=np.zeros(n),
-        velocity_product=np.zeros(n),
-        factors=np.zeros(loads.shape[1]),
-        load_vector=np.zeros(n),
-        pressure_factors=np.zeros((2, pressure.numbers.size)),
-        pressure_vectors=np.zeros((2, n)),
-        pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
-        speeds=np.zeros(3),
-        velocity=np.zeros(velocity_matrix.shape),
-    )
+    n, m, pressures = elastic.force.size, contact_rows.shape[0], pressure.numbers.size
+    fields = {
+        "columns": np.ascontiguousarray(elastic.quadratic.T),
+        "key": np.full(3, np.nan),
+        "compliance": compliance_of(contact_rows),
+        "contact_columns": np.ascontiguousarray(contact_rows.T),
+    }
+    sizes = {"p": elastic.cubic.shape[0], "loads": loads.shape[1], "D": velocity_matrix.shape[0]}
+    sizes |= {"n": n, "m": m, "k": pressures, "pressed": n if pressures else 0}
+    return zeros(Workspace, fields, **sizes)
 
 
 def _tidy(values: Any, integers: str = "") -> Any:

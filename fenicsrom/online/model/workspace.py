@@ -1,6 +1,6 @@
 """Scratch arrays of a reduced model."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,22 +43,22 @@ class Workspace(NamedTuple):
     """
 
     columns: Array
-    points: Array
-    products: Array
-    force: Array
-    tangent: Array
-    factor: Array
-    pivots: NDArray[np.int64]
-    key: Array
+    points: Annotated[Array, "2 n"]
+    products: Annotated[Array, "3 2 p"]
+    force: Annotated[Array, "n"]
+    tangent: Annotated[Array, "n n"]
+    factor: Annotated[Array, "n n"]
+    pivots: Annotated[NDArray[np.int64], "n"]
+    key: Annotated[Array, "3"]
     compliance: Compliance
     contact_columns: Array
-    contact: Array
-    mass_product: Array
-    velocity_product: Array
-    factors: Array
-    load_vector: Array
-    pressure_factors: Array
-    pressure_vectors: Array
-    pressure_tangent: Array
-    speeds: Array
-    velocity: Array
+    contact: Annotated[Array, "m"]
+    mass_product: Annotated[Array, "n"]
+    velocity_product: Annotated[Array, "n"]
+    factors: Annotated[Array, "loads"]
+    load_vector: Annotated[Array, "n"]
+    pressure_factors: Annotated[Array, "2 k"]
+    pressure_vectors: Annotated[Array, "2 n"]
+    pressure_tangent: Annotated[Array, "pressed pressed"]
+    speeds: Annotated[Array, "3"]
+    velocity: Annotated[Array, "D D"]

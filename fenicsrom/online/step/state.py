@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.arrays import Array
-from fenicsrom.online.contact.state import (
-    ContactScratch,
-    ContactState,
-    contact_scratch,
-    zero_contact_state,
-)
+from fenicsrom.arrays import Array, zeros
+from fenicsrom.online.contact.state import ContactScratch, ContactState, contact_scratch
 
 
 class Scheme(NamedTuple):
@@ -139,15 +134,15 @@ class Trial(NamedTuple):
             step.
     """
 
-    dq: Array
-    change: Array
-    residual: Array
-    inertia_offset: Array
-    external_force: Array
-    vector: Array
+    dq: Annotated[Array, "n"]
+    change: Annotated[Array, "n"]
+    residual: Annotated[Array, "n"]
+    inertia_offset: Annotated[Array, "n"]
+    external_force: Annotated[Array, "n"]
+    vector: Annotated[Array, "n"]
     contact: ContactState
-    displacement_before: Array
-    free_displacement: Array
+    displacement_before: Annotated[Array, "P d"]
+    free_displacement: Annotated[Array, "P d"]
     scratch: ContactScratch
 
 
@@ -173,16 +168,16 @@ class State(NamedTuple):
         trial: scratch of the next step, no part of the state.
     """
 
-    q: Array
-    v: Array
-    a: Array
-    mean_velocity: Array
-    mean_acceleration: Array
-    elastic_force: Array
-    load_vector: Array
+    q: Annotated[Array, "n"]
+    v: Annotated[Array, "n"]
+    a: Annotated[Array, "n"]
+    mean_velocity: Annotated[Array, "n"]
+    mean_acceleration: Annotated[Array, "n"]
+    elastic_force: Annotated[Array, "n"]
+    load_vector: Annotated[Array, "n"]
     contact: ContactState
-    friction_dissipation: Array
-    scalars: Array
+    friction_dissipation: Annotated[Array, "P"]
+    scalars: Annotated[Array, "scalars"]
     trial: Trial
 
 
@@ -205,18 +200,18 @@ class Record(NamedTuple):
         coordinates: (rows, 3 n) q, v and a, or (rows, 0).
     """
 
-    time: Array
-    displacement: Array
-    probe: Array
-    force: Array
-    mean_force: Array
-    gap: Array
-    blending: Array
-    friction_dissipation: Array
-    state: NDArray[np.int8]
-    energies: Array
-    turning: Array
-    coordinates: Array
+    time: Annotated[Array, "rows"]
+    displacement: Annotated[Array, "rows P d"]
+    probe: Annotated[Array, "rows d"]
+    force: Annotated[Array, "rows P d"]
+    mean_force: Annotated[Array, "rows P d"]
+    gap: Annotated[Array, "rows P"]
+    blending: Annotated[Array, "rows P"]
+    friction_dissipation: Annotated[Array, "rows P"]
+    state: Annotated[NDArray[np.int8], "rows P"]
+    energies: Annotated[Array, "rows 6"]
+    turning: Annotated[Array, "rows turning"]
+    coordinates: Annotated[Array, "rows width"]
 
 
 class PeriodicSearch(NamedTuple):
@@ -286,28 +281,14 @@ class Checkpoint(NamedTuple):
 
 def no_state(n: int, points: int, dimension: int) -> State:
     """A state of zeros, of n coordinates and P contact points."""
-    contact, scratch = zero_contact_state(points, dimension), contact_scratch(points, dimension)
-    trial = Trial._make([*np.zeros((6, n)), contact, *np.zeros((2, points, dimension)), scratch])
-    contact = zero_contact_state(points, dimension)
-    sums = np.zeros(points), np.zeros(SCALARS)
-    return State._make([*np.zeros((7, n)), contact, *sums, trial])
+    sizes = {"n": n, "P": points, "d": dimension, "scalars": SCALARS}
+    trial = zeros(Trial, {"scratch": contact_scratch(points, dimension)}, **sizes)
+    return zeros(State, {"trial": trial}, **sizes)
 
 
 def no_record(
     rows: int, points: int, dimension: int, width: int = 0, *, varies: bool = False
 ) -> Record:
     """A record of zeros, of P contact points and coordinates (width,), at a speed that varies."""
-    return Record(
-        time=np.zeros(rows),
-        displacement=np.zeros((rows, points, dimension)),
-        probe=np.zeros((rows, dimension)),
-        force=np.zeros((rows, points, dimension)),
-        mean_force=np.zeros((rows, points, dimension)),
-        gap=np.zeros((rows, points)),
-        blending=np.zeros((rows, points)),
-        friction_dissipation=np.zeros((rows, points)),
-        state=np.zeros((rows, points), dtype=np.int8),
-        energies=np.zeros((rows, 6)),
-        turning=np.zeros((rows, 3 if varies else 0)),
-        coordinates=np.zeros((rows, width)),
-    )
+    sizes = {"rows": rows, "P": points, "d": dimension, "width": width}
+    return zeros(Record, turning=3 if varies else 0, **sizes)
