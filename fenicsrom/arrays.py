@@ -1,7 +1,5 @@
 """The array types that signatures name, and named tuples of arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, TypeVar, get_args, get_type_hints

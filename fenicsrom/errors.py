@@ -4,8 +4,6 @@ A message is one printable line for the user. Code never reads the message: it c
 `kind`, `key` and `source`.
 """
 
-from __future__ import annotations
-
 import logging
 import traceback
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Files and folders that appear only when they are complete, and archives of checked arrays."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

@@ -3,8 +3,6 @@
 The loops do not know who listens, and nobody needs to: without a listener they only count.
 """
 
-from __future__ import annotations
-
 import logging
 import time as clock
 from collections.abc import Callable, Collection, Iterator

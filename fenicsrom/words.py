@@ -1,7 +1,5 @@
 """Words of sentences that depend on a number, and records in a few words."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass

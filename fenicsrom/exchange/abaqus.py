@@ -10,8 +10,6 @@ The file may hold one triangle of a symmetric matrix. A clamped unknown has a di
 in place of its row; such unknowns are left out.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

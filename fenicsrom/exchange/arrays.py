@@ -8,8 +8,6 @@ polynomial: with the exponents e (t, n) and the coefficients c (n, t),
 The terms of the degrees 0 to 3 are those of force, stiffness, quadratic and cubic coefficients.
 """
 
-from __future__ import annotations
-
 import io
 import math
 from collections import Counter

@@ -10,8 +10,6 @@ probe in global axes, and then for each load the displacement on which a unit of
 The scene beside the file names them, so that `fenicsrom import` makes a model of the linear part.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -12,8 +12,6 @@ standard library alone, and its binary for this computer if there is a C compile
 events. Its variables are numbered as in the table of blocks in its source.
 """
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import re

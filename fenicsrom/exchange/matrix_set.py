@@ -1,7 +1,5 @@
 """The matrices of a linear superelement, as files of other programs name them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ groups of four fields: node and direction of a row, the value, and nothing. Of a
 one triangle is given. Entries have fields of 8 or 16 characters, or fields between commas.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple

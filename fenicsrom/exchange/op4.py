@@ -8,8 +8,6 @@ with a number above the last one ends the matrix. In a sparse matrix the first r
 of consecutive rows follow, each behind a record of its length and its first row.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path

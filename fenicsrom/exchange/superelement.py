@@ -13,8 +13,6 @@ v. To this matrix the table [damping] of the scene adds
 with the normal modes φ_k of the superelement, as `fenicsrom.reduction.damping` does for a body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -10,8 +10,6 @@ gmsh or dolfinx. A file is refused if a part of it that changes the mesh cannot 
 parts that are left out are named.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

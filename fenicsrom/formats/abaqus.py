@@ -4,8 +4,6 @@ A file holds its nodes and elements itself, or in parts with instances. The rest
 as not read.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path

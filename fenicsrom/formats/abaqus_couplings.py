@@ -1,7 +1,5 @@
 """What couples nodes in Abaqus and CalculiX files: couplings, rigid bodies, *MPC and *EQUATION."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

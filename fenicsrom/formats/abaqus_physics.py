@@ -1,7 +1,5 @@
 """Materials, supports, point masses, springs and static loads of an Abaqus or CalculiX file."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Abaqus and CalculiX files: keywords, types of elements, parts with their sets, instances."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field

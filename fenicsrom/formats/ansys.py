@@ -3,8 +3,6 @@
 Other commands are listed as not read.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator

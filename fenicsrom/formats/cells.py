@@ -8,8 +8,6 @@ neighbours agree. Source: Dompierre et al., How to subdivide pyramids, prisms an
 tetrahedra, 1999.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Collects materials, supports, masses and loads of a finite-element model from its text files."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

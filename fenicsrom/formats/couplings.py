@@ -1,7 +1,5 @@
 """Equations that couple displacements of nodes, and what they hold together with supports."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import NamedTuple

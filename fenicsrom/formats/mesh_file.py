@@ -3,8 +3,6 @@
 `Physics` names groups and gives coordinates, as a scene does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

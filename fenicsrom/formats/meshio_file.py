@@ -3,8 +3,6 @@
 Integer fields of cells and points, sets and tags become groups.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout

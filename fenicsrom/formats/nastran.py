@@ -4,8 +4,6 @@
 as not read, and the executive and case control are passed over.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

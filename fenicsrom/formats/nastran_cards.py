@@ -1,7 +1,5 @@
 """The bulk data of a Nastran file: its entries in small, large and free field format."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Materials, supports, couplings, point masses, springs and static loads of a Nastran file."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator

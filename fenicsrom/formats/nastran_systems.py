@@ -1,7 +1,5 @@
 """Coordinate systems of a Nastran file: CORD1 and CORD2, rectangular, cylindrical or spherical."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

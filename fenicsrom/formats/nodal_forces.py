@@ -1,7 +1,5 @@
 """Forces at nodes as loads: each by itself, or many of one direction as a load on their facets."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Why parts of finite-element models are not read, by their names in Abaqus, Nastran and ANSYS."""
 
-from __future__ import annotations
-
 _REASONS: dict[str, tuple[str, ...]] = {
     "join the meshes, so that they share nodes": ("TIE", "BGSET", "CEINTF"),
     "give [[contacts]] with against": (

@@ -3,8 +3,6 @@
 A "kind" is gmsh's number of an element type. All nodes are in gmsh's order, with the corners first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The JSON schema of a scene, for editors that complete and check TOML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import MISSING
 from typing import Any

@@ -4,8 +4,6 @@
 pages. A marker names the tables that its page shows.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Iterator, Sequence

@@ -7,8 +7,6 @@
 lists all of them. The numbers are written before the pictures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Run times, progress and interruption of the stages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

@@ -10,8 +10,6 @@ above `basis.accuracy`, coordinates join the model by their energies in this mot
 motion (`fenicsrom.assess.errors.sizing`), and the mode is followed again.
 """
 
-from __future__ import annotations
-
 import re
 import time as clock
 from collections.abc import Sequence

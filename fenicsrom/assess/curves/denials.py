@@ -13,8 +13,6 @@ agree. It is left out where a whole stretch is denied, because then finer steps 
 there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -8,8 +8,6 @@ between the values. If its whole curve over the frequency has a larger amplitude
 other peak is followed, too, and the smallest of the larger ones is sought again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ from the last value too, so that both sides of a gap are known. Branches and iso
 last.
 """
 
-from __future__ import annotations
-
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The periodic problems of a scene with response curves: by their parameter, and at a start."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -4,8 +4,6 @@ A folder holds one file for each curve, so that the processes that compute the c
 Each file names the model and the scene it belongs to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path

@@ -21,8 +21,6 @@ than it changes within a step. With steps of the phase 2 pi / n, the turning poi
 harmonic of range R is missed by less than R (k pi / n)^2 / 4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple

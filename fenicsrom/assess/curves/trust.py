@@ -21,8 +21,6 @@ change moves past the point by (1), by at most `MOVES`, and the verdict is the s
 same stretch, or the stretch goes on beyond the end of the curve.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -7,8 +7,6 @@ heavily damped body while its damping falls to that of the scene. The Floquet mu
 motion that is found tell whether a run can end in it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

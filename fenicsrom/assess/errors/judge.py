@@ -18,8 +18,6 @@ These vectors judge only. A basis may take candidates: these depend on the scene
 motion, so that a run that continues has the same basis.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ body up, and it pays for what the loads and the casing take: M Ω. Nearly all th
 comes from the shaft.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

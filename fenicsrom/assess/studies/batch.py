@@ -4,8 +4,6 @@ A result is kept in a file whose name is a digest of all that determines it, so 
 repeated or changed computes only what is missing.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time as clock
 from collections.abc import Callable, Mapping, Sequence

@@ -13,8 +13,6 @@ s_j = |eta(t_j+1) - eta(t_j)|. The period from t_j to t_j+2 has
 which is exact for a linear oscillator. Swings do not need the place where friction lets it stop.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any

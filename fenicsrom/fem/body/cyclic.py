@@ -17,8 +17,6 @@ matrices have twice the size, and each mode comes twice. Source: Thomas, Int. J.
 14, 1979.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from typing import Any, NamedTuple
 

@@ -14,8 +14,6 @@ z₊ turns against the sense in which the sectors are counted, z₋ along it. Wi
 and the two have different frequencies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -25,8 +25,6 @@ A step reads w. Only the acceptance of the step changes w, at each node in the a
 Rings hold where contact points wear a layer, and how much was worn.
 """
 
-from __future__ import annotations
-
 from dataclasses import MISSING
 from typing import Any, NamedTuple
 

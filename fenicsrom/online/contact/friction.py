@@ -54,8 +54,6 @@ The return mapping and its dissipation: Simo and Hughes (1998), Computational In
 with a varying normal load: Yang and Menq (1998).
 """
 
-from __future__ import annotations
-
 from fenicsrom.online.contact.state import SLIP, STICK
 from fenicsrom.online.kernels.compilation import part
 from fenicsrom.online.kernels.numbers import (

@@ -35,8 +35,6 @@ its derivative. Only `contact_force` and `commit_contact_state` write into array
 leaves no trace in the state.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from fenicsrom.arrays import Array

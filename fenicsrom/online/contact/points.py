@@ -1,7 +1,5 @@
 """Contact points of the body, and the parameters of the surfaces opposite them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import Any, NamedTuple

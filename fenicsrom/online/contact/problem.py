@@ -34,8 +34,6 @@ becomes a candidate, and the step is solved again from its first guess. What is 
 does not depend on the choice, except for rounding.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The state of the contact points, and scratch arrays of the contact problem."""
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np

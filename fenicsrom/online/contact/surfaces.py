@@ -7,8 +7,6 @@ The speed Ω(t) is linear between the rows of a table and constant after its las
 engine order of the form sin(n Ω(t) t) would have the wrong frequency n (Ω + t dΩ/dt).
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np

@@ -18,8 +18,6 @@ its middle. It must not lead back on the near piece by dragging sliders that sti
 sense c changes at a branch point only, where the curve goes straight on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Changes of sign of a function of the points along a curve."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 

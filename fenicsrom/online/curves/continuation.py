@@ -23,8 +23,6 @@ arc that holds the largest amplitude. A continuation in the force at the frequen
 leads to the next force.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ The largest of some samples jumps as the crest moves between them. A parabola th
 sample and its neighbours gives a smooth amplitude, with an error of fourth order in the step.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

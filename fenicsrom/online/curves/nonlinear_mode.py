@@ -16,8 +16,6 @@ the start of the period. The change of the damping is one of the mass-proportion
 the period map and its derivatives serve without change. A conservative system gives zeta = 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Curves of the solutions of any equations over a parameter, followed through their folds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

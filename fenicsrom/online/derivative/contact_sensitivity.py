@@ -7,8 +7,6 @@ as functions of (x0, x1, w0, parameter). What else the law reads of the start of
 follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np

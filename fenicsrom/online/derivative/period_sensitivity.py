@@ -27,8 +27,6 @@ The parameter p is any number of a problem: the data of the problem at p + i h, 
 hold the derivatives of all numbers that depend on it, and dR/dp is the imaginary part of R / h.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np

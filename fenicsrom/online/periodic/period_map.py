@@ -11,8 +11,6 @@ Where a problem has a `rest`, q and w are measured from it: a static displacemen
 parameter, and is larger than the motion, would hide the motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

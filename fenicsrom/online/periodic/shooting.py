@@ -10,8 +10,6 @@ A point that sticks all the time keeps its slider, whatever it is: a multiplier 
 the motion belongs to a family. In Newton's equation such a slider rests where it is.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -34,8 +34,6 @@ passes. What (1) misses grows at most with k^2, so k < K periods are enough wher
 NEAR (k/K)^2. A system with several stable motions thus ends in the same one as the march.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections.abc import Callable, Sequence

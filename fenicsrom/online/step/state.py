@@ -1,7 +1,5 @@
 """The one-step schemes, and the state of a time integration with its record."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np

@@ -19,8 +19,6 @@ equilibrium. Where Coriolis forces act, negative eigenvalues of the stiffness pr
 whole pencil of the softest directions decides (`online.model.pencil`).
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from typing import Any

@@ -27,8 +27,6 @@ over what happens between them:
   quarters of impacts: the run sees every crest.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

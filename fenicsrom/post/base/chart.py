@@ -1,7 +1,5 @@
 """Plots on a page: `chart.js` draws them with Bokeh, to zoom, to hide curves and to read values."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

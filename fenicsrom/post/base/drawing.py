@@ -4,8 +4,6 @@ The layout is computed from the lengths of texts: a layout that matplotlib solve
 figure three times.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Any

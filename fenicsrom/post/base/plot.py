@@ -4,8 +4,6 @@
 The looks of items have the names and values of matplotlib.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

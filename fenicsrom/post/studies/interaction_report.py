@@ -1,7 +1,5 @@
 """The report of an interaction map: picture, curves, tables, wear and files."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import partial
 from operator import itemgetter, methodcaller

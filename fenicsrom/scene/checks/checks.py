@@ -1,7 +1,5 @@
 """Checks between keys: each function yields the keys that do not agree with the others."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

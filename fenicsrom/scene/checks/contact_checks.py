@@ -1,7 +1,5 @@
 """Checks between keys of the contacts: with rigid surfaces and between bodies."""
 
-from __future__ import annotations
-
 import math
 from operator import mul
 

@@ -1,7 +1,5 @@
 """Checks between keys of the curves: of periodic motions, nonlinear modes and equilibria."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 from fenicsrom.errors import ErrorKind

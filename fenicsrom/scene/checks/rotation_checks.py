@@ -1,7 +1,5 @@
 """Checks between keys of a rotating body: its axis, its speeds and the sectors of a disk."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import MISSING
 from operator import mul, sub

@@ -1,7 +1,5 @@
 """The tables of the curves: [response], [backbone], [ringdown] and [statics]."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 

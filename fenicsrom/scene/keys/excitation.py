@@ -9,8 +9,6 @@ periods. A swing leads up and down again (or down and up); the width of a swing 
 its height. A sine in a table has swings of half a period.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -10,8 +10,6 @@ A transversely isotropic material has E₂ = E₃, ν₁₂ = ν₁₃, G₁₂ 
 Source: Jones, Mechanics of Composite Materials, 1999, section 2.3.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated
 

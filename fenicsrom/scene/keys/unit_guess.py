@@ -5,8 +5,6 @@ mass and time. Numbers in the units of one system are those of a known solid in 
 gravity, L / T², may tell these apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from fenicsrom.scene.keys.unit_system import Units

@@ -6,8 +6,6 @@ in MPa and a density in t/mm³. Radians, Hz and rev/min stay as they are. The co
 decimal numbers, so that 7.85e-9 t/mm³ becomes exactly 7850 kg/m³.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

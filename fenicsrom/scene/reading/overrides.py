@@ -10,8 +10,6 @@ The runs of a sweep are all combinations of the values of its axes. The keys of 
 together.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 import json

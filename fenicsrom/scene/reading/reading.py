@@ -11,8 +11,6 @@ step, half the step therefore means an eighth of the tolerance. The steps of thi
 longer or shorter than a scene file allows.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Collection, Mapping

@@ -5,8 +5,6 @@ probe and supports name interface nodes by `group`, `node` or `nearest`. The mat
 shape, the material and the supports of the body.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
