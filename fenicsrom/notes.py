@@ -91,9 +91,9 @@ def note_of(text: str) -> Note:
     return text if isinstance(text, Note) else Note(NoteKind.WARNING, text)
 
 
-def implausible(text: str) -> list[Note]:
-    """The one note on input that is most likely a mistake, in a list."""
-    return [Note(NoteKind.IMPLAUSIBLE, f"implausible: {text}")]
+def implausible(text: str) -> Note:
+    """A note on input that is most likely a mistake."""
+    return Note(NoteKind.IMPLAUSIBLE, f"implausible: {text}")
 
 
 def has_kind(notes: Iterable[str], *kinds: NoteKind) -> bool:

@@ -83,5 +83,5 @@ def test_note_survives_archive_and_process() -> None:
 
 
 def test_kind_decides_and_not_the_text() -> None:
-    assert has_kind(implausible("too long"), NoteKind.IMPLAUSIBLE)
+    assert has_kind([implausible("too long")], NoteKind.IMPLAUSIBLE)
     assert not has_kind(["implausible: too long"], NoteKind.IMPLAUSIBLE)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,16 +151,60 @@ def implausible_loads(
         frequencies: (v,) its natural frequencies, Hz.
         extent: largest extent of the body, m.
     """
-    found = _far_from_the_modes(scene, frequencies)
-    if found or not isinstance(model, ReducedModel):
-        return found
+    return list(islice(_of_loads(model, scene, frequencies, extent), 1))
+
+
+def _of_loads(model: Any, scene: Scene, frequencies: Array, extent: float) -> Iterator[Note]:
+    """The sentences of `implausible_loads`, the most likely cause first."""
+    first, highest = float(np.min(frequencies, initial=np.inf)), highest_frequency(scene)
+    units = "check the lengths, the material and the frequencies, and their units ([units])"
+    if 0.0 < highest * FAR < first < np.inf:
+        yield implausible(
+            f"the scene excites up to {highest:.4g} Hz, 1/{first / highest:.3g} of "
+            f"the first natural frequency of {first:.4g} Hz: the motion is nearly static; {units}"
+        )
+    if scene.period is not None and 0.0 < first * FAR * scene.period < 1.0:
+        yield implausible(
+            f"the loads repeat at {1.0 / scene.period:.4g} Hz, "
+            f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
+            f"Hz: {units}"
+        )
+    if not isinstance(model, ReducedModel):
+        return
     stiffness = _closed_stiffness(model, scene)
-    found = _overdamped(model, stiffness)
+    squares, shapes = eigh(stiffness, model.mass, subset_by_index=[0, 0])
+    damped = model.velocity_matrix
+    viscous = float(np.sum(shapes.T @ damped @ shapes)) if damped.size else 0.0
+    if squares[0] > 0.0 and model.damping + viscous > 2.0 * np.sqrt(squares[0]):
+        yield implausible(
+            "the first mode has a damping ratio of "
+            f"{(model.damping + viscous) / (2.0 * np.sqrt(squares[0])):.3g}: it does not swing; "
+            "check material.mass_damping, [damping] and the dashpots, and their units ([units])"
+        )
     sizes = largest(model.load_histories)
-    if found or not sizes.size:
-        return found
+    if not sizes.size:
+        return
     loads = model.loads * sizes
-    return _too_large(model, stiffness, loads, scene, extent) or _unequal(stiffness, loads)
+    # with (K + omega^2 M)^-1 the response is smaller than a static one, and than that of a free
+    # body of the same mass
+    rows = np.concatenate([model.contact_rows, model.probe])
+    inertia = (2.0 * np.pi * highest) ** 2 * model.mass
+    found = np.abs(rows @ np.linalg.solve(stiffness + inertia, loads))
+    moved: Array = np.max(found, axis=0, initial=0.0)
+    if moved.max() > TOO_LARGE * extent:
+        yield implausible(
+            f"loads[{int(np.argmax(moved))}] would move the linear body by "
+            f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
+            "loads, the material and the lengths, and their units ([units])"
+        )
+    work = np.sum(loads * np.linalg.solve(stiffness, loads), axis=0)
+    size: Array = np.sqrt(np.abs(work))
+    large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
+    if size[large] > UNEQUAL * size[small]:
+        yield implausible(
+            f"loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
+            f"much as loads[{small}]: check the sizes and units of both ([units])"
+        )
 
 
 def _closed_stiffness(model: ReducedModel, scene: Scene) -> Array:
@@ -170,80 +215,6 @@ def _closed_stiffness(model: ReducedModel, scene: Scene) -> Array:
     return np.asarray(
         model.elastic.stiffness + (model.contact_rows.T * springs) @ model.contact_rows
     )
-
-
-def _far_from_the_modes(scene: Scene, frequencies: Array) -> list[Note]:
-    """One sentence if the loads are far too slow or too fast for the first natural frequency."""
-    first = float(np.min(frequencies, initial=np.inf))
-    highest = highest_frequency(scene)
-    units = "check the lengths, the material and the frequencies, and their units ([units])"
-    if 0.0 < highest * FAR < first < np.inf:
-        return implausible(
-            f"the scene excites up to {highest:.4g} Hz, 1/{first / highest:.3g} of "
-            f"the first natural frequency of {first:.4g} Hz: the motion is nearly static; {units}"
-        )
-    if scene.period is not None and 0.0 < first * FAR * scene.period < 1.0:
-        return implausible(
-            f"the loads repeat at {1.0 / scene.period:.4g} Hz, "
-            f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
-            f"Hz: {units}"
-        )
-    return []
-
-
-def _overdamped(model: ReducedModel, stiffness: Array) -> list[Note]:
-    """One sentence if the first mode does not swing, else none."""
-    squares, shapes = eigh(stiffness, model.mass, subset_by_index=[0, 0])
-    if squares[0] <= 0.0:
-        return []
-    damped = model.velocity_matrix
-    viscous = float(np.sum(shapes.T @ damped @ shapes)) if damped.size else 0.0
-    ratio = (model.damping + viscous) / (2.0 * np.sqrt(squares[0]))
-    if ratio <= 1.0:
-        return []
-    return implausible(
-        f"the first mode has a damping ratio of {ratio:.3g}: it does not swing; check "
-        "material.mass_damping, [damping] and the dashpots, and their units ([units])"
-    )
-
-
-def _too_large(
-    model: ReducedModel, stiffness: Array, loads: Array, scene: Scene, extent: float
-) -> list[Note]:
-    """One sentence if a load (n, k) would move the linear body by far more than its extent."""
-    moved = _linear_response(model, stiffness, loads, highest_frequency(scene))
-    if moved.max() <= TOO_LARGE * extent:
-        return []
-    return implausible(
-        f"loads[{int(np.argmax(moved))}] would move the linear body by "
-        f"{moved.max():.3g} m, and the body is {extent:.4g} m long: check the sizes of the "
-        "loads, the material and the lengths, and their units ([units])"
-    )
-
-
-def _unequal(stiffness: Array, loads: Array) -> list[Note]:
-    """One sentence if a load (n, k) deforms the linear body far more than another one."""
-    work = np.sum(loads * np.linalg.solve(stiffness, loads), axis=0)
-    size: Array = np.sqrt(np.abs(work))
-    large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
-    if size[large] <= UNEQUAL * size[small]:
-        return []
-    return implausible(
-        f"loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
-        f"much as loads[{small}]: check the sizes and units of both ([units])"
-    )
-
-
-def _linear_response(model: ReducedModel, stiffness: Array, loads: Array, highest: float) -> Array:
-    """Displacements (k,) of a linear body under loads (n, k) at the most, off its resonances, m.
-
-    With (K + ω² M)⁻¹ in place of the dynamic stiffness they are smaller than static ones, and than
-    those of a free body of the same mass.
-    """
-    rows = np.concatenate([model.contact_rows, model.probe])
-    inertia = (2.0 * np.pi * highest) ** 2 * model.mass
-    moved = rows @ np.linalg.solve(stiffness + inertia, loads)
-    return np.max(np.abs(moved), axis=0, initial=0.0)
 
 
 def implausible_motion(
@@ -257,9 +228,16 @@ def implausible_motion(
         extent: largest extent of the body, m.
         scene: the scene of the motion.
     """
+    return list(islice(_of_motion(motion, points, extent, scene), 1))
+
+
+def _of_motion(
+    motion: Motion, points: ContactPoints, extent: float, scene: Scene
+) -> Iterator[Note]:
+    """The sentences of `implausible_motion`."""
     moved = float(np.linalg.norm(motion.displacement, axis=2).max(initial=0.0))
     if moved > extent:
-        return implausible(
+        yield implausible(
             f"the motion reaches {moved:.4g} m, and the body is {extent:.4g} m long: "
             "check the loads, the material and the lengths, and their units ([units])"
         )
@@ -269,36 +247,34 @@ def implausible_motion(
         stiffness = shares(scene, points)[mine] * scene.contacts[k].normal_stiffness
         depth = float(np.max(motion.force[:, mine, 0] / stiffness))
         if depth > DEEP * extent:
-            return implausible(
+            yield implausible(
                 f"the contact springs of contacts[{k}] are compressed by {depth:.3g} "
                 f"m, and the body is {extent:.4g} m long: check the contact stiffness, the preload "
                 "and the normal, and their units ([units])"
             )
         gap, reach = float(motion.gap[:, mine].min()), float(travel[mine, 0].max())
         if not np.any(motion.force[:, mine, 0] > 0.0) and gap > OUT_OF_REACH * reach:
-            return implausible(
+            yield implausible(
                 f"contacts[{k}] can hardly touch its surface: the smallest gap is "
                 f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
                 "back: check the gap, the normal and the loads, and their units ([units])"
             )
-        if scene.contacts[k].against is not None and (found := _slides(motion, points, k)):
-            return found
-    return []
+        if scene.contacts[k].against is not None:
+            yield from _slides(motion, points, k)
 
 
-def _slides(motion: Motion, points: ContactPoints, number: int) -> list[Note]:
-    """One sentence if the points of a contact between bodies slide past their neighbours."""
+def _slides(motion: Motion, points: ContactPoints, number: int) -> Iterator[Note]:
+    """A sentence if the points of a contact between bodies slide past their neighbours."""
     from scipy.spatial import cKDTree
 
     mine = np.flatnonzero(points.contact == number)
     x, moved = points.position[mine], motion.displacement[:, mine, 1:]
     apart = np.median(cKDTree(x).query(x, 2)[0][:, 1])  # infinite for one point
     slide = np.linalg.norm(moved - moved[0], axis=2) * (motion.force[:, mine, 0] > 0.0)
-    if (far := float(slide.max())) <= apart:
-        return []
-    text = (
-        f"the points of contacts[{number}] slide by up to {1e3 * far:.3g} mm, and stand "
-        f"{1e3 * apart:.3g} mm apart: they stay opposite the places where they were at the start, "
-        "so pressure and friction are wrong; such slides need a rigid surface"
-    )
-    return [Note(NoteKind.WARNING, text, f"contacts[{number}]")]
+    if (far := float(slide.max())) > apart:
+        text = (
+            f"the points of contacts[{number}] slide by up to {1e3 * far:.3g} mm, and stand "
+            f"{1e3 * apart:.3g} mm apart: they stay opposite the places where they were at the "
+            "start, so pressure and friction are wrong; such slides need a rigid surface"
+        )
+        yield Note(NoteKind.WARNING, text, f"contacts[{number}]")

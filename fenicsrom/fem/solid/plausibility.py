@@ -16,7 +16,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.base.compat import cells_of, entity_nodes
 from fenicsrom.notes import Note, implausible
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.scene import Elasticity, Region, Scene
+from fenicsrom.scene import Region, Scene
 from fenicsrom.scene.keys.unit_guess import SYSTEMS
 from fenicsrom.scene.keys.unit_system import Units
 
@@ -65,26 +65,20 @@ def implausible_inputs(scene: Scene, mesh: Mesh) -> list[Note]:
     names = [("material", scene.material)]
     names += [(f"materials[{k}]", group) for k, group in enumerate(scene.materials)]
     for key, material in names:
-        if found := _material_note(key, material, scene.units):
-            return found
+        young, density = max(material.orthotropic_constants[0]), material.density
+        if not _is_solid(young, density):
+            text = (
+                f"{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
+                f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} "
+                f"to {WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density, scene.units)}"
+            )
+            return [implausible(text)]
     extent = mesh.extent()
     if EXTENTS[0] <= extent <= EXTENTS[1]:
         return []
     what = "coordinates in mm? Then give [units], or geometry.scale = 0.001 for a mesh file"
     likely = f": are the {what}" if extent > EXTENTS[1] else ": check geometry.scale and [units]"
-    return implausible(f"the body is {extent:.4g} m long{likely}")
-
-
-def _material_note(key: str, material: Elasticity, units: Units) -> list[Note]:
-    """A note on a material that no solid has, with the likely units; none on any other one."""
-    young, density = max(material.orthotropic_constants[0]), material.density
-    if _is_solid(young, density):
-        return []
-    return implausible(
-        f"{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
-        f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} to "
-        f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density, units)}"
-    )
+    return [implausible(f"the body is {extent:.4g} m long{likely}")]
 
 
 def _likely_units(young: float, density: float, given_in: Units) -> str:
@@ -156,11 +150,12 @@ def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list
         if _enters(mesh, contact.place, points.position[points.contact == k][:MOST], normal):
             name = "normal" if contact.surface is None else "surface"
             words = ", ".join(f"{x + 0.0:.3g}" for x in normal)
-            return implausible(
+            text = (
                 f"contacts[{k}].{name}: the direction into the surface, ({words}), "
                 "points into the body where they touch: turn it round, so that the surface lies "
                 "outside of the body"
             )
+            return [implausible(text)]
     return []
 
 
