@@ -14,13 +14,7 @@ import re
 from pathlib import Path
 
 from fenicsrom.errors import refuse
-from fenicsrom.exchange.matrix_set import (
-    Label,
-    MatrixSet,
-    check_size,
-    dense,
-    matrix_set,
-)
+from fenicsrom.exchange.matrix_set import Label, MatrixSet, check_size, dense, matrix_set
 from fenicsrom.formats.collector import content_of
 
 PARTS = {"stiffness": "STIF", "mass": "MASS", "damping": "DMPV"}

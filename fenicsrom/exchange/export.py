@@ -184,11 +184,7 @@ def import_scene(stored: StoredModel, nodes: list[dict[str, Any]], name: str) ->
     scene, table = stored.scene, scene_table(stored.scene)
     d = scene.geometry.dimension
     along = [1.0, *[0.0] * (d - 1)]
-    found: dict[str, Any] = {
-        "title": scene.title,
-        "superelement": {"dimension": d},
-        "nodes": nodes,
-    }
+    found: dict[str, Any] = {"title": scene.title, "superelement": {"dimension": d}, "nodes": nodes}
     loads = []
     for k, load in enumerate(entry.by_acceleration() for entry in scene.loads):
         if not load.static:

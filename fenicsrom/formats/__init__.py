@@ -25,11 +25,7 @@ from fenicsrom.formats.mesh_file import Block, MeshFile
 from fenicsrom.formats.meshio_file import MODULES, read_meshio
 from fenicsrom.formats.nastran import read_nastran
 
-READERS = {
-    "abaqus": read_abaqus,
-    "nastran": read_nastran,
-    "ansys": read_ansys,
-}
+READERS = {"abaqus": read_abaqus, "nastran": read_nastran, "ansys": read_ansys}
 """Readers of finite-element models, by format."""
 
 SUFFIXES = {

@@ -448,11 +448,7 @@ def _names(placements: Placements, keyword: str, notes: list[str]) -> list[tuple
 
 
 def _surfaces(
-    placements: Placements,
-    blocks: list[Block],
-    starts: Ints,
-    cells: Resolver,
-    notes: list[str],
+    placements: Placements, blocks: list[Block], starts: Ints, cells: Resolver, notes: list[str]
 ) -> list[Block]:
     """The facets of the surfaces, on the cells of the highest dimension."""
     highest = max((block.shape.dimension for block in blocks), default=0)

@@ -11,13 +11,7 @@ import numpy as np
 
 from fenicsrom.errors import refuse
 from fenicsrom.formats.cells import with_middles
-from fenicsrom.formats.mesh_file import (
-    Block,
-    Floats,
-    Ints,
-    MeshFile,
-    unsupported,
-)
+from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, unsupported
 from fenicsrom.formats.nastran_cards import Card, read_cards
 from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS

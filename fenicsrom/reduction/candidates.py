@@ -49,12 +49,7 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.derivatives import Selection, all_pairs, combinations, split
-from fenicsrom.reduction.modes import (
-    ComponentModes,
-    component_modes,
-    load_responses,
-    varying_loads,
-)
+from fenicsrom.reduction.modes import ComponentModes, component_modes, load_responses, varying_loads
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.stages import (
     Derivatives,

@@ -11,12 +11,7 @@ import numpy as np
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import DISSIPATION, Note, NoteKind
-from fenicsrom.online.contact.points import (
-    closed_springs,
-    contacts_of,
-    springs_of,
-    trial_forces,
-)
+from fenicsrom.online.contact.points import closed_springs, contacts_of, springs_of, trial_forces
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.motion import Motion

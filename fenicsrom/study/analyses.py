@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
 @starts_from()
 def statics(
-    scene: Scene,
-    comm: Any = None,
-    *,
-    folder: Path | None = None,
-    stop: Callable[[], bool] = never,
+    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
 ) -> EquilibriumPath:
     """Follow the static equilibria of a scene over a load factor. Collective.
 
@@ -66,11 +62,7 @@ def statics(
 
 @starts_from(pairs=True, sectors=True)
 def modes(
-    scene: Scene,
-    comm: Any = None,
-    *,
-    folder: Path | None = None,
-    stop: Callable[[], bool] = never,
+    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
 ) -> Study | Campbell:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
@@ -111,10 +103,7 @@ def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = Non
 
 @starts_from("StoredModel", sectors=True)
 def campbell(
-    given: Scene | StoredModel,
-    comm: Any = None,
-    *,
-    folder: Path | None = None,
+    given: Scene | StoredModel, comm: Any = None, *, folder: Path | None = None
 ) -> Campbell:
     """Compute the Campbell diagram of a scene, or of a stored model for a range of speeds.
 
@@ -156,12 +145,7 @@ def campbell(
 
 
 @starts_from()
-def compare(
-    scene: Scene,
-    comm: Any = None,
-    *,
-    folder: Path | None = None,
-) -> Comparison:
+def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Comparison:
     """Compare reduced bases of a scene with its full model: error against run time. Collective.
 
     Args:

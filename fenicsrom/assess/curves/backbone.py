@@ -20,12 +20,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.results import CurveRecord, require_polynomial, required_table
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
-from fenicsrom.assess.errors.sizing import (
-    candidate_energies,
-    growing,
-    spare_coordinates,
-    unreached,
-)
+from fenicsrom.assess.errors.sizing import candidate_energies, growing, spare_coordinates, unreached
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR, FREQUENCY_ERROR
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
 from fenicsrom.notes import DAMPING_RATIOS, FREQUENCIES, PEAKS, Note, NoteKind

@@ -124,10 +124,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
                 )
                 raise refusal(reason, ErrorKind.RANGE) from error
             raise SceneError(
-                str(error),
-                kind=error.kind,
-                key="response.families.values",
-                source=scene.source,
+                str(error), kind=error.kind, key="response.families.values", source=scene.source
             ) from error
         _check_excitation(changed, scene)
         if (other := changed_path(scene, changed)) is not None:

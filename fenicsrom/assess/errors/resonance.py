@@ -61,12 +61,7 @@ TOLERANCE = 1e-8
 
 
 def near_resonance(
-    errors: MotionErrors,
-    factor: float,
-    model: Any,
-    scene: Scene,
-    motion: Motion,
-    start: Any,
+    errors: MotionErrors, factor: float, model: Any, scene: Scene, motion: Motion, start: Any
 ) -> MotionErrors:
     """The errors of a motion near a resonance, by the shift of the frequency; others unchanged.
 

@@ -194,10 +194,7 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
 
 
 def fitted(
-    stored: StoredModel,
-    motion: Motion,
-    stop: Callable[[], bool],
-    warnings: list[Note],
+    stored: StoredModel, motion: Motion, stop: Callable[[], bool], warnings: list[Note]
 ) -> Sized | None:
     """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
 

@@ -263,11 +263,7 @@ class Place:
         return np.asarray(motion.time > since)
 
     def march(
-        self,
-        model: ReducedModel,
-        steps: int,
-        before: Line | None,
-        start: tuple[Array, ...] | None,
+        self, model: ReducedModel, steps: int, before: Line | None, start: tuple[Array, ...] | None
     ) -> Motion:
         """The motion of a model at this speed until it is steady, or over all revolutions.
 

@@ -188,10 +188,7 @@ COMMANDS = (
         study.response,
         "follow periodic motions over a parameter: response curves and stability",
         "; its [response] table gives the parameter and its range",
-        resume=(
-            "STATE",
-            "continue the curves from the folder response_state of an earlier run",
-        ),
+        resume=("STATE", "continue the curves from the folder response_state of an earlier run"),
     ),
     _study(
         study.backbone,

@@ -69,11 +69,7 @@ PARTS = {
 }
 """The nodes of the parts into which its nodes divide a quadratic facet."""
 
-SIMPLICES = {
-    "interval": [[0, 1]],
-    "triangle": [[0, 1, 2]],
-    "quadrilateral": [[0, 1, 2], [3, 2, 1]],
-}
+SIMPLICES = {"interval": [[0, 1]], "triangle": [[0, 1, 2]], "quadrilateral": [[0, 1, 2], [3, 2, 1]]}
 """The corners of the simplices into which a facet is divided."""
 
 BETWEEN = 1e-6

@@ -38,12 +38,7 @@ leaves no trace in the state.
 from typing import NamedTuple
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.coating import (
-    coated_end_force,
-    coated_mean_force,
-    depth,
-    is_coated,
-)
+from fenicsrom.online.contact.coating import coated_end_force, coated_mean_force, depth, is_coated
 from fenicsrom.online.contact.friction import (
     blended,
     friction,

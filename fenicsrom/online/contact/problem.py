@@ -132,12 +132,7 @@ def add_response(
     compliance: Compliance, candidates: NDArray[np.int64], count: int, scratch: ContactScratch
 ) -> None:
     """Add G F to the residual of the candidates, from the forces at `count` touching points."""
-    rows, unit, z, d = (
-        compliance.rows,
-        compliance.unit,
-        compliance.change,
-        len(scratch.space),
-    )
+    rows, unit, z, d = (compliance.rows, compliance.unit, compliance.change, len(scratch.space))
     for a in range(rows.shape[1]):
         z[a, 0] = 0.0
         for t in range(count):
@@ -156,12 +151,7 @@ def update_in_coordinates(
 ) -> bool:
     """Turn the residual of all candidates into Newton's update by (3); False if it has none."""
     rows, unit, jacobian = compliance.rows, compliance.unit, compliance.jacobian
-    weighted, dz, n, d = (
-        compliance.weighted,
-        compliance.change,
-        rows.shape[1],
-        len(scratch.space),
-    )
+    weighted, dz, n, d = (compliance.weighted, compliance.change, rows.shape[1], len(scratch.space))
     for a in range(n):
         dz[a, 0] = 0.0
         for b in range(n):

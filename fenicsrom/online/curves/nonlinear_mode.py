@@ -149,10 +149,7 @@ class ModeContinuation(Continuation):
             last: largest.
         """
         model = without_dynamic_loads(problem.model)
-        problem = problem._replace(
-            model=model,
-            period=2.0 * np.pi / mode.omega,
-        )
+        problem = problem._replace(model=model, period=2.0 * np.pi / mode.omega)
         shooting = Shooting(problem)
         unit = np.eye(shooting.map.size + 2)[0]
         super().__init__(shooting, lambda _: problem, np.log(first), np.log(last), unit)

@@ -71,11 +71,7 @@ _ARITHMETIC: dict[str, tuple[Callable[..., Dual], ...]] = {
         lambda x, y: Dual(x.v * y, x.a * y, x.b * y, x.c * y),
         lambda x, y: Dual(x * y.v, x * y.a, x * y.b, x * y.c),
     ),
-    "truediv": (
-        _divided,
-        lambda x, y: Dual(x.v / y, x.a / y, x.b / y, x.c / y),
-        _divides,
-    ),
+    "truediv": (_divided, lambda x, y: Dual(x.v / y, x.a / y, x.b / y, x.c / y), _divides),
 }
 
 

@@ -68,12 +68,7 @@ class PeriodEnd:
 class PeriodMap:
     """The period map of one model with one scheme on one grid of times."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        plan: Scheme,
-        fractions: Array,
-    ):
+    def __init__(self, problem: Problem, plan: Scheme, fractions: Array):
         """Make the arrays.
 
         Args:
@@ -191,12 +186,7 @@ class PeriodMap:
         return status, end
 
     def _begin(
-        self,
-        problem: Problem,
-        z: Array,
-        sliders: Array,
-        guess: Array | None,
-        last_step: float,
+        self, problem: Problem, z: Array, sliders: Array, guess: Array | None, last_step: float
     ) -> None:
         """Set the state; arguments as the call."""
         state, model, contacts = self._state, problem.model, problem.contacts

@@ -250,12 +250,7 @@ class Shooting:
 
     stop: Callable[[], bool] | None = None
 
-    def __init__(
-        self,
-        problem: Problem,
-        m: int = 1,
-        fractions: Array | None = None,
-    ):
+    def __init__(self, problem: Problem, m: int = 1, fractions: Array | None = None):
         """Make the map and the scales.
 
         Args:
@@ -322,11 +317,7 @@ class Shooting:
         return np.asarray(self._scale @ matrix @ self._unscale)
 
     def march(
-        self,
-        s: Array,
-        problem: Problem | None = None,
-        *,
-        derive: bool = True,
+        self, s: Array, problem: Problem | None = None, *, derive: bool = True
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
         """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed.
 
@@ -424,11 +415,7 @@ def stuck_points(record: Record) -> tuple[int, ...]:
 
 
 def periodic_motion(
-    problem: Problem,
-    start: Any,
-    m: int = 1,
-    *,
-    tolerance: float = TOLERANCE,
+    problem: Problem, start: Any, m: int = 1, *, tolerance: float = TOLERANCE
 ) -> PeriodicMotion:
     """Find a periodic motion near a start by Newton's method.
 

@@ -33,11 +33,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.model.polynomial import (
-    ElasticPolynomial,
-    paired_cubic,
-    unique_cubic,
-)
+from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
 from fenicsrom.online.model.subspace import (
     change_of_tangent,
     nested_model,

@@ -264,11 +264,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
             Section("Special points", [response_tables.event_table(found)], keys=keys),
             Section(PEAKS_HEADING, [table_of(*peaks)], keys=keys, terminal=False),
             Section("Full model", [table_of(*full)], keys=keys),
-            Section(
-                "Estimated errors",
-                [table_of(*checks), CHECKS_NOTE],
-                terminal=False,
-            ),
+            Section("Estimated errors", [table_of(*checks), CHECKS_NOTE], terminal=False),
             Section("Effort", [response_tables.run_table(found)], terminal=False),
         ],
         response_tables.rows(found),

@@ -54,9 +54,7 @@ class Told(NamedTuple):
 
 
 def each(
-    found: Response,
-    items: Callable[[ResponseCurve], Iterable[Any]],
-    quantities: Iterable[Quantity],
+    found: Response, items: Callable[[ResponseCurve], Iterable[Any]], quantities: Iterable[Quantity]
 ) -> tuple[list[Told], list[Quantity]]:
     """The items of all curves, and their quantities after the second number of the curves."""
     families, told = found.table.families, [one.inside("item") for one in quantities]

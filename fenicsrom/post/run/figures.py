@@ -114,12 +114,7 @@ NOISE = note(f"amplitude below {NEGLIGIBLE:g} of the largest")
 # (tangential). The last panel is the orbit of the point.
 _LOOPS = {
     2: ((("u", 1), ("f", 1)), (("u", 0), ("f", 0)), (("u", 1), ("u", 0))),
-    3: (
-        (("u", 1), ("f", 1)),
-        (("u", 2), ("f", 2)),
-        (("u", 0), ("f", 0)),
-        (("u", 1), ("u", 2)),
-    ),
+    3: ((("u", 1), ("f", 1)), (("u", 2), ("f", 2)), (("u", 0), ("f", 0)), (("u", 1), ("u", 2))),
 }
 
 

@@ -47,11 +47,7 @@ from fenicsrom.post.paraview.paraview import (
     shapes,
 )
 from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
-from fenicsrom.post.run.figures import (
-    HISTORY,
-    plot_modes,
-    plot_sizes,
-)
+from fenicsrom.post.run.figures import HISTORY, plot_modes, plot_sizes
 from fenicsrom.post.run.motion_figures import (
     CAPTIONS,
     Draw,
@@ -60,11 +56,7 @@ from fenicsrom.post.run.motion_figures import (
     plot_coordinates,
     run_up_pictures,
 )
-from fenicsrom.post.run.summary import (
-    STRESSES_FILE,
-    SUMMARY,
-    agreement_plot,
-)
+from fenicsrom.post.run.summary import STRESSES_FILE, SUMMARY, agreement_plot
 from fenicsrom.post.setup.setup import (
     Mark,
     gathered_marks,

@@ -305,10 +305,7 @@ def summary(found: Study | Rerun) -> dict[str, Any]:
         model, reason = found.unfinished
         contents["unfinished"] = {"model": model, "reason": str(reason)}
     judged = verdict_of(
-        found.warnings,
-        failure_of(found),
-        quantities=quantities(found),
-        unjudged=unjudged(found),
+        found.warnings, failure_of(found), quantities=quantities(found), unjudged=unjudged(found)
     )
     contents |= told(judged, found.warnings)
     contents["provenance"] = found.stored.provenance if isinstance(found, Rerun) else provenance()

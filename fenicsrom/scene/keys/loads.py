@@ -257,12 +257,7 @@ class Table:
 Oscillation = Harmonic | Harmonics | Sweep
 History = Static | Oscillation | Pulse | Table
 HISTORIES = OneOf(
-    Static,
-    table=Table,
-    pulse=Pulse,
-    sweep=Sweep,
-    harmonics=Harmonics,
-    frequency=Harmonic,
+    Static, table=Table, pulse=Pulse, sweep=Sweep, harmonics=Harmonics, frequency=Harmonic
 )
 
 
