@@ -35,10 +35,7 @@ def craig_bampton(beam: TimoshenkoBeam) -> dict[str, np.ndarray]:
     basis[held, range(len(held))] = 1.0
     basis[inner, : len(held)] = -np.linalg.solve(stiffness, beam.stiffness[np.ix_(inner, held)])
     basis[inner, len(held) :] = modes
-    return {
-        "KAAX": basis.T @ beam.stiffness @ basis,
-        "MAAX": basis.T @ beam.mass @ basis,
-    }
+    return {"KAAX": basis.T @ beam.stiffness @ basis, "MAAX": basis.T @ beam.mass @ basis}
 
 
 if __name__ == "__main__":

@@ -42,10 +42,7 @@ def test_beam_of_another_section_is_refused(
 
 def test_beam_of_another_observed_place_is_refused() -> None:
     scene = beam_scene(
-        2,
-        contacts=None,
-        probe={"group": "load"},
-        reference={"beam": True, "beam_section": SECTION},
+        2, contacts=None, probe={"group": "load"}, reference={"beam": True, "beam_section": SECTION}
     )
     with refusal(ErrorKind.MISMATCH, "reference.beam_section", names="observed place"):
         check_beam(make_solid(scene), scene)

@@ -249,11 +249,7 @@ def test_run_started_from_a_motion_continues_it():
     from fenicsrom.reduction.beam import beam_structure
 
     section = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 10, "load_at": 0.7}
-    few = (
-        "time.steps_per_period=100",
-        "time.periods=2",
-        "time.steady_tolerance=0.0",
-    )
+    few = ("time.steps_per_period=100", "time.periods=2", "time.steady_tolerance=0.0")
     scene = beam_scene(
         overrides=(*few, "contacts.0.preload=100.0"),
         reference={"beam": True, "beam_section": section},

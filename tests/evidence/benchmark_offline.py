@@ -199,10 +199,7 @@ def run_stages(
     timed("linear transient", lambda: snapshots.linear)
     timed("nonlinear statics", lambda: snapshots.static)
     selection = timed("selection", lambda: choose(solid, scene, modes, snapshots))
-    derivatives = timed(
-        "derivatives",
-        lambda: differentiate(solid, scene.basis, modes, selection),
-    )
+    derivatives = timed("derivatives", lambda: differentiate(solid, scene.basis, modes, selection))
     basis = timed("basis", lambda: enrich(solid, modes, selection, derivatives))
     timed("reduction", lambda: reduce(solid, scene.basis, basis))
     return modes, selection, basis

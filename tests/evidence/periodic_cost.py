@@ -126,13 +126,7 @@ def curve_row() -> list[str]:
     assert table is not None
 
     def curve(**options: Any) -> Curve:
-        return follow(
-            case.family,
-            case.motion,
-            table.first,
-            (table.first, table.last),
-            **options,
-        )
+        return follow(case.family, case.motion, table.first, (table.first, table.last), **options)
 
     coarse = curve(largest_step=0.01)
     size, width = float(np.linalg.norm(coarse.points[0].s)), table.last - table.first

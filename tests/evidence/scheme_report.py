@@ -7,17 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scheme_errors import (
-    ASYMPTOTIC,
-    PATH,
-    REFERENCE,
-    SCHEMES,
-    SECOND,
-    USUAL,
-    Errors,
-    Run,
-    Series,
-)
+from scheme_errors import ASYMPTOTIC, PATH, REFERENCE, SCHEMES, SECOND, USUAL, Errors, Run, Series
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import ENERGY_ERROR

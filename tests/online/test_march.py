@@ -400,8 +400,7 @@ TOLERANT = pytest.param(SCHEMES[2], {"tolerance": 1e-3}, marks=pytest.mark.slow)
 
 
 @pytest.mark.parametrize(
-    ("scheme", "settings"),
-    [*((name, {"steps_per_period": 50}) for name in SCHEMES), TOLERANT],
+    ("scheme", "settings"), [*((name, {"steps_per_period": 50}) for name in SCHEMES), TOLERANT]
 )
 def test_compiled_loop_equals_plain_python(scheme: str, settings: dict[str, Any]) -> None:
     """Compiled, in plain Python, and in plain Python on a dense model."""

@@ -97,10 +97,7 @@ def test_gap_discrete_gradient_matches_change_of_penetration(surface: Any, d: in
         )
         if contacts.kind[0] != PLANE:
             assert_tangent(
-                lambda x, x0=x0: mean(x0, x),
-                lambda x, x0=x0: by_end(x0, x)[:d, :d],
-                x1,
-                step=1e-5,
+                lambda x, x0=x0: mean(x0, x), lambda x, x0=x0: by_end(x0, x)[:d, :d], x1, step=1e-5
             )
         gradient = [
             (penetration(contacts, 0, x0 + h, 0.4) - penetration(contacts, 0, x0 - h, 0.4)) / 2e-6

@@ -32,13 +32,7 @@ PAGES: dict[str, tuple[str, ...]] = {
     "campbell": ("campbell", "blade_campbell.toml", "campbell.speeds_rpm=[0,3000]"),
     "response": ("response", "response_2d.toml", "response.points=12"),
     "backbone": ("backbone", "backbone_2d.toml", "backbone.last=2e-3"),
-    "sweep": (
-        "sweep",
-        "open_2d.toml",
-        "--over",
-        "loads.0.force=[10,20]",
-        "time.periods=6",
-    ),
+    "sweep": ("sweep", "open_2d.toml", "--over", "loads.0.force=[10,20]", "time.periods=6"),
 }
 """Name of a page -> command, scene and overrides."""
 
