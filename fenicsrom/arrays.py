@@ -18,7 +18,7 @@ def _fields(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 
-def zeros(kind: Callable[..., T], given: Mapping[str, Any] | None = None, **sizes: int) -> T:
+def zeros(kind: Callable[..., T], given: Mapping[str, Any] | None = None, /, **sizes: int) -> T:
     """A named tuple of zeros.
 
     Args:

@@ -6,7 +6,7 @@ The loops do not know who listens, and nobody needs to: without a listener they 
 import logging
 import time as clock
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -21,25 +21,24 @@ _stop: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 
 @contextmanager
-def listening(listener: Listener | None) -> Iterator[None]:
+def _set(variable: ContextVar[T], value: T) -> Iterator[None]:
+    """Let a variable have a value in the body."""
+    outer = variable.get()
+    variable.set(value)
+    try:
+        yield
+    finally:
+        variable.set(outer)
+
+
+def listening(listener: Listener | None) -> AbstractContextManager[None]:
     """Pass the completed fraction of the work in the body to a listener."""
-    outer = _listener.get()
-    _listener.set(listener)
-    try:
-        yield
-    finally:
-        _listener.set(outer)
+    return _set(_listener, listener)
 
 
-@contextmanager
-def asking(stop: Callable[[], bool] | None) -> Iterator[None]:
+def asking(stop: Callable[[], bool] | None) -> AbstractContextManager[None]:
     """Let `ask` end the work in the body where `stop` returns True; None asks nobody."""
-    outer = _stop.get()
-    _stop.set(stop)
-    try:
-        yield
-    finally:
-        _stop.set(outer)
+    return _set(_stop, stop)
 
 
 def ask() -> None:

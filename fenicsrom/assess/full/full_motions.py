@@ -334,7 +334,7 @@ class _Problem:
 
     def _blocks(self, z: Array) -> list[Array]:
         """The scaled blocks of variables z (N,) or (N, k): q, v, a and sliders."""
-        n, count = self.map.local, self.map.blocks
+        n, count = self.map.n, self.map.blocks
         parts = [np.asarray(z[k * n : (k + 1) * n] / self._rates[k], float) for k in range(count)]
         return [*parts, (z[count * n :].T * self._slider).T]
 

@@ -22,7 +22,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.state import OPEN, ContactState, Interval
-from fenicsrom.online.contact.surfaces import PLANE
 from fenicsrom.online.derivative.contact_sensitivity import (
     REST,
     contact_data,
@@ -31,6 +30,7 @@ from fenicsrom.online.derivative.contact_sensitivity import (
 )
 from fenicsrom.online.derivative.period_sensitivity import end_coefficients
 from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.period_map import PeriodVariables
 from fenicsrom.online.run.march import copied_rows, initial_state, joined_rows
 from fenicsrom.online.step.state import (
     LAST_STEP,
@@ -79,7 +79,7 @@ class FullPeriodEnd:
     record: Record
 
 
-class FullPeriodMap:
+class FullPeriodMap(PeriodVariables):
     """The period map of a full model on vectors z (N,); each rank holds the unknowns it owns.
 
     The sliders are on every rank.
@@ -95,16 +95,10 @@ class FullPeriodMap:
                 periods of the loads.
         """
         model, contacts = problem.model, problem.contacts
+        super().__init__(model.local, contacts, plan)
         self.problem, self.model, self.contacts, self.plan = problem, model, contacts, plan
         self.times = problem.period * np.asarray(fractions, float)
-        self.local = model.local
-        self.blocks = 2 if plan.discrete_gradient else 3
-        points, d = contacts.centre.shape
-        axis = np.tile(np.arange(d), points)
-        self.memory = np.flatnonzero((np.repeat(contacts.kind, d) != PLANE) | (axis > 0))
-        self.size = self.blocks * self.local + self.memory.size
-        self._dimension, self._points = d, points
-        self._law = law_derivative(points, d)
+        self._law = law_derivative(self.points, self.dimension)
         data = contact_data(contacts, contacts)
         self._differentiate = partial(differentiate_law, self._law, data)
         self._guess: tuple[Array, Array, float] | None = None
@@ -119,11 +113,9 @@ class FullPeriodMap:
         Raises:
             ConvergenceError: the smallest step did not converge.
         """
-        n = self.local
-        sliders = self._sliders(z)
-        state = initial_state(self.problem, self.plan, z[:n], z[n : 2 * n], sliders)
-        if self.blocks == 3:
-            state.a[:] = z[2 * n : 3 * n]
+        (q, v, a), sliders = self.coordinates(z), self.sliders(z)
+        state = initial_state(self.problem, self.plan, q, v, sliders)
+        state.a[:] = a
         if self._guess is not None:
             state.mean_velocity[:], state.mean_acceleration[:], last_step = self._guess
             state.scalars[LAST_STEP] = last_step
@@ -131,29 +123,21 @@ class FullPeriodMap:
         record = self._march(state, columns)
         last_step = float(state.scalars[LAST_STEP])
         self._guess = state.mean_velocity.copy(), state.mean_acceleration.copy(), last_step
-        parts = [state.q, state.v, state.a][: self.blocks]
-        end = np.concatenate([*parts, state.contact.slider.reshape(-1)[self.memory]])
+        end = self.pack(state.q, state.v, state.a, state.contact.slider)
         moved = np.zeros((z.size, 0))
         if columns is not None:
-            parts = [columns.q, columns.v, columns.a][: self.blocks]
-            moved = np.concatenate([*parts, columns.w[self.memory]])
+            moved = self.pack(columns.q, columns.v, columns.a, columns.w)
         return FullPeriodEnd(end, moved, record)
-
-    def _sliders(self, z: Array) -> Array:
-        """Sliders (P, d) of variables z; zero where they have no meaning."""
-        found = np.zeros(self._points * self._dimension)
-        found[self.memory] = z[self.blocks * self.local :]
-        return found.reshape(self._points, self._dimension)
 
     def _start(self, state: State, sliders: Array, block: Array) -> _Columns:
         """The derivatives at the start, where `at_rest` has accepted the sliders."""
-        n, d = self.local, self._dimension
+        n, d = self.n, self.dimension
         a = block[2 * n : 3 * n].copy() if self.blocks == 3 else np.zeros((n, block.shape[1]))
-        given = np.zeros((self._points * d, block.shape[1]))
+        given = np.zeros((self.points * d, block.shape[1]))
         given[self.memory] = block[self.blocks * n :]
         x = self.model.contact_change(block[:n])
         w = np.zeros_like(given)
-        for p in range(self._points):
+        for p in range(self.points):
             mine = slice(p * d, (p + 1) * d)
             here = state.contact.x[p].copy()
             self._differentiate(REST, p, here, here, sliders[p].copy(), 0j, REST.discrete_gradient)
@@ -171,7 +155,7 @@ class FullPeriodMap:
         times, rows, s = self.times, list[Record](), state.scalars
         control = Control(float(np.max(np.diff(times))), 0.0, 0.0, times)
         room = times.size if columns is None else 1
-        row, status = no_record(room, self._points, self._dimension), FULL
+        row, status = no_record(room, self.points, self.dimension), FULL
         s[STEP] = times[1] - times[0]
         while status == FULL:  # with derivatives after each step
             begin, q, contact = float(s[TIME]), state.q.copy(), copy.deepcopy(state.contact)
@@ -202,18 +186,18 @@ class FullPeriodMap:
             begin: time of its start, s.
             columns: the derivatives.
         """
-        model, plan, d = self.model, self.plan, self._dimension
+        model, plan, d = self.model, self.plan, self.dimension
         h = float(state.scalars[TIME]) - begin
         f, e = step_coefficients(plan, plan.damping, h), end_coefficients(plan, h)
         moved = model.mass_times(f.inertia_v * columns.v + f.inertia_a * columns.a)
         moved += model.elastic_by_start(q, state.q - q, plan, columns.q)
         if plan.velocity_forces:
             moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
-        m = self._points * d
+        m = self.points * d
         times: Any = complex(begin), complex(begin + h)
         step_times = Interval(*times, plan.alpha_f, plan.discrete_gradient)
         force, by_end = np.zeros((m, columns.q.shape[1])), np.zeros((m, m))
-        for p in range(self._points):
+        for p in range(self.points):
             if state.trial.scratch.mode[p] == OPEN:
                 continue
             ends = before.x[p], state.contact.x[p]
@@ -231,7 +215,7 @@ class FullPeriodMap:
         if not plan.discrete_gradient:
             columns.a = e.a_dq * step + e.a_v * v + e.a_a * a
         x1 = model.contact_change(columns.q)
-        for p in range(self._points):
+        for p in range(self.points):
             mine = slice(p * d, (p + 1) * d)
             if state.trial.scratch.mode[p] == OPEN:
                 columns.w[mine] = x1[mine]

@@ -17,7 +17,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import at_rest
-from fenicsrom.online.contact.surfaces import PLANE
+from fenicsrom.online.contact.surfaces import PLANE, Contacts
 from fenicsrom.online.derivative.contact_sensitivity import REST
 from fenicsrom.online.derivative.period_sensitivity import (
     carry_derivatives,
@@ -65,7 +65,49 @@ class PeriodEnd:
     last_step: float
 
 
-class PeriodMap:
+class PeriodVariables:
+    """The variables z = (q, v, a, w) of a period map, of a reduced model or of the full one.
+
+    Attributes:
+        n: number of coordinates, of the full model those of this rank.
+        points: number of contact points P.
+        dimension: dimension of space d.
+        blocks: number of vectors (n,) in z: 2 if the scheme has no accelerations, else 3.
+        memory: the components of sliders in z among all (P d).
+        size: number of variables N.
+    """
+
+    def __init__(self, n: int, contacts: Contacts, plan: Scheme):
+        """Count the variables of n coordinates with a scheme."""
+        self.n, (self.points, self.dimension) = n, contacts.centre.shape
+        kinds = np.repeat(contacts.kind, self.dimension)
+        axis = np.tile(np.arange(self.dimension), self.points)
+        self.memory = np.flatnonzero((kinds != PLANE) | (axis > 0))
+        self.blocks = 2 if plan.discrete_gradient else 3
+        self.size = self.blocks * n + self.memory.size
+
+    def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
+        """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d).
+
+        Or their derivatives (N, k) by k numbers, of which those of the sliders are (P d, k).
+        """
+        sliders = sliders.reshape(self.points * self.dimension, *q.shape[1:])
+        return np.concatenate([*[q, v, a][: self.blocks], sliders[self.memory]])
+
+    def coordinates(self, z: Array) -> Array:
+        """Coordinates, velocities and accelerations (3, n) of variables z."""
+        found = np.zeros((3, self.n))
+        found[: self.blocks] = z[: self.blocks * self.n].reshape(self.blocks, self.n)
+        return found
+
+    def sliders(self, z: Array) -> Array:
+        """Sliders (P, d) of variables z; zero where they have no meaning."""
+        found = np.zeros(self.points * self.dimension)
+        found[self.memory] = z[self.blocks * self.n :]
+        return found.reshape(self.points, self.dimension)
+
+
+class PeriodMap(PeriodVariables):
     """The period map of one model with one scheme on one grid of times."""
 
     def __init__(self, problem: Problem, plan: Scheme, fractions: Array):
@@ -76,15 +118,9 @@ class PeriodMap:
             plan: the weights of the scheme.
             fractions: (N + 1,) instants on which the steps land, from 0 to the number of periods.
         """
-        model, contacts, dimension = problem.model, problem.contacts, problem.dimension
-        self.plan, self.fractions, self.dimension = plan, np.asarray(fractions, float), dimension
-        n, points = model.size, contacts.preload.size
-        self.n, self.points = n, points
-        kinds = np.repeat(contacts.kind, dimension)
-        axis = np.tile(np.arange(dimension), points)
-        self.memory = np.flatnonzero((kinds != PLANE) | (axis > 0))
-        self.blocks = 2 if plan.discrete_gradient else 3
-        self.size = self.blocks * n + self.memory.size
+        super().__init__(problem.model.size, problem.contacts, plan)
+        self.plan, self.fractions = plan, np.asarray(fractions, float)
+        n, points, dimension = self.n, self.points, self.dimension
         self._state = no_state(n, points, dimension)
         self._record = no_record(4 * self.fractions.size, points, dimension, 3 * n)
         columns = 8 * (self.size // 8 + 1)  # loops over whole vectors of eight numbers are faster
@@ -101,29 +137,12 @@ class PeriodMap:
         """The state at the end of the last call; the next call overwrites it."""
         return self._state
 
-    def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
-        """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d)."""
-        parts = [q, v, a][: self.blocks]
-        return np.concatenate([*parts, sliders.reshape(-1)[self.memory]])
-
     def origin(self, problem: Problem) -> Array:
         """The variables (N,) of the rest of a problem, from which z is measured."""
         if problem.rest is None:
             return np.zeros(self.size)
         nothing, x = np.zeros(self.n), problem.model.contact_displacement(problem.rest)
         return self.pack(problem.rest, nothing, nothing, x)
-
-    def coordinates(self, z: Array) -> Array:
-        """Coordinates, velocities and accelerations (3, n) of variables z."""
-        found = np.zeros((3, self.n))
-        found[: self.blocks] = z[: self.blocks * self.n].reshape(self.blocks, self.n)
-        return found
-
-    def sliders(self, z: Array) -> Array:
-        """Sliders (P, d) of variables z; zero where they have no meaning."""
-        found = np.zeros(self.points * self.dimension)
-        found[self.memory] = z[self.blocks * self.n :]
-        return found.reshape(self.points, self.dimension)
 
     def __call__(
         self,
@@ -233,7 +252,7 @@ class PeriodMap:
         s, state = self._sensitivity, self._state
         derivative: Array = np.zeros((0, 1))
         if derive:
-            derivative = np.concatenate([*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]])
+            derivative = self.pack(s.q, s.v, s.a, s.w)
         return PeriodEnd(
             self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
             derivative[:, : self.size],
