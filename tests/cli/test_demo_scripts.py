@@ -45,9 +45,9 @@ def printed(label: str) -> list[str]:
     [
         ("40 N, linear", "slip_liftoff", True, "beam"),
         ("open, linear", "open", True, "beam"),
-        pytest.param("40 N, linear", "slip_liftoff", True, "solid", marks=pytest.mark.slow),
-        pytest.param("open, linear", "open", True, "solid", marks=pytest.mark.slow),
-        pytest.param("40 N, nonlinear", "slip_liftoff", False, "beam", marks=pytest.mark.slow),
+        ("open, linear", "open", True, "solid"),
+        pytest.param("40 N, linear", "slip_liftoff", True, "solid", marks=pytest.mark.long),
+        pytest.param("40 N, nonlinear", "slip_liftoff", False, "beam", marks=pytest.mark.long),
     ],
 )
 @pytest.mark.slow

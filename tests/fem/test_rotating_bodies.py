@@ -226,5 +226,7 @@ def test_shaft_above_its_critical_speed_whirls_by_damping_only() -> None:
     assert solid.unstable == 2 and note_of(told).kind is NoteKind.UNSTABLE
     growth = float(told.split("grows by ")[1].split(" %")[0])
     assert growth == pytest.approx(100.0 * np.expm1(rate * 2.0 * np.pi / speed), rel=0.02)
-    still = make_solid(turning(speed, 0.0, "rotation.coriolis=false"))
+    # the search for another equilibrium runs away: few elements
+    alone = "rotation.coriolis=false", "geometry.parameters.elements_along=2"
+    still = make_solid(turning(speed, 0.0, *alone))
     assert still.unstable == 2 and "rotation.coriolis" in still.warnings[0]
