@@ -11,24 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import refuse
+from fenicsrom.formats import abaqus_sets
 from fenicsrom.formats.abaqus_physics import TAKEN_ELEMENTS, with_physics
-from fenicsrom.formats.abaqus_sets import (
-    OF_ELEMENTS,
-    Entry,
-    Keyword,
-    Part,
-    Side,
-    add_to_set,
-    assembled,
-    fields,
-    is_axisymmetric,
-    kind_of,
-    known_name,
-    placed,
-    read_keywords,
-    read_set,
-    refused,
-)
 from fenicsrom.formats.mesh_file import Floats, MeshFile, unsupported
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.words import counted
@@ -56,9 +40,9 @@ class Model:
     """
 
     path: Path
-    root: Part = field(default_factory=Part)
-    parts: dict[str, Part] = field(default_factory=dict)
-    instances: list[tuple[str, Part, Floats]] = field(default_factory=list)
+    root: abaqus_sets.Part = field(default_factory=abaqus_sets.Part)
+    parts: dict[str, abaqus_sets.Part] = field(default_factory=dict)
+    instances: list[tuple[str, abaqus_sets.Part, Floats]] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
     not_read: dict[str, None] = field(default_factory=dict)
     notes: dict[str, None] = field(default_factory=dict)
@@ -71,18 +55,20 @@ def read_abaqus(path: Path) -> MeshFile:
         SceneError: the file is damaged, or has content that changes the mesh and is not supported.
     """
     model, current = Model(path), None
-    more: list[tuple[Keyword, Part]] = []
-    for keyword in read_keywords(path):
+    more: list[tuple[abaqus_sets.Keyword, abaqus_sets.Part]] = []
+    for keyword in abaqus_sets.read_keywords(path):
         name = keyword.name
         if name == "PART":
-            current = model.parts.setdefault(keyword.parameters.get("NAME", "").upper(), Part())
+            current = model.parts.setdefault(
+                keyword.parameters.get("NAME", "").upper(), abaqus_sets.Part()
+            )
         elif name == "INSTANCE":
             current = _instance(model, keyword)
         elif name in ("END PART", "END INSTANCE"):
             current = None
         if not _read(model, current or model.root, keyword) or name in ("ELEMENT", "END STEP"):
             more.append((keyword, current or model.root))
-    mesh, nodes, cells = assembled(path, model.root, model.instances)
+    mesh, nodes, cells = abaqus_sets.assembled(path, model.root, model.instances)
     places = {
         id(part): tuple(n for n, own, _ in model.instances if own is part) for _, part in more
     }
@@ -94,7 +80,7 @@ def read_abaqus(path: Path) -> MeshFile:
     return replace(mesh, not_read=not_read, notes=(*mesh.notes, *model.notes))
 
 
-def _instance(model: Model, keyword: Keyword) -> Part:
+def _instance(model: Model, keyword: abaqus_sets.Keyword) -> abaqus_sets.Part:
     """Add an instance of a part; an instance may have nodes and elements of its own.
 
     Raises:
@@ -105,12 +91,12 @@ def _instance(model: Model, keyword: Keyword) -> Part:
         raise refuse(model.path, f"*INSTANCE {name}: there is no part {of!r} before it")
     part = model.parts[of]
     if not part.nodes and not part.elements:
-        part = Part()
-    model.instances.append((name, part, placed(model.path, keyword)))
+        part = abaqus_sets.Part()
+    model.instances.append((name, part, abaqus_sets.placed(model.path, keyword)))
     return part
 
 
-def _read(model: Model, part: Part, keyword: Keyword) -> bool:
+def _read(model: Model, part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> bool:
     """Read one keyword into a part; return whether it was read or has no effect on the physics."""
     name, path = keyword.name, model.path
     if name in GENERATORS and (keyword.lines or name not in ("SYSTEM", "PARAMETER")):
@@ -130,7 +116,7 @@ def _read(model: Model, part: Part, keyword: Keyword) -> bool:
     return True
 
 
-def _nodes(path: Path, part: Part, keyword: Keyword) -> None:
+def _nodes(path: Path, part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> None:
     """Read *NODE.
 
     Raises:
@@ -141,7 +127,7 @@ def _nodes(path: Path, part: Part, keyword: Keyword) -> None:
         raise refuse(path, f"*NODE, SYSTEM={system}: must be R or C")
     numbers = []
     for line in keyword.lines:
-        words = fields(line)
+        words = abaqus_sets.fields(line)
         try:
             number = int(words[0])
             place = [float(word.upper().replace("D", "E") or 0) for word in words[1:4]]
@@ -157,32 +143,32 @@ def _nodes(path: Path, part: Part, keyword: Keyword) -> None:
             raise refuse(path, f"node {number} is given twice, at different places")
         numbers.append(number)
     if name := keyword.parameters.get("NSET"):
-        add_to_set(part.node_sets, name, Entry("", tuple(numbers)))
+        abaqus_sets.add_to_set(part.node_sets, name, abaqus_sets.Entry("", tuple(numbers)))
 
 
-def _elements(model: Model, part: Part, keyword: Keyword) -> None:
+def _elements(model: Model, part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> None:
     """Read *ELEMENT.
 
     Raises:
         SceneError: the elements would leave a hole in the body, or a line is damaged.
     """
     path, name = model.path, keyword.parameters.get("TYPE", "").upper()
-    if what := refused(name) if kind_of(name) is None else None:
+    if what := abaqus_sets.refused(name) if abaqus_sets.kind_of(name) is None else None:
         raise refuse(path, unsupported(f"elements of type {name} ({what})"))
-    kind = kind_of(name)
+    kind = abaqus_sets.kind_of(name)
     of = keyword.parameters.get("ELSET")
     if kind is None:
         model.left_out[name] += sum(not line.endswith(",") for line in keyword.lines)
         if of:
-            add_to_set(part.element_sets, of, Entry("", ()))
+            abaqus_sets.add_to_set(part.element_sets, of, abaqus_sets.Entry("", ()))
         return
-    if is_axisymmetric(name):
+    if abaqus_sets.is_axisymmetric(name):
         model.not_read[f"the axis of the {name} elements (they are read as plane cells)"] = None
     size = 1 + SHAPES[kind].nodes
     elements, numbers = part.elements.setdefault(name, {}), []
     row: list[str] = []
     for line in (*keyword.lines, ""):
-        words = fields(line)
+        words = abaqus_sets.fields(line)
         if not row and len(words) > size:
             model.notes[f"elements of type {name} have only their first {size - 1} nodes"] = None
             words = words[:size]
@@ -202,10 +188,10 @@ def _elements(model: Model, part: Part, keyword: Keyword) -> None:
         numbers.append(number)
         row = []
     if of:
-        add_to_set(part.element_sets, of, Entry("", tuple(numbers)))
+        abaqus_sets.add_to_set(part.element_sets, of, abaqus_sets.Entry("", tuple(numbers)))
 
 
-def _set(path: Path, part: Part, keyword: Keyword) -> None:
+def _set(path: Path, part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> None:
     """Read *NSET or *ELSET; a node set may be that of the nodes of an element set."""
     is_node_set = keyword.name == "NSET"
     sets = part.node_sets if is_node_set else part.element_sets
@@ -213,29 +199,33 @@ def _set(path: Path, part: Part, keyword: Keyword) -> None:
     instance = keyword.parameters.get("INSTANCE", "")
     if "INTERNAL" not in keyword.parameters:
         part.internal.discard((keyword.name, name.upper()))
-    elif known_name(sets, name) not in sets:
+    elif abaqus_sets.known_name(sets, name) not in sets:
         part.internal.add((keyword.name, name.upper()))
     if is_node_set and "ELSET" in keyword.parameters:
-        items: tuple[int | str, ...] = (OF_ELEMENTS + keyword.parameters["ELSET"],)
-        add_to_set(sets, name, Entry(instance, items))
+        items: tuple[int | str, ...] = (abaqus_sets.OF_ELEMENTS + keyword.parameters["ELSET"],)
+        abaqus_sets.add_to_set(sets, name, abaqus_sets.Entry(instance, items))
     else:
-        add_to_set(sets, name, Entry(instance, read_set(path, keyword)))
+        abaqus_sets.add_to_set(
+            sets, name, abaqus_sets.Entry(instance, abaqus_sets.read_set(path, keyword))
+        )
 
 
-def _surface(part: Part, keyword: Keyword) -> bool:
+def _surface(part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> bool:
     """Read *SURFACE; return whether the whole surface was read."""
     name, kind = keyword.parameters.get("NAME", ""), keyword.parameters.get("TYPE", "ELEMENT")
-    rows = [fields(line) for line in keyword.lines]
+    rows = [abaqus_sets.fields(line) for line in keyword.lines]
     if kind.upper() == "NODE":
         for row in rows:
             items = tuple(int(word) if word.isdigit() else word for word in row[:1])
-            add_to_set(part.node_sets, name, Entry("", items))
+            abaqus_sets.add_to_set(part.node_sets, name, abaqus_sets.Entry("", items))
         return True
     whole = kind.upper() == "ELEMENT"
-    sides = part.surfaces.setdefault(known_name(part.surfaces, name), [])
+    sides = part.surfaces.setdefault(abaqus_sets.known_name(part.surfaces, name), [])
     for row in rows:
         if len(row) == 2 and row[1].upper()[:1] == "S" and row[1][1:].isdigit():
-            sides.append(Side(int(row[0]) if row[0].isdigit() else row[0], int(row[1][1:]) - 1))
+            sides.append(
+                abaqus_sets.Side(int(row[0]) if row[0].isdigit() else row[0], int(row[1][1:]) - 1)
+            )
         else:
             whole = False
     return whole

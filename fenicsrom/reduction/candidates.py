@@ -47,20 +47,11 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, SceneError
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.subspace import nested_model
+from fenicsrom.reduction import stages
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.derivatives import Selection, all_pairs, combinations, split
 from fenicsrom.reduction.modes import ComponentModes, component_modes, load_responses, varying_loads
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.stages import (
-    Derivatives,
-    Directions,
-    Reduction,
-    derivatives_along,
-    differentiate,
-    enrich,
-    load_pairs,
-    with_loads,
-)
 from fenicsrom.scene import Basis, Scene
 
 NEXT_INTERFACE_MODES = 10
@@ -103,7 +94,7 @@ def most_coordinates(scene: Scene, modes: ComponentModes) -> int:
     return linear + INERTIA_NONLINEAR + pairs + COMBINATIONS
 
 
-def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:
+def candidate_model(structure: Structure, options: Basis, found: stages.Reduction) -> ReducedModel:
     """The larger model of (1).
 
     Args:
@@ -115,7 +106,7 @@ def candidate_model(structure: Structure, options: Basis, found: Reduction) -> R
     return project(structure, extended, structure.geometrically_nonlinear)
 
 
-def extended_basis(structure: Structure, options: Basis, found: Reduction) -> ReducedBasis:
+def extended_basis(structure: Structure, options: Basis, found: stages.Reduction) -> ReducedBasis:
     """[R, W] of (1), whose first n vectors are those of the basis.
 
     Arguments as `candidate_model`.
@@ -161,7 +152,7 @@ def extended_basis(structure: Structure, options: Basis, found: Reduction) -> Re
         labels += list(derivatives.sizes)[len(derivatives.labels) :]
         plain = extended()
     wanted = missing_derivatives(modes, more, selection, derivatives)
-    along = with_loads(more, modes.loads)
+    along = stages.with_loads(more, modes.loads)
     combined = _combinations(structure, options, modes, along, wanted, plain)
     names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
     vectors = [plain.vectors[:, basis.size :], combined]
@@ -195,7 +186,10 @@ def _moved_by_inertia(
 
 
 def missing_derivatives(
-    modes: ComponentModes, more: ComponentModes, selection: Selection, derivatives: Derivatives
+    modes: ComponentModes,
+    more: ComponentModes,
+    selection: Selection,
+    derivatives: stages.Derivatives,
 ) -> tuple[str, ...]:
     """The labels of the derivatives that the candidates combine.
 
@@ -217,7 +211,7 @@ def missing_derivatives(
         if not known.issuperset(split(label)) and split(label)[1].endswith("V")
     ]
     new.sort(key=lambda label: sum(int(part[:-1]) for part in split(label)))
-    loaded = [label for label in load_pairs(modes) if label not in kept][:LOAD_DERIVATIVES]
+    loaded = [label for label in stages.load_pairs(modes) if label not in kept][:LOAD_DERIVATIVES]
     return (*missing[:MISSING_DERIVATIVES], *new[:NEXT_DERIVATIVES], *loaded)
 
 
@@ -242,14 +236,14 @@ def _combinations(
     structure: Structure,
     options: Basis,
     modes: ComponentModes,
-    along: Directions,
+    along: stages.Directions,
     wanted: tuple[str, ...],
     basis: ReducedBasis,
 ) -> Array:
     """The combinations (local, k) of derivatives with the largest energies outside of a basis."""
     if not wanted:
         return np.zeros((structure.local, 0))
-    found = derivatives_along(structure, options, modes, wanted, along)
+    found = stages.derivatives_along(structure, options, modes, wanted, along)
     x = along.vectors
     # follower pressures may make an energy negative, though not the equilibrium unstable
     sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.held_times(x)))))
@@ -261,7 +255,7 @@ def _combinations(
 
 
 def finer_model(
-    structure: Structure, finer: Any, options: Basis, found: Reduction
+    structure: Structure, finer: Any, options: Basis, found: stages.Reduction
 ) -> tuple[ReducedModel, tuple[str, ...], Array]:
     """The reduced model of finer elements, in the coordinates of the model of a structure.
 
@@ -297,12 +291,12 @@ def finer_model(
         loads=replace(loads, vectors=load_responses(finer)[:, columns]),
     )
     selection = _moved(structure, found.modes, modes, found.selection)
-    derivatives = differentiate(finer, options, modes, selection)
+    derivatives = stages.differentiate(finer, options, modes, selection)
     if selection.principal is not None:  # as many combinations as the basis has
         count = len(found.derivatives.labels)
         vectors = np.concatenate([derivatives.vectors, derivatives.further], axis=1)[:, :count]
-        derivatives = Derivatives(found.derivatives.labels[: vectors.shape[1]], vectors)
-    basis = enrich(finer, modes, selection, derivatives)
+        derivatives = stages.Derivatives(found.derivatives.labels[: vectors.shape[1]], vectors)
+    basis = stages.enrich(finer, modes, selection, derivatives)
     if basis.labels == found.basis.labels:
         turned = signs(found.basis.vectors, basis.vectors)
         basis = replace(basis, vectors=basis.vectors * turned)

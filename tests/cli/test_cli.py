@@ -384,7 +384,7 @@ def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeyp
     def broken(*_, **__):
         raise ValueError("no axes")
 
-    monkeypatch.setattr(motion_figures, "plot_motion", broken)
+    monkeypatch.setattr(motion_figures.figures, "plot_motion", broken)
     model = str(results / "reduced_model.npz")
     assert main(["run", "--from", model, "--output", str(tmp_path)]) == 0
     sentence = "motion.png was not drawn: ValueError: no axes"

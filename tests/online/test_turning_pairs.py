@@ -74,7 +74,7 @@ def test_pair_that_meets_on_the_real_axis_without_excitation_changes_nothing(
     assert all(point.stable for point in curve.points)
     senses = [np.sign(point.turning.imag) for point in curve.points]
     assert not np.array_equal(senses[0], senses[-1])
-    monkeypatch.setattr(continuation, "unseen_points", lambda path, a, b: [])
+    monkeypatch.setattr(continuation.events, "unseen_points", lambda path, a, b: [])
     plain = response(0.0)
     assert len(plain.points) == len(curve.points)
     for one, other in zip(plain.points, curve.points, strict=True):

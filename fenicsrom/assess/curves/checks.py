@@ -17,14 +17,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curves import results
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
-from fenicsrom.assess.curves.results import (
-    FullPoint,
-    Response,
-    ResponseCurve,
-    curve_title,
-    response_table,
-)
 from fenicsrom.assess.curves.trust import (
     FOLD,
     LARGEST,
@@ -110,7 +104,7 @@ def model_before_curves(
     Raises:
         KeyboardInterrupt: `stop` returned True.
     """
-    families = response_table(stored.scene).families
+    families = results.response_table(stored.scene).families
     owns = [stored]
     if families is not None:
         owns = [stored.with_values({families.key: value}) for value in families.values]
@@ -125,7 +119,7 @@ def model_before_curves(
 
 def _samples(stored: StoredModel, report: Callable[[float, str], None]) -> list[Sample]:
     """A few motions of the curve of a model; see `fenicsrom.assess.jobs.Job`."""
-    table, family = response_table(stored.scene), family_of(stored)
+    table, family = results.response_table(stored.scene), family_of(stored)
     points: list[CurvePoint] = []
     for value in (table.first, table.last, *_resonances(stored)):
         report(0.0, "")
@@ -153,7 +147,7 @@ def _height(point: CurvePoint) -> float:
 
 def _resonances(stored: StoredModel) -> Iterator[float]:
     """The lowest natural frequencies within the range of a curve over the frequency, Hz."""
-    table = response_table(stored.scene)
+    table = results.response_table(stored.scene)
     if table.parameter != "frequency":
         return
     try:
@@ -164,7 +158,7 @@ def _resonances(stored: StoredModel) -> Iterator[float]:
     yield from [value for value in own if table.low < value < table.high][:RESONANCES]
 
 
-def cost_in_words(found: Response, larger: StoredModel) -> str:
+def cost_in_words(found: results.Response, larger: StoredModel) -> str:
     """What the curves of a larger model cost, by the time that those of a smaller one took."""
     points = [point for curve in found.curves for point in curve.points]
     sliders = points[0].z.size - 2 * found.size if points else 0
@@ -172,7 +166,7 @@ def cost_in_words(found: Response, larger: StoredModel) -> str:
     return f"about {duration(ratio * found.seconds)}"
 
 
-def worst_checks(found: Response, stored: StoredModel) -> list[tuple[StoredModel, Check]]:
+def worst_checks(found: results.Response, stored: StoredModel) -> list[tuple[StoredModel, Check]]:
     """The points of each curve with errors above the accuracy, each with the model of its curve."""
     accuracy, families = stored.scene.basis.accuracy, found.table.families
     worst = []
@@ -191,7 +185,7 @@ def _error(check: Check) -> float:
     return BASIS_SAFETY * (check.basis_error or 0.0) if check.quantity == "amplitude" else 0.0
 
 
-def larger_model(found: Response, stored: StoredModel, spare: int) -> StoredModel | None:
+def larger_model(found: results.Response, stored: StoredModel, spare: int) -> StoredModel | None:
     """A model with the coordinates that the curves lack; None if they lack none, or none is left.
 
     Where the accuracy is not reached, a warning joins those of the curves.
@@ -371,7 +365,7 @@ def _in_words(verdict: str) -> str:
 REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
 
 
-def add_full_points(found: Response, stored: StoredModel, solid: Any, basis: Array) -> None:
+def add_full_points(found: results.Response, stored: StoredModel, solid: Any, basis: Array) -> None:
     """Compute the motions of the full model that a scene asks for, and add them to its curves.
 
     At each value of `response.full` the reduced motion is taken from the curve: the stable motion
@@ -392,7 +386,7 @@ def add_full_points(found: Response, stored: StoredModel, solid: Any, basis: Arr
             current, begin = stored, ""
             if families is not None:
                 current = stored.with_values({families.key: curve.value})
-                begin = curve_title(found.scene, curve.value)
+                begin = results.curve_title(found.scene, curve.value)
             family = family_of(current)
             for value in found.table.full_values:
                 name = f"{begin}full model at {in_words(found.scene, found.table.parameter, value)}"
@@ -407,7 +401,7 @@ def add_full_points(found: Response, stored: StoredModel, solid: Any, basis: Arr
                     found.unfinished = found.unfinished or error
                     continue
                 curve.full.append(
-                    FullPoint(
+                    results.FullPoint(
                         value,
                         motion.amplitude,
                         reduced.amplitude,
@@ -423,7 +417,7 @@ def add_full_points(found: Response, stored: StoredModel, solid: Any, basis: Arr
 
 
 def _reduced_motion(
-    stored: StoredModel, family: Family, curve: ResponseCurve, value: float
+    stored: StoredModel, family: Family, curve: results.ResponseCurve, value: float
 ) -> tuple[Shooting, PeriodicMotion]:
     """The equation and the reduced motion of a curve at a value of the parameter.
 
@@ -444,5 +438,5 @@ def _reduced_motion(
             return shooting, solve(shooting, near, REDUCED_TOLERANCE)
         except ConvergenceError:
             continue
-    key = response_table(stored.scene).parameter
+    key = results.response_table(stored.scene).parameter
     raise ConvergenceError(f"the response curve has no motion at {key} = {value:.6g}")

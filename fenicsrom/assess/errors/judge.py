@@ -24,14 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors import estimates
 from fenicsrom.assess.errors.comparisons import unseen
-from fenicsrom.assess.errors.estimates import (
-    MotionErrors,
-    basis_errors,
-    distances,
-    nested_motion,
-    together,
-)
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
@@ -66,7 +60,7 @@ class Judged(NamedTuple):
     """
 
     stored: StoredModel
-    errors: MotionErrors
+    errors: estimates.MotionErrors
 
 
 def judge_with_residual(
@@ -108,7 +102,7 @@ def judge_with_residual(
         found, seen = judge_again(larger, motion, other)
         if seen is None:
             break
-        pairs = zip(distances(before, seen)[:2], found.errors[:2], strict=True)
+        pairs = zip(estimates.distances(before, seen)[:2], found.errors[:2], strict=True)
         if all(change <= min(max(0.5 * error, UNSEEN), SEEN) for change, error in pairs):
             break
         basis, before, along = (joined, seen, seen) if k else (basis, other, other)
@@ -134,9 +128,9 @@ def judge_again(stored: StoredModel, motion: Motion, other: Motion) -> tuple[Jud
         other: the motion of all coordinates of its model.
     """
     if stored.candidates is None:
-        return Judged(stored, basis_errors(motion, other)), None
-    seen = nested_motion(stored.candidates, stored.scene, motion)
-    errors = basis_errors(motion, seen)
+        return Judged(stored, estimates.basis_errors(motion, other)), None
+    seen = estimates.nested_motion(stored.candidates, stored.scene, motion)
+    errors = estimates.basis_errors(motion, seen)
     if all(label.endswith(RESPONSE) for label in stored.further):
-        errors = together(errors, basis_errors(motion, other))
+        errors = estimates.together(errors, estimates.basis_errors(motion, other))
     return Judged(stored, errors), seen

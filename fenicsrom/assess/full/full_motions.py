@@ -49,15 +49,7 @@ from fenicsrom.online.periodic.shooting import (
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.step.state import Record
-from fenicsrom.online.store.store import (
-    cache_folder,
-    key_of,
-    mesh_digest,
-    pack,
-    read_results,
-    unpack,
-    write_results,
-)
+from fenicsrom.online.store import store
 from fenicsrom.progress import log
 from fenicsrom.reduction.basis import extended_space
 from fenicsrom.scene import Scene, scene_table
@@ -468,25 +460,27 @@ def full_motion(
 
 def _kept(comm: Any, key: str | None, make: Callable[[], Kept], fresh: bool) -> Kept:
     """What `make` gives, or the cache holds under a key. Collective."""
-    folder = cache_folder()
+    folder = store.cache_folder()
     if folder is None or key is None:
         motion, note = make()
         return motion, note | {"cached": False}
-    found = read_results(folder, key, WHAT, _motion_of) if comm.rank == 0 and not fresh else None
+    found = (
+        store.read_results(folder, key, WHAT, _motion_of) if comm.rank == 0 and not fresh else None
+    )
     found = comm.bcast(found)
     if found is not None:
         log.info(f"{WHAT}: taken from {folder}")
         return found[0], found[1] | {"cached": True}
     motion, note = make()
     if comm.rank == 0:
-        tree, arrays = pack(replace(motion, end=None))
-        write_results(folder, key, WHAT, {"note": note, "motion": tree}, arrays)
+        tree, arrays = store.pack(replace(motion, end=None))
+        store.write_results(folder, key, WHAT, {"note": note, "motion": tree}, arrays)
     return motion, note | {"cached": False}
 
 
 def _motion_of(header: Any, arrays: Any) -> tuple[Motion, dict[str, Any]]:
     """A motion and its note."""
-    return unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
+    return store.unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
 
 
 DEPENDS = {"full": (), "beam": ("reference",), "periodic": ("basis",)}
@@ -499,8 +493,8 @@ def cache_key(scene: Scene, name: str = "full") -> str | None:
     table = scene_table(scene)
     for key in {"title", "basis", "reference", "output", "compare"} - {*DEPENDS[name]}:
         table.pop(key, None)
-    mesh = table["geometry"]["mesh"] = mesh_digest(scene.geometry.mesh)
-    return None if mesh is None else key_of([name, table])
+    mesh = table["geometry"]["mesh"] = store.mesh_digest(scene.geometry.mesh)
+    return None if mesh is None else store.key_of([name, table])
 
 
 def machine() -> dict[str, Any]:

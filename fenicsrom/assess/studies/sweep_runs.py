@@ -17,14 +17,7 @@ from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multi
 from fenicsrom.assess.jobs import stop_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
-from fenicsrom.online.motion.measures import (
-    amplitude,
-    friction_dissipation_per_period,
-    has_contact,
-    has_settled,
-    peak_normal_force,
-    search_summary,
-)
+from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
@@ -198,27 +191,27 @@ def _numbers(scene: Scene, motion: Motion) -> dict[str, Any]:
 
     The tangential amplitude is the amplitude of both directions together.
     """
-    first = amplitude(motion)[: motion.displacement.shape[2]]
-    if has_contact(motion):
+    first = measures.amplitude(motion)[: motion.displacement.shape[2]]
+    if measures.has_contact(motion):
         found = {
             "amplitude_tangential_m": float(np.linalg.norm(first[1:])),
             "amplitude_normal_m": float(first[0]),
-            "peak_normal_force_N": peak_normal_force(motion),
-            "friction_dissipation_per_period_J": friction_dissipation_per_period(motion),
+            "peak_normal_force_N": measures.peak_normal_force(motion),
+            "friction_dissipation_per_period_J": measures.friction_dissipation_per_period(motion),
         }
     else:
         axes = zip("xyz", first, strict=False)
         found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
-    if has_contact(motion) and scene.probe is not None and (probe := motion.at_probe()):
-        axes = zip("xyz", amplitude(probe), strict=False)
+    if measures.has_contact(motion) and scene.probe is not None and (probe := motion.at_probe()):
+        axes = zip("xyz", measures.amplitude(probe), strict=False)
         found |= {f"probe_amplitude_{axis}_m": float(value) for axis, value in axes}
     if motion.end is not None and motion.end.worn is not None:
         found["largest_worn_depth_m"] = float(np.max(motion.end.worn))
-    search = {} if motion.search is None else search_summary(motion.search)
+    search = {} if motion.search is None else measures.search_summary(motion.search)
     return {
         **found,
         "steady": bool(motion.steady),
-        "settled": has_settled(motion),
+        "settled": measures.has_settled(motion),
         "periodic_motion": search.get("verdict"),
         "largest_multiplier": search.get("largest_multiplier"),
         "periods": int(motion.periods),

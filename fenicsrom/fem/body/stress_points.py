@@ -8,20 +8,13 @@ import numpy.typing as npt
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.online.stress.stress import (
-    NOWHERE,
-    Deformation,
-    StressLaw,
-    StressTable,
-    deformation,
-    extremes,
-)
+from fenicsrom.online.stress import stress
 from fenicsrom.scene import Scene
 
 
 def stress_table(
     solid: ElasticBody, scene: Scene, equilibrium: Array, vectors: Array
-) -> StressTable:
+) -> stress.StressTable:
     """Tabulate displacement gradients at the Gauss points of all ranks. Collective.
 
     Args:
@@ -53,8 +46,8 @@ def stress_table(
     places = solid.space.tabulate_dof_coordinates()[used, :d]
     mine = np.searchsorted(order, names)[cells.reshape(nodes.shape)].astype(np.int64)
     points, _ = basix.make_quadrature(cell, rule)
-    return StressTable(
-        StressLaw.of(scene),
+    return stress.StressTable(
+        stress.StressLaw.of(scene),
         joined(solid.quadrature_points(rule)),
         joined(volume),
         joined(gradients, 1),
@@ -106,7 +99,7 @@ class LocalPart:
     shapes: Array
     count: int
 
-    def at_nodes(self, table: StressTable, values: Array) -> Array:
+    def at_nodes(self, table: stress.StressTable, values: Array) -> Array:
         """Values (count, m) at the nodes of this rank from values (N, m) at the vertices.
 
         The values are linear between the vertices; nodes of other ranks keep the value zero.
@@ -128,17 +121,17 @@ def local_part(solid: ElasticBody) -> LocalPart:
     return LocalPart(slice(first, first + own), np.asarray(dofmap.list[:own]), at_nodes, count)
 
 
-def body_deformation(body: ElasticBody, scene: Scene, u: Array) -> Deformation:
+def body_deformation(body: ElasticBody, scene: Scene, u: Array) -> stress.Deformation:
     """The deformation at a displacement u (local,), over all ranks. Collective.
 
     It is that of the points at which the forms of the body of a scene are integrated.
     """
-    position, found = body.quadrature_points(body.quadrature_degree), [NOWHERE]
+    position, found = body.quadrature_points(body.quadrature_degree), [stress.NOWHERE]
     number = body.materials.of_points(len(position) // max(1, body.owned_cells().size))
     for weights, gradients in body.tabulate(np.zeros((body.local, 0)), u):
         here, position = np.split(position, [weights.size])
         mine, number = np.split(number, [weights.size])
-        law = StressLaw.of(scene).at(mine if scene.materials else None)
+        law = stress.StressLaw.of(scene).at(mine if scene.materials else None)
         change = gradients[:, 0]
-        found.append(deformation(law, here, change, np.zeros_like(change)))
-    return extremes(body.comm.allgather(extremes(found)))
+        found.append(stress.deformation(law, here, change, np.zeros_like(change)))
+    return stress.extremes(body.comm.allgather(stress.extremes(found)))

@@ -8,14 +8,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh.gmsh_cad import (
-    boundary_facets,
-    elements_of,
-    make_curved,
-    model_nodes,
-    straight_kind,
-    straightened,
-)
+from fenicsrom.fem.mesh import gmsh_cad
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, apart, clean_model, ends_of, pieces_of
 from fenicsrom.fem.mesh.sector import Sector
@@ -130,7 +123,7 @@ def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspec
         gmsh.model.remove()
         loaded = load_file(gmsh, geometry)
         cells, low, high = _cells(gmsh, geometry)
-        nodes = len(model_nodes(gmsh)[0])
+        nodes = len(gmsh_cad.model_nodes(gmsh)[0])
         found = Inspection(path, geometry, cells, nodes, low, high, physics=loaded.physics)
         try:
             clean = clean_model(gmsh, geometry, loaded.node_sets)
@@ -150,8 +143,8 @@ def _curved(gmsh: Any, found: Inspection) -> tuple[str, float]:
     gmsh.model.setCurrent("file")
     straight = {SHAPES[kind].name for kind in STRAIGHT.values()}
     if SUFFIXES.get(found.path.suffix.lower()) in ("geo", "step"):
-        number = make_curved(gmsh, d)
-        note = f"; {straightened(number)}" if number else ""
+        number = gmsh_cad.make_curved(gmsh, d)
+        note = f"; {gmsh_cad.straightened(number)}" if number else ""
     elif found.cells.keys() & straight:
         return "does not work: the cells of the file have straight edges", 0.0
     else:
@@ -189,7 +182,7 @@ def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geomet
 
 def _cells(gmsh: Any, geometry: Geometry) -> tuple[dict[str, int], Floats, Floats]:
     """Number of cells by type, and the lowest and highest coordinates of their nodes."""
-    numbers, points = model_nodes(gmsh)
+    numbers, points = gmsh_cad.model_nodes(gmsh)
     count: Counter[str] = Counter()
     used = [np.empty(0, dtype=np.int64)]
     for _, entity in gmsh.model.getEntities(geometry.dimension):
@@ -209,17 +202,17 @@ def _described(
 ) -> Inspection:
     """Add volume, groups and boundary from the clean model, which is the current one."""
     d = found.geometry.dimension
-    numbers, points = model_nodes(gmsh)
+    numbers, points = gmsh_cad.model_nodes(gmsh)
     entities = [entity for _, entity in gmsh.model.getEntities(d)]
     given = next(int(k) for e in entities for k in gmsh.model.mesh.getElementTypes(d, e))
-    kind = straight_kind(gmsh, given)
-    cells = np.searchsorted(numbers, elements_of(gmsh, d, entities, kind))
+    kind = gmsh_cad.straight_kind(gmsh, given)
+    cells = np.searchsorted(numbers, gmsh_cad.elements_of(gmsh, d, entities, kind))
     groups = []
     for dim, names in ((d, clean.cell_groups), (d - 1, clean.facet_groups)):
         element = kind if dim == d else facet_kind(kind)
         for name, tags in names.items():
             on = [e for tag in tags for e in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)]
-            rows = np.searchsorted(numbers, elements_of(gmsh, dim, on, element))
+            rows = np.searchsorted(numbers, gmsh_cad.elements_of(gmsh, dim, on, element))
             size = sum(_measure(gmsh, dim, entity) for entity in on)
             members = None if dim == d else rows
             what = "cells" if dim == d else "facets"
@@ -227,10 +220,10 @@ def _described(
     for name, (nodes, _) in clean.nodes.items():
         groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
     if d == 3:
-        shown = boundary_facets(gmsh, d, entities, given)
+        shown = gmsh_cad.boundary_facets(gmsh, d, entities, given)
         shown = shown[:, : SHAPES[facet_kind(kind)].corners]
     else:
-        shown = elements_of(gmsh, d, entities, kind)
+        shown = gmsh_cad.elements_of(gmsh, d, entities, kind)
     tags = np.concatenate(gmsh.model.mesh.getElements(d)[1])
     quality = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minSICN"))
     low, high = _pieces(cells, points[:, :d])

@@ -34,15 +34,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.curves.arc import (
-    LARGEST_STEP,
-    ArcLength,
-    Place,
-    Values,
-    factorised,
-    oriented,
-    solved,
-)
+from fenicsrom.online.curves import arc, events
 from fenicsrom.online.curves.curve import (
     END,
     LOST,
@@ -53,14 +45,6 @@ from fenicsrom.online.curves.curve import (
     norm,
     occurrences,
     states_over_period,
-)
-from fenicsrom.online.curves.events import (
-    Spectrum,
-    change_of_sign,
-    special_points,
-    spectrum,
-    turned_points,
-    unseen_points,
 )
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import (
@@ -84,7 +68,7 @@ def hurries(curve: Curve) -> bool:
     return len(last) == STRETCH and not any(point.stable for point in last)
 
 
-class Continuation(ArcLength):
+class Continuation(arc.ArcLength):
     """The periodic motions of a family.
 
     In a long unstable stretch the steps are longer, and only folds and turns are sought, which give
@@ -109,16 +93,16 @@ class Continuation(ArcLength):
         self.shooting, self.family = shooting, family
         self.sliders = shooting.sliders
 
-    def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
+    def values(self, s: Array, parameter: float, *, derive: bool) -> arc.Values | None:
         """P(s, p) - s and its derivatives; None if a step failed."""
         found = self.shooting.march(s, self.family(parameter), derive=derive)
         if found is None:
             return None
         residual, matrix, by_parameter, end = found
         if not derive:
-            return Values(residual, matrix, end)
+            return arc.Values(residual, matrix, end)
         jacobian = np.column_stack([matrix - np.eye(s.size), by_parameter])
-        return Values(residual, jacobian, end)
+        return arc.Values(residual, jacobian, end)
 
     def problem_at(self, s: Array, parameter: float) -> Problem:
         """The data of a motion."""
@@ -128,7 +112,7 @@ class Continuation(ArcLength):
         """Variables z (N,) at the start of the period."""
         return self.shooting.unscaled(s)
 
-    def point(self, place: Place, evaluations: tuple[int, int]) -> CurvePoint:
+    def point(self, place: arc.Place, evaluations: tuple[int, int]) -> CurvePoint:
         """The motion of a solution; arguments as `ArcLength.point`."""
         s, parameter = self.variables(place.y)
         problem, record, m = self.problem_at(s, parameter), place.detail.record, self.shooting.m
@@ -166,7 +150,7 @@ class Continuation(ArcLength):
             probe_amplitude=half_range(record.time, record.probe),
         )
 
-    def glance(self, y: Array, along: Array) -> tuple[Spectrum, float] | None:
+    def glance(self, y: Array, along: Array) -> tuple[events.Spectrum, float] | None:
         """The multipliers at y (N + 1,), which need not be a motion of the family.
 
         Returns:
@@ -177,15 +161,15 @@ class Continuation(ArcLength):
         if found is None:
             return None
         scaled, free = self._scaled(found.jacobian)
-        factor = factorised(scaled, along)
+        factor = arc.factorised(scaled, along)
         if factor is None:
             return None
-        length = norm(solved(factor, np.append(-found.residual / self.size, 0.0)))
+        length = norm(arc.solved(factor, np.append(-found.residual / self.size, 0.0)))
         return self._spectrum(found.jacobian, free, self.problem_at(*self.variables(y))), length
 
-    def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> Spectrum:
+    def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> events.Spectrum:
         n, shooting = self.shooting.map.size, self.shooting
-        return spectrum(
+        return events.spectrum(
             self._monodromy(jacobian)[:n, :n],
             free,
             problem.model.size,
@@ -214,12 +198,12 @@ class Continuation(ArcLength):
         """Points that a step missed between two points, and the special points there."""
         guess = self.shooting.guess
         points, special = [before], []
-        for last in [*unseen_points(self, before, found), found]:
-            points += [*turned_points(self, points[-1], last), last]
+        for last in [*events.unseen_points(self, before, found), found]:
+            points += [*events.turned_points(self, points[-1], last), last]
         hurries = self._hurries and not found.stable
         contacts = None if hurries else self.shooting.problem.model.points.contact
         for first, last in pairwise(points):
-            special.extend(special_points(self, first, last, contacts))
+            special.extend(events.special_points(self, first, last, contacts))
         self.shooting.guess = guess  # the curve goes on as if nothing had been sought
         return points[1:-1], special
 
@@ -227,7 +211,7 @@ class Continuation(ArcLength):
         """Why the curve ends between two points; arguments as `ArcLength.arrival`."""
         here, there = before.alternation, found.alternation
         if found.periods > 1 and float(here @ there) < 0.0:
-            bracket = change_of_sign(
+            bracket = events.change_of_sign(
                 self, lambda point: float(here @ point.alternation), before, found
             )
             curve.points.append(bracket.nearest)
@@ -298,7 +282,7 @@ def branch(
         apart = np.inf if same is None else norm(other.place(same) - other.place(start))
         if apart > APART * distance:
             turn = float(np.sign(start.tangent @ along)) or 1.0
-            return other, oriented(start, turn * start.sense)
+            return other, arc.oriented(start, turn * start.sense)
     return None
 
 
@@ -497,7 +481,7 @@ def climb(
     path: Continuation,
     start: CurvePoint,
     height: Callable[[CurvePoint], float],
-    largest_step: float = LARGEST_STEP,
+    largest_step: float = arc.LARGEST_STEP,
 ) -> tuple[CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.
 

@@ -43,15 +43,8 @@ from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Interrupted, Motion, check_scheme
+from fenicsrom.online.periodic import steady
 from fenicsrom.online.periodic.shooting import Stopped
-from fenicsrom.online.periodic.steady import (
-    attempt,
-    change_of,
-    continued,
-    fractions_of,
-    is_due,
-    periods_of,
-)
 from fenicsrom.online.step.state import (
     ITERATIONS,
     REJECTED,
@@ -312,7 +305,7 @@ class MarchRun:
         if last is None:
             last = self.history[-1]
             if self.multiple > 1:
-                last = periods_of(self.history, self.problem.period, self.multiple)
+                last = steady.periods_of(self.history, self.problem.period, self.multiple)
         return Checkpoint(
             self.state,
             last,
@@ -409,7 +402,7 @@ def _march_spans(run: MarchRun, try_at_start: bool) -> None:
     by_newton = run.advance is compiled_march and bool(settings.steady_tolerance)
     by_newton = by_newton and settings.steady == "newton"
     for span in range(run.done + 1, spans + 1):
-        due = is_due(span - 1) or (try_at_start and span == 1)
+        due = steady.is_due(span - 1) or (try_at_start and span == 1)
         if by_newton and not run.found and due:
             _try_newton(run, span - 1)
         q0, worn, run.span = run.state.q.copy(), problem.contacts.coating.worn.copy(), span
@@ -438,7 +431,7 @@ def _change(run: MarchRun, q0: Array) -> float:
     """
     before = run.history[-2] if run.reference is None else run.reference
     rows = [*run.history[:-2], before, run.history[-1]]
-    found = change_of(rows, run.problem.period, run.multiple)
+    found = steady.change_of(rows, run.problem.period, run.multiple)
     run.reference = None
     if found <= run.problem.time.steady_tolerance and run.multiple == 1:
         # the contact points repeat; check the whole state too
@@ -516,14 +509,14 @@ def _try_newton(run: MarchRun, done: int) -> None:
         return  # tried already
     problem, fractions = run.problem, None
     if problem.time.tolerance:
-        fractions = fractions_of(run.history[-1], problem.period)
+        fractions = steady.fractions_of(run.history[-1], problem.period)
     begin, run.near = run.near or run.checkpoint(done), None
-    found = attempt(problem, begin, done, run.search, fractions, run.stop)
+    found = steady.attempt(problem, begin, done, run.search, fractions, run.stop)
     run.search = found.search
     if found.state is None:
         return
     run.search = found.search._replace(time=float(run.state.scalars[TIME]))
-    run.state = continued(found.state, run.state)
+    run.state = steady.continued(found.state, run.state)
     write(problem.model, problem.contacts, run.state, run.record, 0)
     last = run.history[-1]
     run.history[-1] = joined_rows([last, run.record], [last.time.size - 1, 1])

@@ -11,20 +11,12 @@ from typing import Any
 
 from fenicsrom.notes import Note, Verdict, verdict_of
 from fenicsrom.online.store.store import provenance
+from fenicsrom.post.base import tables
 from fenicsrom.post.base.chart import page_script
 from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.origin import origin_table
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures
 from fenicsrom.post.base.style import Figure
-from fenicsrom.post.base.tables import (
-    cell_text,
-    filled_columns,
-    numeric_columns,
-    text_table,
-    write_rows,
-    write_summary,
-    write_text,
-)
 from fenicsrom.scene import Scene, scene_heading
 from fenicsrom.words import counted
 
@@ -61,7 +53,7 @@ def write_report(
     """
     run = origin_table(path.parent)
     last = [(Folded("What was run"), [run])] if run else []
-    return write_text(path, html_report(title, [*sections, *last], verdict, warnings))
+    return tables.write_text(path, html_report(title, [*sections, *last], verdict, warnings))
 
 
 def html_report(
@@ -120,7 +112,7 @@ def _told(item: Any, numbers: Iterator[int]) -> dict[str, Any]:
         png = io.BytesIO()
         item.savefig(png, format="png")
         return {"image": _embedded(png.getvalue(), "png")}
-    return _table(filled_columns(item))
+    return _table(tables.filled_columns(item))
 
 
 def _embedded(content: bytes, kind: str) -> str:
@@ -132,10 +124,10 @@ def _table(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
     """The cells of a table with their classes; a wide table of few rows is turned."""
     if len(rows) <= 1 + FEW_ROWS and len(rows[0]) > FEW_COLUMNS:
         rows = list(zip(*rows, strict=True))
-    right = numeric_columns(rows)
+    right = tables.numeric_columns(rows)
     table = []
     for i, row in enumerate(rows):
-        texts = [*map(cell_text, row)]
+        texts = [*map(tables.cell_text, row)]
         kinds = (
             " ".join(["n"] * number + ["s"] * (i > 0 and len(text) <= SHORT))
             for text, number in zip(texts, right, strict=True)
@@ -230,9 +222,9 @@ class Report:
             OSError: a file cannot be written.
         """
         return [
-            write_rows(folder / f"{self.name}.csv", self.rows),
-            write_summary(folder / f"{self.name}.json", self._json()),
-            *(write_rows(folder / name, rows) for name, rows in self.more_rows.items()),
+            tables.write_rows(folder / f"{self.name}.csv", self.rows),
+            tables.write_summary(folder / f"{self.name}.json", self._json()),
+            *(tables.write_rows(folder / name, rows) for name, rows in self.more_rows.items()),
         ]
 
     def _json(self) -> dict[str, Any]:
@@ -339,8 +331,8 @@ class Report:
             return item
         more = 0 if section.most is None else len(item) - 1 - section.most
         if more <= 1:  # the sentence takes a line, too
-            return text_table(item, section.keys)
-        shown = text_table(item[: 1 + (section.most or 0)], section.keys)
+            return tables.text_table(item, section.keys)
+        shown = tables.text_table(item[: 1 + (section.most or 0)], section.keys)
         return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."
 
 

@@ -21,17 +21,7 @@ from fenicsrom.online.contact.surfaces import Contacts, unit_normals
 from fenicsrom.online.model.loads import moves_supports, support_displacement
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress import principal, von_mises
-from fenicsrom.post.paraview.vtk import (
-    Attached,
-    in_space,
-    linear_grid,
-    write_blocks,
-    write_fields,
-    write_motion,
-    write_points,
-    write_series,
-    write_vtu,
-)
+from fenicsrom.post.paraview import vtk
 from fenicsrom.records import Study
 from fenicsrom.scene import Elasticity, GroupMaterial, Scene, scene_heading
 
@@ -111,7 +101,7 @@ def cell_groups(solid: Solid) -> dict[str, NDArray[np.int8]]:
     }
 
 
-def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
+def stress_fields(study: Study) -> Callable[[Array, str, str], vtk.Attached]:
     """Make a function that gives stresses (P, 6) at the Gauss points as arrays of this rank.
 
     The other arguments of this function are a prefix and a suffix of the names, such as the unit.
@@ -122,7 +112,7 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
     assert study.recovery is not None
     table, part = study.recovery.stress, local_part(study.solid)
 
-    def attach(stress: Array, prefix: str, unit: str) -> Attached:
+    def attach(stress: Array, prefix: str, unit: str) -> vtk.Attached:
         nodes = part.at_nodes(table, table.at_vertices(stress))
         cells = table.in_cells(stress)[part.cells]
 
@@ -131,7 +121,7 @@ def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
             found = {"stress": values} | derived
             return {f"{prefix}{name}_{unit}": a.astype(np.float32) for name, a in found.items()}
 
-        return Attached(named(nodes), named(cells))
+        return vtk.Attached(named(nodes), named(cells))
 
     return attach
 
@@ -164,9 +154,9 @@ def write_groups(solid: Solid, folder: Path) -> list[Path]:
     marks = {
         name: np.concatenate([part[1][name] for part in every]).astype(np.int8) for name in flags
     }
-    grid = linear_grid(points, cells.reshape(whole.shape[:2]), d - 1)
+    grid = vtk.linear_grid(points, cells.reshape(whole.shape[:2]), d - 1)
     with atomic_write(folder / GROUPS) as temporary:
-        write_vtu(temporary, grid, Attached(cells=marks))
+        vtk.write_vtu(temporary, grid, vtk.Attached(cells=marks))
     return [folder / GROUPS]
 
 
@@ -200,10 +190,10 @@ def write_index(folder: Path, files: Sequence[Path]) -> list[Path]:
                 for k, piece in enumerate(pieces)
             ]
             file = f"{BLOCKS}_{number:05d}.vtm"
-            write_blocks(temporary / file, blocks)
+            vtk.write_blocks(temporary / file, blocks)
             entries.append((time, f"{BLOCKS}/{file}"))
     with atomic_write(folder / INDEX) as temporary:
-        write_series(temporary, entries)
+        vtk.write_series(temporary, entries)
     script = Path(__file__).with_name(LOOK).read_text(encoding="utf-8")
     with atomic_write(folder / LOOK) as temporary:
         temporary.write_text(
@@ -254,7 +244,7 @@ def frame_coordinates(motion: Motion) -> Array:
 
 def contact_places(points: ContactPoints) -> Array:
     """Positions (P, 3) of the contact points in the undeformed body, m; z = 0 in 2D."""
-    return in_space(points.position)
+    return vtk.in_space(points.position)
 
 
 def contact_vectors(
@@ -273,7 +263,7 @@ def contact_vectors(
         all (ns, P, 3); the third component is 0 in 2D.
     """
     d = scene.geometry.dimension
-    frames = in_space(points.frame)
+    frames = vtk.in_space(points.frame)
     contacts = contacts_of(scene, points) if contacts is None else contacts
     normals = unit_normals(contacts, motion.displacement, motion.time)
     normal = -motion.force[:, :, :1] * normals
@@ -315,7 +305,7 @@ def contact_equilibrium(study: Study) -> Array:
     solid, frames = study.solid, study.points.frame
     points, d = frames.shape[:2]
     local = np.sum(solid.comm.allgather(solid.contact_rows @ solid.equilibrium), axis=0)
-    return in_space(np.einsum("pk,pkx->px", local.reshape(points, d), frames))
+    return vtk.in_space(np.einsum("pk,pkx->px", local.reshape(points, d), frames))
 
 
 def shapes(study: Study) -> dict[str, dict[str, Any]]:
@@ -337,7 +327,7 @@ def shapes(study: Study) -> dict[str, dict[str, Any]]:
 def write_shapes(study: Study, folder: Path) -> list[Path]:
     """Write the ParaView files of the shapes, with stresses if there are any. Collective."""
     return [
-        write_fields(
+        vtk.write_fields(
             folder,
             kind,
             study.solid.space,
@@ -348,9 +338,9 @@ def write_shapes(study: Study, folder: Path) -> list[Path]:
     ]
 
 
-def _attached(study: Study, kind: str) -> Attached:
+def _attached(study: Study, kind: str) -> vtk.Attached:
     """Groups and texts, and the stresses of the equilibrium or of the normal modes. Collective."""
-    found = Attached(cells=cell_groups(study.solid), notes=notes(study, kind))
+    found = vtk.Attached(cells=cell_groups(study.solid), notes=notes(study, kind))
     if study.recovery is not None and kind == "equilibrium":
         table = study.recovery.stress
         stress = table.stress(np.zeros(table.size), study.scene.output.stresses)
@@ -387,18 +377,20 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     """
     motion, solid, moving = study.motions["reduced"], study.solid, moving_field(study)
     times, attach = motion.time[frame_rows(motion)], _attached_to_frames(study, moving)
-    files = [write_motion(folder, "motion", solid.space, times, moving, DISPLACEMENT, attach)]
+    files = [vtk.write_motion(folder, "motion", solid.space, times, moving, DISPLACEMENT, attach)]
     if study.scene.contacts and solid.comm.rank == 0:
         places, arrays = contact_places(study.points), contact_arrays(study, motion, contacts)
-        files.append(write_points(folder, "contact_points", times, places, arrays))
+        files.append(vtk.write_points(folder, "contact_points", times, places, arrays))
         if study.scene.probe is not None and motion.probe is not None:
-            moved = in_space(motion.probe[frame_rows(motion)])[:, None, :]
+            moved = vtk.in_space(motion.probe[frame_rows(motion)])[:, None, :]
             place = solid.probe_position[None]
-            files.append(write_points(folder, "probe", times, place, {DISPLACEMENT: moved}))
+            files.append(vtk.write_points(folder, "probe", times, place, {DISPLACEMENT: moved}))
     return files
 
 
-def _attached_to_frames(study: Study, moving: Callable[[int], Array]) -> Callable[[int], Attached]:
+def _attached_to_frames(
+    study: Study, moving: Callable[[int], Array]
+) -> Callable[[int], vtk.Attached]:
     """Make a function of the frame number that gives what goes into the file of a frame.
 
     These are groups, texts and stresses, and the displacement with that of moving supports; the
@@ -408,14 +400,14 @@ def _attached_to_frames(study: Study, moving: Callable[[int], Array]) -> Callabl
     moved = support_displacement(study.scene.loads, motion.time[frame_rows(motion)], d)
     stresses = None if study.recovery is None else stress_fields(study)
 
-    def attach(number: int) -> Attached:
+    def attach(number: int) -> vtk.Attached:
         found = fixed
         if study.recovery is not None and stresses is not None:
             q, measure = frame_coordinates(motion)[number], study.scene.output.stresses
             found |= stresses(study.recovery.stress.stress(q, measure), "", "Pa")
         if moves_supports(study.scene):
             whole = moving(number).reshape(-1, d) + moved[number]
-            found |= Attached({ABSOLUTE: in_space(whole)})
+            found |= vtk.Attached({ABSOLUTE: vtk.in_space(whole)})
         return found
 
     return attach

@@ -9,54 +9,16 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.errors.signals import (
-    LEAST_SAMPLES,
-    energy_per_period,
-    envelope,
-    moving_spectrum,
-    spectrum,
-    stroboscopic_states,
-    strongest_oscillation,
-)
+from fenicsrom.assess.errors import signals
 from fenicsrom.assess.rotation.run_up import RunUp
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
-from fenicsrom.online.motion.measures import (
-    NEGLIGIBLE,
-    has_contact,
-    is_unsteady,
-    point_summaries,
-    response_summary,
-    wear_of,
-    worn_under_points,
-)
+from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.post.base import tables
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Dots, Item, Line, Map, Panel, Plot, Text
 from fenicsrom.post.base.style import COLOURS, EDGE, STATES
-from fenicsrom.post.base.tables import (
-    Quantity,
-    direction_names,
-    in_order,
-    millimetres,
-    plain_names,
-    rows_of,
-    table_of,
-)
-from fenicsrom.post.run.figures import (
-    HISTORY,
-    LOADS,
-    LOADS_AND_SURFACES,
-    NOISE,
-    WEAR,
-    contact_axis,
-    plot_contact,
-    plot_energy,
-    plot_motion,
-    plot_points,
-    plot_wear,
-    plot_wear_over_time,
-    probe_motions,
-)
+from fenicsrom.post.run import figures
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.schema import surface_spin
@@ -94,7 +56,9 @@ CAPTIONS = {
 """Name of a picture of a run -> what to see in it."""
 
 
-def picture(heading: str, name: str, draw: Draw, numbers: str = HISTORY, **more: Any) -> Picture:
+def picture(
+    heading: str, name: str, draw: Draw, numbers: str = figures.HISTORY, **more: Any
+) -> Picture:
     """A picture of a run by the name of its caption, or this name with a number."""
     caption = CAPTIONS[name.rstrip("_0123456789")]
     return Picture(heading, f"{name}.png", draw, caption, numbers, **more)
@@ -143,14 +107,14 @@ def response_rows(
     work = "J per period" if repeats else "J"
     rows = []
     for name, motion in motions.items():
-        found = response_summary(motion)
-        amplitudes = millimetres(in_order(found["amplitude_m"]))
+        found = measures.response_summary(motion)
+        amplitudes = tables.millimetres(tables.in_order(found["amplitude_m"]))
         row = {"model": name, "size": sizes.get(name)}
         row |= {f"{direction} mm": None for direction in names}
         row |= {f"{direction} mm": a for direction, a in zip(names, amplitudes, strict=False)}
         if name in probes:
-            moved = in_order(response_summary(probes[name])["amplitude_m"])
-            texts = zip("xyz", millimetres(moved), strict=False)
+            moved = tables.in_order(measures.response_summary(probes[name])["amplitude_m"])
+            texts = zip("xyz", tables.millimetres(moved), strict=False)
             row |= {f"probe {axis} mm": text for axis, text in texts}
         contact = {
             **{f"{state} %": f"{100.0 * part:.1f}" for state, part in found["fraction"].items()},
@@ -161,12 +125,12 @@ def response_rows(
         if repeats:
             row |= {"periods": found["periods"], "steady": "yes" if found["steady"] else "no"}
         rows.append(row | {"imbalance": f"{found['energy_imbalance']:.1e}"})
-    return table_of(rows)
+    return tables.table_of(rows)
 
 
 def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
     """State to which contact points the numbers of the table belong; None if there is no choice."""
-    touching = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    touching = {name: motion for name, motion in motions.items() if measures.has_contact(motion)}
     count = max((motion.state.shape[1] for motion in touching.values()), default=0)
     if not touching or (count < 2 and scene.probe is None):
         return None
@@ -175,7 +139,7 @@ def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
         return f"Amplitudes are those of the contact point{probe}."
     hardest = {}
     for name, motion in touching.items():
-        peaks = [point["peak_normal_force_N"] for point in point_summaries(motion)]
+        peaks = [point["peak_normal_force_N"] for point in measures.point_summaries(motion)]
         if len(peaks) > 1:
             hardest[name] = 1 + int(np.argmax(peaks))
     of = {f"{point}" for point in hardest.values()}
@@ -211,7 +175,7 @@ RUN_UP = "run_up.csv"
 ROWS = ("time", "speed", "amplitude", "peak_force", "friction", "torque", "power")
 
 
-def revolutions(found: RunUp) -> list[Quantity]:
+def revolutions(found: RunUp) -> list[tables.Quantity]:
     """What is told of each revolution, by its number."""
     told = {
         ("time_s", ""): found.time,
@@ -223,14 +187,14 @@ def revolutions(found: RunUp) -> list[Quantity]:
         ("shaft_power_W", ""): found.power,
     }
     return [
-        Quantity(key, partial(operator.getitem, values.tolist()), head)
+        tables.Quantity(key, partial(operator.getitem, values.tolist()), head)
         for (key, head), values in told.items()
     ]
 
 
 def run_up_rows(found: RunUp) -> list[dict[str, Any]]:
     """The rows of `run_up.csv`, one for each revolution."""
-    return rows_of(range(found.time.size), revolutions(found))
+    return tables.rows_of(range(found.time.size), revolutions(found))
 
 
 def run_up_summary(found: RunUp | None) -> dict[str, Any]:
@@ -316,17 +280,17 @@ def plot_transient(motion: Motion, natural_hz: Array, names: Sequence[str] = ())
     moved = motion.displacement[:, 0]
     k = int(np.argmax(np.ptp(moved, axis=0)))
     time, x = motion.time, 1e3 * moved[:, k]
-    name = (names or plain_names(moved.shape[1], has_contact(motion)))[k]
-    hertz, size = spectrum(time, x)
-    strongest = max(strongest_oscillation(hertz, size), 1e-300)
+    name = (names or tables.plain_names(moved.shape[1], measures.has_contact(motion)))[k]
+    hertz, size = signals.spectrum(time, x)
+    strongest = max(signals.strongest_oscillation(hertz, size), 1e-300)
     width = max((time[-1] - time[0]) / WINDOWS, SWINGS / strongest)
-    middle, low, high = envelope(time, x, min(width, 0.25 * (time[-1] - time[0])))
+    middle, low, high = signals.envelope(time, x, min(width, 0.25 * (time[-1] - time[0])))
     above: list[Item] = [Line(time, x, linewidth=0.6, label=f"{name} displacement")]
     for edge in (high, low):
         above.append(Line(middle, edge, color=COLOURS[1], linewidth=1.2, label="envelope"))
     top = _highest(hertz, size)
     least = LEAST * float(size.max()) or 1e-12
-    frequencies, instants, sizes = moving_spectrum(time, x)
+    frequencies, instants, sizes = signals.moving_spectrum(time, x)
     shown = frequencies <= top
     level = 20.0 * np.log10(np.maximum(sizes[shown], least) / (float(sizes.max()) or 1.0))
     look: dict[str, Any] = {"cmap": "magma", "vmin": -60.0, "vmax": 0.0, "bar": "dB of the largest"}
@@ -356,8 +320,8 @@ def _highest(hertz: Array, size: Array) -> float:
 
 def plot_section(motion: Motion, names: Sequence[str] = ()) -> Plot:
     """The states of the first point once per period of the loads: velocity over displacement."""
-    names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
-    displacement, velocity = (1e3 * found for found in stroboscopic_states(motion))
+    names = names or tables.plain_names(motion.displacement.shape[2], measures.has_contact(motion))
+    displacement, velocity = (1e3 * found for found in signals.stroboscopic_states(motion))
     count, directions = displacement.shape
     bars = [""] * (directions - 1) + ["period of the loads"]
     panels: list[Panel] = []
@@ -376,7 +340,7 @@ def plot_rub_map(motion: Motion, places: ContactPoints | None = None) -> Plot:
     start = motion.time[-1] - motion.period if motion.period is not None else motion.time[0]
     instants = np.linspace(max(start, motion.time[0]), motion.time[-1], COLUMNS)
     rows = np.clip(np.searchsorted(motion.time, instants), 0, motion.time.size - 1)
-    line = contact_axis(places, motion.state.shape[1])
+    line = figures.contact_axis(places, motion.state.shape[1])
     across = (instants - instants[0]) / (motion.period or 1.0)
     pressed = motion.force[rows, :, 0].T / line.share[:, None]
     shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
@@ -408,14 +372,14 @@ def state_samples(states: Any) -> list[Bars]:
     ]
 
 
-def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Plot:
+def plot_energy_per_period(motion: Motion, source: str = figures.LOADS) -> Plot:
     """The work and the dissipated energies of each period of the loads.
 
     Args:
         motion: the motion.
         source: what does work.
     """
-    found = energy_per_period(motion)
+    found = signals.energy_per_period(motion)
     work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
@@ -459,9 +423,9 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Plo
     for k in chosen:
         look: dict[str, Any] = {"ylabel": f"{labels[int(k)]}\nmm", "tight": "x"}
         look["title"] = "" if panels else title
-        noise = sizes[k] < NEGLIGIBLE * sizes.max()
+        noise = sizes[k] < measures.NEGLIGIBLE * sizes.max()
         look["yticks"] = {0.0: ""} if noise else {}
-        panels.append(Panel([NOISE if noise else Line(shown, moved[:, k])], **look))
+        panels.append(Panel([figures.NOISE if noise else Line(shown, moved[:, k])], **look))
     across = "time / period" if motion.period is not None else "time, s"
     return Plot(panels, 8.6, 0.9 + 1.25 * len(chosen), share="x", xlabel=across)
 
@@ -475,20 +439,20 @@ def motion_pictures(found: Study | Rerun) -> list[Picture]:
     if not found.motions:
         return []
     motions, points = found.motions, found.points
-    names, work = direction_names(found.scene, points), working(found.scene)
+    names, work = tables.direction_names(found.scene, points), working(found.scene)
     first = next(iter(motions.values()))
-    listed = [picture("Motion", "motion", lambda: plot_motion(motions, names))]
-    if probes := probe_motions(found):
-        listed.append(picture("Motion of the probe", "probe", partial(plot_motion, probes)))
-    if first.period is None and first.time.size >= LEAST_SAMPLES:
+    listed = [picture("Motion", "motion", lambda: figures.plot_motion(motions, names))]
+    if probes := figures.probe_motions(found):
+        listed.append(picture("Motion of the probe", "probe", partial(figures.plot_motion, probes)))
+    if first.period is None and first.time.size >= signals.LEAST_SAMPLES:
         draw = partial(plot_transient, first, found.frequencies_hz, names)
         listed.append(picture("Spectra", "spectra", draw))
-    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+    if measures.is_unsteady(first) and first.periods >= LEAST_SECTION:
         listed.append(picture("Poincaré section", "section", partial(plot_section, first, names)))
     listed += _contact_pictures(motions, names, points)
     if first.state.shape[1] > FEW_POINTS and touching_points(motions):
         listed.append(picture("Rub map", "rub_map", partial(plot_rub_map, first, points)))
-    listed.append(picture("Energy", "energy", partial(plot_energy, first, work)))
+    listed.append(picture("Energy", "energy", partial(figures.plot_energy, first, work)))
     if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
         draw = partial(plot_energy_per_period, first, work)
         listed.append(picture("Energy per period", "energy_per_period", draw))
@@ -499,15 +463,17 @@ def motion_pictures(found: Study | Rerun) -> list[Picture]:
 
 def wear_pictures(motion: Motion, scene: Scene, points: ContactPoints) -> list[Picture]:
     """The picture of the worn depth of abradable layers: of a casing, or before single points."""
-    found = wear_of(motion, scene, points)
+    found = measures.wear_of(motion, scene, points)
     if rings := [one for one in found if one.ring.radius]:
-        return [picture("Wear of the casing", "wear", partial(plot_wear, rings), WEAR)]
+        return [
+            picture("Wear of the casing", "wear", partial(figures.plot_wear, rings), figures.WEAR)
+        ]
     if not found:
         return []
-    worn = worn_under_points(motion, contacts_of(scene, points))
+    worn = measures.worn_under_points(motion, contacts_of(scene, points))
     mine = [one.ring.points[0] for one in found]
-    draw = partial(plot_wear_over_time, motion.time, worn, mine)
-    return [picture("Wear of the layer", "wear", draw, WEAR)]
+    draw = partial(figures.plot_wear_over_time, motion.time, worn, mine)
+    return [picture("Wear of the layer", "wear", draw, figures.WEAR)]
 
 
 def working(scene: Scene) -> str:
@@ -518,7 +484,7 @@ def working(scene: Scene) -> str:
         if contact.surface is not None
     ]
     moving = any(turning) or scene.wears or any(contact.approach for contact in scene.contacts)
-    return LOADS_AND_SURFACES if moving else LOADS
+    return figures.LOADS_AND_SURFACES if moving else figures.LOADS
 
 
 def _contact_pictures(
@@ -527,12 +493,12 @@ def _contact_pictures(
     """List the pictures of contact points: one for each of a few points, or one for many points."""
     touching, count = touching_points(motions), next(iter(motions.values())).force.shape[1]
     if count > FEW_POINTS and touching:
-        draw = partial(plot_points, motions, names, points)
+        draw = partial(figures.plot_points, motions, names, points)
         return [picture(f"Contact of {count} points", "contact", draw)]
     listed = []
     for k in touching:
         mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > k}
         heading = f"Contact point {k + 1}" if count > 1 else "Contact"
         name = f"contact_{k + 1}" if count > 1 else "contact"
-        listed.append(picture(heading, name, partial(plot_contact, mine, k, names)))
+        listed.append(picture(heading, name, partial(figures.plot_contact, mine, k, names)))
     return listed

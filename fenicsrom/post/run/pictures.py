@@ -18,6 +18,7 @@ from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.post.base.page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.base.plot import Plot
+from fenicsrom.post.body import body_view
 from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.body.body_figures import (
     SIZE,
@@ -27,25 +28,7 @@ from fenicsrom.post.body.body_figures import (
     stress_figure,
     write_film,
 )
-from fenicsrom.post.body.body_view import (
-    NODE,
-    PolyData,
-    View,
-    is_flat,
-    is_slender,
-    largest_of,
-    surface_of,
-)
-from fenicsrom.post.paraview.paraview import (
-    DISPLACEMENT,
-    STATE,
-    contact_arrays,
-    contact_equilibrium,
-    contact_places,
-    frame_rows,
-    moving_field,
-    shapes,
-)
+from fenicsrom.post.paraview import paraview
 from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.run.figures import HISTORY, plot_modes, plot_sizes
 from fenicsrom.post.run.motion_figures import (
@@ -103,22 +86,24 @@ class Body:
     titles: dict[str, str]
 
     @cached_property
-    def surface(self) -> PolyData:
+    def surface(self) -> body_view.PolyData:
         """The boundary, with the shapes and the equilibrium as point arrays."""
         shown = {label: self.values[label] for label in (*self.titles, EQUILIBRIUM)}
-        return surface_of(self.grid, shown)
+        return body_view.surface_of(self.grid, shown)
 
     @cached_property
-    def view(self) -> View:
+    def view(self) -> body_view.View:
         """The projection of all pictures but that of the stresses."""
         moved = self.values[EQUILIBRIUM]
         if not moved.any() and self.titles:
             moved = self.values[next(iter(self.titles))]
-        return setup_view(self.surface, self.marks, largest_of(moved) if moved.any() else None)
+        return setup_view(
+            self.surface, self.marks, body_view.largest_of(moved) if moved.any() else None
+        )
 
-    def frames_at(self, surface: PolyData, count: int) -> Array:
+    def frames_at(self, surface: body_view.PolyData, count: int) -> Array:
         """The displacements (count, n, 3) of an animation from the equilibrium at a surface, m."""
-        node = surface.point_data[NODE]
+        node = surface.point_data[body_view.NODE]
         rest = self.values[EQUILIBRIUM][node]
         return np.array([self.values[f"{k}"][node] - rest for k in range(count)])
 
@@ -126,12 +111,12 @@ class Body:
 def body_of(study: Study) -> Body | None:
     """What the pictures of the body of a study show; None on other ranks. Collective."""
     if study.body is None:
-        kinds, solid = shapes(study), study.solid
+        kinds, solid = paraview.shapes(study), study.solid
         kinds.pop(EQUILIBRIUM, None)
         named = {label: field for fields in kinds.values() for label, field in fields.items()}
         fields = named | {EQUILIBRIUM: solid.field(solid.equilibrium)}
         if "reduced" in study.motions:
-            moving = moving_field(study)
+            moving = paraview.moving_field(study)
             fields |= {f"{k}": moving(row) for k, row in enumerate(_film_rows(study))}
         found = gathered_marks(solid, study.scene, fields)
         study.body = (None if found is None else Body(*found, shape_titles(study, named)),)
@@ -140,7 +125,7 @@ def body_of(study: Study) -> Body | None:
 
 def _film_rows(study: Study) -> range:
     """The rows of `frame_rows` that an animation shows."""
-    return range(0, frame_rows(study.motions["reduced"]).size, ROWS_PER_FRAME)
+    return range(0, paraview.frame_rows(study.motions["reduced"]).size, ROWS_PER_FRAME)
 
 
 def body_pictures(study: Study) -> list[Picture]:
@@ -148,7 +133,7 @@ def body_pictures(study: Study) -> list[Picture]:
     body, scene = body_of(study), study.scene
     if body is None:
         return []
-    modes = list(shapes(study).get("normal_modes", ()))
+    modes = list(paraview.shapes(study).get("normal_modes", ()))
     largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
     title = f"equilibrium: largest displacement {largest:.4g} mm"
     seen = body.view
@@ -192,12 +177,15 @@ def film_of(study: Study) -> Film | None:
     dots: Array = np.zeros((len(rows), 0, 3))
     states: Any = np.zeros((len(rows), 0))
     if study.scene.contacts:
-        found, shift = contact_arrays(study, motion), contact_equilibrium(study)
-        places = contact_places(study.points) + shift
-        dots, states = found[DISPLACEMENT][rows] - shift, found[STATE][rows]
+        found, shift = paraview.contact_arrays(study, motion), paraview.contact_equilibrium(study)
+        places = paraview.contact_places(study.points) + shift
+        dots, states = found[paraview.DISPLACEMENT][rows] - shift, found[paraview.STATE][rows]
     if body is None:
         return None
-    rest, times = body.surface.warp_by_vector(EQUILIBRIUM), motion.time[frame_rows(motion)][rows]
+    rest, times = (
+        body.surface.warp_by_vector(EQUILIBRIUM),
+        motion.time[paraview.frame_rows(motion)][rows],
+    )
     moved = body.frames_at(rest, len(rows))
     return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, states)
 
@@ -253,7 +241,7 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
 
 
 def _stressed(
-    table: StressTable, found: Stresses, surface: PolyData, length: float
+    table: StressTable, found: Stresses, surface: body_view.PolyData, length: float
 ) -> turning.Shown:
     """The state of the largest von Mises stress at the points of a surface."""
     from scipy.spatial import cKDTree
@@ -290,7 +278,7 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     state = stress_state(table, peak, measure)
 
     def draw() -> Plot:
-        return stress_figure(surface_of(*state), "displacement", title)
+        return stress_figure(body_view.surface_of(*state), "displacement", title)
 
     return body_picture("Von Mises stress", "stress", draw, STRESSES_FILE)
 
@@ -364,9 +352,9 @@ def _coordinates(study: Study) -> list[Picture]:
 
 def _along_the_axis(body: Body | None) -> list[Picture]:
     """The picture of the shapes along the axis of a straight slender body."""
-    if body is None or not body.titles or not is_slender(body.grid.points):
+    if body is None or not body.titles or not body_view.is_slender(body.grid.points):
         return []
-    d = 2 if is_flat(body.grid.points) else 3
+    d = 2 if body_view.is_flat(body.grid.points) else 3
     points, fields = body.grid.points[:, :d], [body.values[label][:, :d] for label in body.titles]
     axis, *across = np.argsort(np.ptp(points, axis=0).max() - np.ptp(points, axis=0) > 0.0)
     names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in sorted(across))]

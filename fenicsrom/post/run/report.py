@@ -33,28 +33,8 @@ from fenicsrom.post.base.tables import (
     named_millimetres,
     table_of,
 )
-from fenicsrom.post.run import summary as stress_tables
+from fenicsrom.post.run import motion_figures, summary
 from fenicsrom.post.run.figures import probe_motions, wear_sentence
-from fenicsrom.post.run.motion_figures import (
-    PERIODS_NOTE,
-    has_period,
-    motion_pictures,
-    open_sentence,
-    points_note,
-    response_note,
-    response_rows,
-    run_up_sentences,
-)
-from fenicsrom.post.run.summary import (
-    AGREEMENT_NOTE,
-    agreement_rows,
-    agreement_sentence,
-    errors_of,
-    quantities,
-    support_summary,
-    unjudged,
-    write_numbers,
-)
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import refined, step_key
@@ -140,7 +120,7 @@ def equilibrium_sentence(deflection: Array, scene: Scene) -> str:
 
 def support_sentence(run: Study | Rerun) -> str | None:
     """State the absolute amplitudes if the supports move; None otherwise."""
-    found = support_summary(run).get("support_motion", {})
+    found = summary.support_summary(run).get("support_motion", {})
     if not found:
         return None
     names = direction_names(run.scene, run.points)
@@ -362,7 +342,7 @@ def study_results(study: Study) -> list[str]:
         [] if study.deflection is None else [equilibrium_sentence(study.deflection, study.scene)]
     )
     found += [] if study.mesh_check is None else [study.mesh_check.sentence()]
-    if errors := errors_of(study.motions):
+    if errors := summary.errors_of(study.motions):
         found.append(error_sentence(errors, study.scene, study.points))
     return found
 
@@ -378,11 +358,11 @@ def run_sentences(found: Study | Rerun) -> list[str]:
     told.append(support_sentence(found))
     if isinstance(found, Study):
         told += [*study_results(found), *basis_sentences(found)]
-        told += [] if found.agreement is None else [agreement_sentence(found.agreement)]
+        told += [] if found.agreement is None else [summary.agreement_sentence(found.agreement)]
         told.append(speed_sentence(found.motions))
     elif found.stored.whole is not None:
         told += [range_sentence(found.stored), of_model(found.stored).sentence()]
-        told += run_up_sentences(found.run_up)
+        told += motion_figures.run_up_sentences(found.run_up)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     if reduced is not None:
         told += [f"{note.key}: {note}" for note in out_of_reach(reduced, found.points)]
@@ -482,7 +462,7 @@ class RunReport(Report):
 
     def write_numbers(self, folder: Path) -> list[Path]:
         """Write the summary, the history, the checkpoint and the stresses."""
-        return write_numbers(self.found, folder)
+        return summary.write_numbers(self.found, folder)
 
 
 def report(found: Study | Rerun) -> Report:
@@ -497,10 +477,12 @@ def report(found: Study | Rerun) -> Report:
         for size in sorted(tried)
     )
     left_out_table = table_of({"stage": line.key, "reason": line} for line in found.left_out)
-    periods = PERIODS_NOTE if has_period(motions) else None
-    table = response_rows(motions, found.sizes, names, probe_motions(found))
+    periods = motion_figures.PERIODS_NOTE if motion_figures.has_period(motions) else None
+    table = motion_figures.response_rows(motions, found.sizes, names, probe_motions(found))
     sections = [
-        Section("Motions", [table, points_note(motions, found.scene), periods], top=True),
+        Section(
+            "Motions", [table, motion_figures.points_note(motions, found.scene), periods], top=True
+        ),
         Section("Estimated errors", [errors]),
         *(_of_study(found) if isinstance(found, Study) else ()),
         *_stresses(found.stresses),
@@ -515,10 +497,10 @@ def report(found: Study | Rerun) -> Report:
         sections,
         (),
         {},
-        motion_pictures(found),
+        motion_figures.motion_pictures(found),
         _notes(found),
-        quantities=quantities(found),
-        unjudged=unjudged(found),
+        quantities=summary.quantities(found),
+        unjudged=summary.unjudged(found),
     )
 
 
@@ -539,13 +521,13 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     """The tables of the stresses and reactions."""
     if stresses is None:
         return []
-    name = stress_tables.MEASURE_NAMES[stresses.measure]
-    peaks = [f"Largest {name}:", stress_tables.stress_table(stresses.peaks)]
-    modes = [stress_tables.stress_table(stresses.modes), stress_tables.MODAL_NOTE]
-    reactions = [stress_tables.reaction_rows(stresses), stress_tables.reaction_note(stresses)]
+    name = summary.MEASURE_NAMES[stresses.measure]
+    peaks = [f"Largest {name}:", summary.stress_table(stresses.peaks)]
+    modes = [summary.stress_table(stresses.modes), summary.MODAL_NOTE]
+    reactions = [summary.reaction_rows(stresses), summary.reaction_note(stresses)]
     return [
         Section("Stresses", peaks),
-        Section("Recovery of stresses", [stress_tables.RECOVERY_NOTE], terminal=False),
+        Section("Recovery of stresses", [summary.RECOVERY_NOTE], terminal=False),
         Section("Modal stresses", modes if stresses.modes else [], terminal=False),
         Section("Reactions", reactions, terminal=False),
     ]
@@ -557,9 +539,9 @@ def _notes(found: Study | Rerun) -> list[str]:
         return []
     reduced = found.motions.get("reduced")
     notes = [
-        response_note(found.motions),
+        motion_figures.response_note(found.motions),
         direction_note(found.scene, found.points),
-        open_sentence(found.motions),
+        motion_figures.open_sentence(found.motions),
         MULTIPLIER_NOTE if reduced is not None and reduced.search is not None else None,
     ]
     return [note for note in notes if note]
@@ -584,7 +566,7 @@ def _of_study(study: Study) -> Iterator[Section]:
         )
         yield Section("Frequencies with contact", [contact], terminal=alone)
     if study.agreement is not None:
-        tables = [agreement_rows(study.agreement), AGREEMENT_NOTE]
+        tables = [summary.agreement_rows(study.agreement), summary.AGREEMENT_NOTE]
         yield Section("Modes of the reduced and of the full model", tables, terminal=False)
     weights, kept = study.selection.weights, study.selection.derivatives
     selected = table_of(

@@ -29,20 +29,9 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.store import provenance, save_end
 from fenicsrom.online.stress.reactions import Peak, Reactions, Stresses
 from fenicsrom.online.stress.stress import extremes
+from fenicsrom.post.base import tables
 from fenicsrom.post.base.page import failure_of, told
 from fenicsrom.post.base.plot import Map, Panel, Plot, Text
-from fenicsrom.post.base.tables import (
-    FACTORS,
-    Quantity,
-    components,
-    in_order,
-    named,
-    rows_of,
-    table_of,
-    write_arrays,
-    write_rows,
-    write_summary,
-)
 from fenicsrom.post.paraview.paraview import contact_places
 from fenicsrom.post.run.figures import HISTORY, probe_motions, wear_summary, write_wear
 from fenicsrom.post.run.motion_figures import RUN_UP, run_up_rows, run_up_summary
@@ -82,7 +71,7 @@ def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
             "energy %": f"{100.0 * found.represented[i]:.1f}",
         }
 
-    return table_of(row(i, j) for i, j in enumerate(found.partners))
+    return tables.table_of(row(i, j) for i, j in enumerate(found.partners))
 
 
 def agreement_summary(found: ModeAgreement) -> dict[str, Any]:
@@ -150,32 +139,34 @@ MODAL_NOTE = (
 ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
 
 
-def stress_quantities(peaks: Sequence[Peak]) -> list[Quantity]:
+def stress_quantities(peaks: Sequence[Peak]) -> list[tables.Quantity]:
     """What is told of peaks: of modes per metre of their largest displacement."""
     modal, axes = peaks[0].frequency is not None, "xyz"[: peaks[0].position.size]
     unit, shown = ("Pa_per_m", "MPa/mm") if modal else ("Pa", "MPa")
-    when = Quantity("time_s", "time", "t, s", 6)
+    when = tables.Quantity("time_s", "time", "t, s", 6)
 
     def principal(peak: Peak) -> str:
         return ", ".join(f"{factor * value:.4g}" for value in peak.principal)
 
-    factor = FACTORS[shown]
+    factor = tables.FACTORS[shown]
     return [
-        Quantity("state", head="mode" if modal else "state"),
-        Quantity("frequency_Hz", "frequency", "frequency, Hz") if modal else when,
-        Quantity(f"von_mises_{unit}", "von_mises", f"von Mises, {shown}", 4),
-        Quantity("", lambda peak: place_text(peak.position), "at, m"),
-        Quantity("", principal, f"principal, {shown}"),
-        *components("{}_m", "position", axes),
-        *components(f"principal_{{}}_{unit}", "principal", "123"[: peaks[0].principal.size]),
-        Quantity(f"gauss_von_mises_{unit}", "point_von_mises", f"at a Gauss point, {shown}", 4),
-        *components("gauss_{}_m", "point_position", axes),
+        tables.Quantity("state", head="mode" if modal else "state"),
+        tables.Quantity("frequency_Hz", "frequency", "frequency, Hz") if modal else when,
+        tables.Quantity(f"von_mises_{unit}", "von_mises", f"von Mises, {shown}", 4),
+        tables.Quantity("", lambda peak: place_text(peak.position), "at, m"),
+        tables.Quantity("", principal, f"principal, {shown}"),
+        *tables.components("{}_m", "position", axes),
+        *tables.components(f"principal_{{}}_{unit}", "principal", "123"[: peaks[0].principal.size]),
+        tables.Quantity(
+            f"gauss_von_mises_{unit}", "point_von_mises", f"at a Gauss point, {shown}", 4
+        ),
+        *tables.components("gauss_{}_m", "point_position", axes),
     ]
 
 
 def stress_rows(peaks: Sequence[Peak]) -> list[dict[str, Any]]:
     """The peaks in files."""
-    return rows_of(peaks, stress_quantities(peaks)) if peaks else []
+    return tables.rows_of(peaks, stress_quantities(peaks)) if peaks else []
 
 
 def stress_summary(stresses: Stresses) -> dict[str, Any]:
@@ -200,7 +191,9 @@ def reaction_record(reactions: Reactions, row: int) -> dict[str, Any]:
     """The reactions at one instant by name, with units."""
     places = dict(zip(reactions.supports, reactions.values[row], strict=True))
     places["by_momentum"] = reactions.by_momentum[row]
-    parts = {name: named("{}", reactions.components, found) for name, found in places.items()}
+    parts = {
+        name: tables.named("{}", reactions.components, found) for name, found in places.items()
+    }
     return {"time_s": float(reactions.time[row]), **parts}
 
 
@@ -210,10 +203,10 @@ def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    files = [write_rows(folder / STRESSES_FILE, stress_rows(stresses.peaks))]
+    files = [tables.write_rows(folder / STRESSES_FILE, stress_rows(stresses.peaks))]
     if stresses.modes:
-        files.append(write_rows(folder / MODAL_STRESSES, stress_rows(stresses.modes)))
-    return [*files, write_rows(folder / REACTIONS, _reaction_rows(stresses))]
+        files.append(tables.write_rows(folder / MODAL_STRESSES, stress_rows(stresses.modes)))
+    return [*files, tables.write_rows(folder / REACTIONS, _reaction_rows(stresses))]
 
 
 def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
@@ -231,7 +224,7 @@ def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
 
 def stress_table(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of peaks for the report."""
-    return table_of(peaks, stress_quantities(peaks)) if peaks else []
+    return tables.table_of(peaks, stress_quantities(peaks)) if peaks else []
 
 
 def reaction_rows(stresses: Stresses) -> list[list[Any]]:
@@ -458,7 +451,7 @@ def motions_summary(found: Study | Rerun) -> dict[str, Any]:
             listed = [{"position_m": position, **point} for position, point in pairs]
             response[name]["points"] = listed
     for name, motion in probe_motions(found).items():
-        response[name]["probe_amplitude_m"] = in_order(amplitudes(motion))
+        response[name]["probe_amplitude_m"] = tables.in_order(amplitudes(motion))
     errors = errors_of(found.motions)
     return {"response": response} | ({"error_percent": errors} if errors else {})
 
@@ -526,7 +519,7 @@ def write_history(
         if scene is not None and points is not None and scene.wears:
             worn = worn_under_points(motion, contacts_of(scene, points))
             arrays[f"{name}_worn_depth"] = worn
-    return write_arrays(path, arrays)
+    return tables.write_arrays(path, arrays)
 
 
 def write_checkpoint(
@@ -552,7 +545,7 @@ def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> li
     Raises:
         OSError: a file cannot be written.
     """
-    files = [write_summary(folder / SUMMARY, summary(found))]
+    files = [tables.write_summary(folder / SUMMARY, summary(found))]
     if found.motions:
         files.append(write_history(folder / HISTORY, found.motions, found.scene, found.points))
     if isinstance(found.model, ReducedModel) and "reduced" in found.motions:
@@ -560,5 +553,5 @@ def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> li
         files += write_checkpoint(folder, found.model, found.scene, motion, whole)
         files += write_wear(folder, found.motions, found.scene, found.points)
     if isinstance(found, Rerun) and found.run_up is not None:
-        files.append(write_rows(folder / RUN_UP, run_up_rows(found.run_up)))
+        files.append(tables.write_rows(folder / RUN_UP, run_up_rows(found.run_up)))
     return files if found.stresses is None else [*files, *write_stresses(found.stresses, folder)]
