@@ -20,7 +20,7 @@ NAMES = (
     *("campbell", "map", "map_curves", "map_wear", "sweep", "stability"),
     *("interference",),
     *("response", "peaks", "contact_map", "multipliers", "harmonics", "backbone", "equilibria"),
-    *("ringdown", "comparison", "pareto", "size", "indicator"),
+    *("ringdown", "disk", "comparison", "pareto", "size", "indicator"),
 )
 """Patterns of the names of pictures, without their suffix."""
 
