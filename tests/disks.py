@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,20 @@ def ring() -> tuple[Any, Any]:
     number = np.arange(len(at)).reshape(3, -1)
     cells = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
     return at, np.stack([part.ravel() for part in cells], axis=1)
+
+
+def bladed() -> tuple[Any, Any]:
+    """The ring with a blade of 0.3 m, 21 mm thick, on each sector."""
+    half, middle = np.radians(2.0), np.pi / N
+    angle, radius = [0.0, middle - half, middle + half, 2.0 * middle], [0.1, 0.3]
+    at = [(x * np.cos(a), x * np.sin(a), 0.0) for a in angle for x in radius]
+    root, along = np.array([at[3], at[5]]), np.array([np.cos(middle), np.sin(middle), 0.0])
+    for x in np.linspace(0.0, 0.3, 5)[1:]:
+        at += [*(root + x * along)]
+    cells = [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(3)]
+    edges = [(3, 5), *((8 + 2 * k, 9 + 2 * k) for k in range(4))]
+    cells += [(*inner[::-1], *outer) for inner, outer in pairwise(edges)]
+    return np.array(at), np.array(cells)
 
 
 def hub() -> tuple[Any, Any]:

@@ -41,7 +41,7 @@ def run(
     overwrite: bool = False,
     fresh: bool = False,
 ) -> Study | DiskRun:
-    """Run all stages that a scene needs; of a sector of a disk, see `disk_motion`.
+    """Run all stages that a scene needs; of a sector, integrate its disk.
 
     Args:
         scene: the scene, or the path of its file.
@@ -70,7 +70,7 @@ def run(
         if modes_only or resume is not None:
             given = "modes_only" if modes_only else "resume"
             raise refuse(scene.source, f"not allowed with {given}", ErrorKind.CONFLICT, "cyclic")
-        return disk_motion(scene, comm, folder, stop, mesh)
+        return _disk_motion(scene, comm, folder, stop, mesh)
     if scene.speeds_rpm is not None and not modes_only:
         reason = "not allowed in this run; build the model with build_model (or `fenicsrom run "
         reason += "SCENE`), or leave the key out"
@@ -89,13 +89,7 @@ def run(
     return run.study
 
 
-def disk_motion(
-    scene: Scene,
-    comm: Any = None,
-    folder: Path | None = None,
-    stop: Callable[[], bool] = never,
-    mesh: Mesh | None = None,
-) -> DiskRun:
+def _disk_motion(scene: Scene, comm: Any, folder: Any, stop: Any, mesh: Any) -> DiskRun:
     """Integrate the disk of a sector. Collective; arguments and errors as `run`."""
     from fenicsrom.assess.rotation.disk_run import disk_run
     from fenicsrom.fem.mesh.mesh import build_mesh

@@ -28,7 +28,6 @@ from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh import Mesh
-    from fenicsrom.fem.solid.fixed_sector import WaveError
     from fenicsrom.reduction.stages import Timer
 
 AXES = "xyz"
@@ -50,7 +49,7 @@ class DiskRun:
         tuned: the motion of the disk of equal sectors; None if this one is tuned, too.
         sentence: what was found of the cut faces.
         shapes: number of shapes of a cut face.
-        wave_error: error of the frequencies of a nodal diameter by the reduction.
+        wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the motion; None without one.
@@ -65,7 +64,7 @@ class DiskRun:
     tuned: Motion | None = None
     sentence: str
     shapes: int
-    wave_error: WaveError
+    wave_error: tuple[int, float]
     seconds: float = 0.0
     warnings: list[Note] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
@@ -140,7 +139,7 @@ def disk_run(
     assert body.cut is not None
     sector = reduced_sector(body, scene, timed)
     with timed("waves of the mesh"):
-        error = wave_error(body, scene, sector)
+        h, error = wave_error(body, scene, sector)
     whole, delta = disk_scene(scene), deviations(scene)
     model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
     with timed("disk motion"):
@@ -150,11 +149,9 @@ def disk_run(
             equal = disk_model(sector, whole, np.zeros_like(delta))
             tuned = _motion(equal, whole, stop, ended)
     warnings = [*body.warnings]
-    if error.relative > WAVE_ERROR:
-        text = (
-            f"frequencies of {counted(error.diameter, 'nodal diameter')} are "
-            f"{100.0 * error.relative:.2g} % off by the reduction: raise basis.modes"
-        )
+    if error > WAVE_ERROR:
+        text = f"frequencies of {counted(h, 'nodal diameter')} are {100.0 * error:.2g} % off by "
+        text += "the reduction: raise basis.modes"
         warnings.append(Note(NoteKind.ERROR, text, "basis.modes"))
     if motion.period is not None and not motion.steady and not ended:
         text = f"the motion does not repeat after {counted(motion.periods, 'period')}"
@@ -167,7 +164,7 @@ def disk_run(
         tuned=tuned,
         sentence=body.cut.sentence,
         shapes=sector.shapes,
-        wave_error=error,
+        wave_error=(h, error),
         seconds=working_time() - begin,
         warnings=warnings,
         **ended,

@@ -2,18 +2,17 @@
 
     u = u₀ + R η + Ψ y + Ψ′ y′,    Ψ = W − K_c⁻¹ K W                                      (1)
 
-R is the basis of the sector with both cut faces clamped, an ordinary body: normal modes, responses
-to loads and static modes of its contacts. W are a few shapes of the leading face, and the same
-shapes turned on the following one; K_c is the stiffness K with clamped faces, so that Ψ carries
-the sector along without a force inside. The shapes are those of the lowest waves with few nodal
-diameters, which serve the diameters in between (Craig and Bampton, AIAA J. 6, 1968, with an
-interface in few modes).
+R is the basis of the sector with both cut faces clamped, an ordinary body: normal modes, their
+derivatives, responses to loads and static modes of its contacts. W are a few shapes of the leading
+face, and the same shapes turned on the following one; K_c is the stiffness K with clamped faces, so
+that Ψ carries the sector along without a force inside. The shapes are those of the lowest waves
+with few nodal diameters, which serve the diameters in between (Craig and Bampton, AIAA J. 6, 1968,
+with an interface in few modes).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,12 +21,18 @@ from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid
 from fenicsrom.fem.solid.wave import wave
 from fenicsrom.online.model.disk_model import Sector
 from fenicsrom.reduction.basis import project
+from fenicsrom.reduction.derivatives import all_pairs
 from fenicsrom.reduction.stages import Reduction, Timer
 from fenicsrom.scene import Scene, Support
+from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE
 
 WAVES = 3
 """Number of modes of each nodal diameter whose shapes the cut faces take."""
+
+
+PAIRED = 3
+"""Number of normal modes of the sector with clamped faces whose derivatives the basis takes."""
 
 
 def wave_diameters(scene: Scene) -> list[int]:
@@ -56,32 +61,32 @@ def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
         fields = [_lowest_waves(sector, h) for h in wave_diameters(scene)]
         shapes = cut.face_shapes(np.concatenate(fields, axis=1))
     clamps = Support(group=cyclic.left), Support(group=cyclic.right)
-    clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps))
+    options = scene.basis
+    if options.derivatives in BY_MOTION:  # a sector alone moves otherwise
+        most = min(PAIRED, options.modes) if isinstance(options.modes, int) else PAIRED
+        labels = all_pairs([f"{k + 1}V" for k in range(most)])
+        options = replace(options, derivatives=tuple(labels))
+    clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps), basis=options)
     known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
     interior = Solid(sector.mesh, clamped, known)
     basis = Reduction(interior, clamped, timed).basis
     faces = cut.lifted(shapes)
     faces -= interior.factor.solve(interior.without_held(sector.stiffness_times(faces)))
-    interior.destroy()
     with timed("reduction"):
+        own = project(interior, basis, scene.geometrically_nonlinear).elastic
         whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
-        return Sector(project(sector, whole, nonlinear=False), shapes.shape[1], cut.neighbour)
+        model = project(sector, whole, nonlinear=False)
+    interior.destroy()
+    return Sector(model, own, shapes.shape[1], cut.neighbour)
 
 
-class WaveError(NamedTuple):
-    """How well the disk of a reduced sector has the frequencies of the mesh.
+def wave_error(body: Solid, scene: Scene, sector: Sector) -> tuple[int, float]:
+    """Compare waves of a reduced sector with those of the mesh. Collective.
 
-    Attributes:
-        diameter: a nodal diameter between those of the waves that shape the cut faces.
-        relative: largest error of the frequencies in the range of the loads, at least of two.
+    Returns:
+        A nodal diameter between those that shape the cut faces, and the largest relative error of
+        its frequencies in the range of the loads, at least of two.
     """
-
-    diameter: int
-    relative: float
-
-
-def wave_error(body: Solid, scene: Scene, sector: Sector) -> WaveError:
-    """Compare waves of a reduced sector with those of the mesh. Collective."""
     assert scene.cyclic is not None
     n, known = scene.cyclic.sectors, wave_diameters(scene)
     between = [h for h in range(n // 2 + 1) if h not in known] or known
@@ -93,7 +98,7 @@ def wave_error(body: Solid, scene: Scene, sector: Sector) -> WaveError:
         count = min(count, exact.free // copies)
         squares = exact.eigenmodes(exact.factor, copies * count)[0][::copies]
     wanted = np.sqrt(squares) / (2.0 * np.pi)
-    return WaveError(h, float(np.max(np.abs(found[:count] / wanted - 1.0))))
+    return h, float(np.max(np.abs(found[:count] / wanted - 1.0)))
 
 
 def _lowest_waves(sector: Solid, h: int) -> Complex:

@@ -1,8 +1,9 @@
 """A disk of N reduced sectors as one model in time.
 
 A sector has the coordinates q = (η, y, y′): those of its interior with both cut faces held, and
-those of the few shapes in which each face moves. The following face of a sector is the leading face
-of its neighbour, so that with z = (η_0, y_0, η_1, y_1, ..)
+those of the few shapes in which each face moves. Large motions are those of the blades: the elastic
+force has its nonlinear terms in η only. The following face of a sector is the leading face of its
+neighbour, so that with z = (η_0, y_0, η_1, y_1, ..)
 
     q_j = (η_j, y_j, y_{j±1}),    q = P z,    M = Pᵀ diag(M_s, M_s, ..) P.                (1)
 
@@ -31,7 +32,11 @@ from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.loads import histories_of
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel, Tangent
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.scene import Load, Scene
+
+ORDERING = "MMD_AT_PLUS_A"
+"""SuperLU's order of elimination for a pattern that is symmetric: a third faster than its own."""
 
 
 class Sector(NamedTuple):
@@ -39,11 +44,13 @@ class Sector(NamedTuple):
 
     Attributes:
         model: the linear model of one sector in the coordinates q.
+        interior: the nonlinear terms in η; its force and its stiffness do not count.
         shapes: m, the number of shapes of a cut face, the last 2 m coordinates.
         neighbour: 1 or -1: y′ of sector j is y of sector j + neighbour.
     """
 
     model: ReducedModel
+    interior: ElasticPolynomial
     shapes: int
     neighbour: int
 
@@ -83,7 +90,7 @@ class DiskModel(DenseModel):
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
         """The inverse of a sparse matrix (n, n) times a block; NaN if the matrix is singular."""
         try:
-            solve: Callable[[Array], Array] = splu(csc_array(matrix)).solve
+            solve: Callable[[Array], Array] = splu(csc_array(matrix), ORDERING).solve
         except (RuntimeError, ValueError):  # singular, or not finite
             return lambda block: np.full(block.shape, np.nan)
         return solve
@@ -119,32 +126,70 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
 
     force = to_sectors.T @ np.tile(model.elastic.force, count)
     stiffness = of_disk(model.elastic.stiffness, 1.0 + mistuning)
+    blades = _Blades(sector, 1.0 + mistuning)
+
+    def elastic(q: Array) -> tuple[Array, Any]:
+        linear = force + stiffness @ q
+        return (linear, stiffness) if blades.linear else blades.added(q, linear, stiffness)
+
+    def energy(q: Array) -> float:
+        linear = float((force + 0.5 * (stiffness @ q)) @ q)
+        return linear if blades.linear else linear + blades.terms(q)[2]
+
+    points = ContactPoints._make(
+        np.concatenate([part] * count) if np.ndim(part) else part for part in model.points
+    )
     d, probes = len(model.probe), rows_of(model.probe)
     velocity = {"velocity_matrix": of_disk(model.velocity_matrix)} if model.velocity_forces else {}
     return DiskModel(
         mass=of_disk(model.mass),
         damping=model.damping,
-        elastic=lambda q: (force + stiffness @ q, stiffness),
-        energy=lambda q: float((force + 0.5 * (stiffness @ q)) @ q),
+        elastic=elastic,
+        energy=energy,
         loads=rows_of(model.loads.T).T,
         load_histories=histories_of(scene.loads),
-        points=_copied(model.points, count),
+        points=points,
         contact_rows=rows_of(model.contact_rows),
         contact_offset=np.tile(model.contact_offset, count),
         probe=probes[:d],
         probe_offset=model.probe_offset,
         **velocity,
-        linear=True,
-        gauss_points=1,
+        linear=blades.linear,
+        gauss_points=1 if blades.linear else 2,
         probes=probes,
     )
 
 
-def _copied(points: ContactPoints, count: int) -> ContactPoints:
-    """The contact points of all sectors, each in the frame of its sector."""
-    return ContactPoints._make(
-        np.concatenate([part] * count) if np.ndim(part) else part for part in points
-    )
+class _Blades:
+    """The nonlinear terms of the elastic forces of N sectors, in e coordinates η of each."""
+
+    def __init__(self, sector: Sector, factors: Array):
+        """Find η of each sector in z; `factors` (N,) are 1 + δ."""
+        e = sector.interior.force.size
+        none = {"force": np.zeros(e), "stiffness": np.zeros((e, e))}
+        self._polynomial = sector.interior._replace(**none)
+        own = np.arange(factors.size * (e + sector.shapes)).reshape(factors.size, -1)
+        self._places, self._factors = own[:, :e], factors
+        self.linear = not sector.interior.cubic.size
+
+    def terms(self, q: Array) -> tuple[Array, Array, float]:
+        """Forces (N, e), tangents (N, e, e) and energy at q."""
+        eta, energy = q[self._places], 0.0
+        forces, tangents = np.empty(eta.shape), np.empty((*eta.shape, eta.shape[1]))
+        for x, force, tangent, factor in zip(eta, forces, tangents, self._factors, strict=True):
+            energy += factor * elastic_force(self._polynomial, x, force, tangent)
+            force *= factor
+            tangent *= factor
+        return forces, tangents, float(energy)
+
+    def added(self, q: Array, force: Array, stiffness: csc_array) -> tuple[Array, csc_array]:
+        """A linear force and its stiffness with these terms at q."""
+        forces, tangents, _ = self.terms(q)
+        force[self._places] += forces
+        rows = np.broadcast_to(self._places[:, :, None], tangents.shape).ravel()
+        columns = np.broadcast_to(self._places[:, None, :], tangents.shape).ravel()
+        more = csc_array((tangents.ravel(), (rows, columns)), shape=stiffness.shape)
+        return force, stiffness + more
 
 
 def disk_scene(scene: Scene) -> Scene:

@@ -85,9 +85,10 @@ def _disk_run_problems(scene: Scene) -> Problems:
     if not scene.contacts and not scene.probe:
         yield Problem("probe", "must be a table: the motion is seen there", value=MISSING)
     unusual: dict[str, object] = {
-        "geometrically_nonlinear": scene.geometrically_nonlinear,
         "rotation.history": rotation is not None and rotation.history,
         "rotation.speeds_rpm": rotation is not None and rotation.speeds_rpm,
+        "basis.size": scene.basis.size,
+        "basis.elastic_force": scene.basis.elastic_force == "projection",
         "damping.ratios": any(scene.damping.modal),
         "reference.full": scene.reference.full,
         "output.stresses": scene.output.stresses != "none",
