@@ -83,64 +83,50 @@ def refuse(
     return SceneError(sentence, kind=kind, key=key, source=str(source))
 
 
-class ConvergenceError(RuntimeError):
-    """An iteration did not converge (exit code 1).
-
-    The message says when and where.
+class _Failure(RuntimeError):
+    """A failed computation (exit code 1). The message says when and where.
 
     Attributes:
-        partial: what was computed before the failure (a `Motion`, a list of equilibria), or None.
+        partial: what was computed, for inspection (a `Motion`, a list of equilibria), or None.
         kind: what failed.
-        quantity: of `fenicsrom.notes`, the one that lacks a result; "" if all do.
+        key: the dotted key of the scene to change, such as "time.steps_per_period", or "".
+        quantity: of `fenicsrom.notes`, the one that lacks a result or fails; "" if all do.
         decrements: of each iteration of the last attempt of Newton's method: the decrement
             `|residual · change|` in J, or the relative residual of a periodic motion. Empty if
             another method failed.
     """
 
+    kind: ErrorKind
+
     def __init__(
         self,
         message: str,
         partial: Any = None,
         *,
-        kind: ErrorKind = ErrorKind.CONVERGENCE,
+        kind: ErrorKind | None = None,
+        key: str = "",
         quantity: str = "",
         decrements: Sequence[float] = (),
     ):
         """Store the sentence, the partial result and the decrements."""
         super().__init__(message)
-        self.partial = partial
-        self.kind = kind
-        self.quantity = quantity
-        self.decrements = tuple(decrements)
+        self.partial, self.kind, self.key = partial, kind or self.kind, key
+        self.quantity, self.decrements = quantity, tuple(decrements)
 
 
-class AccuracyError(RuntimeError):
-    """A result failed its own check and is not returned (exit code 1).
+class ConvergenceError(_Failure):
+    """An iteration did not converge."""
+
+    kind = ErrorKind.CONVERGENCE
+
+
+class AccuracyError(_Failure):
+    """A result failed its own check and is not returned.
 
     The checks are a residual, an orthogonality, the energy balance and the estimated errors.
-
-    Attributes:
-        partial: what was computed, for inspection (a `Motion`), or None.
-        kind: which check failed.
-        key: the dotted key of the scene to change, such as "time.steps_per_period", or "".
-        quantity: of `fenicsrom.notes`, the one that fails; "" if all do.
     """
 
-    def __init__(
-        self,
-        message: str,
-        partial: Any = None,
-        *,
-        kind: ErrorKind = ErrorKind.ACCURACY,
-        key: str = "",
-        quantity: str = "",
-    ):
-        """Store the sentence and the result that failed."""
-        super().__init__(message)
-        self.partial = partial
-        self.kind = kind
-        self.key = key
-        self.quantity = quantity
+    kind = ErrorKind.ACCURACY
 
 
 def job_error(error: Exception) -> ConvergenceError | AccuracyError:
