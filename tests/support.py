@@ -20,14 +20,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ranks import Ranks
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import Contacts, frame, planes
-from fenicsrom.online.model.loads import LoadHistories, harmonic
+from fenicsrom.online.model.loads import LoadHistories, _joined, _sine
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial, pairs
 from fenicsrom.online.motion.motion import Motion
@@ -268,6 +268,13 @@ def unexplained(columns: Iterable[str], file: str) -> list[str]:
 
 
 # ------------------------------------------------------------------ small models
+
+
+def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHistories:
+    """One sine for each load, amplitude sin(omega t + phase); (loads,) N, rad/s, rad."""
+    columns = np.broadcast_arrays(*np.atleast_1d(amplitude, omega, phase))
+    return _joined([([_sine(*map(float, row))], []) for row in zip(*columns, strict=True)])
+
 
 NO_LOADS = harmonic(np.zeros(0), np.zeros(0), np.zeros(0))
 
@@ -578,3 +585,8 @@ def heard(hear: Callable[[str], None]) -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.setLevel(logging.NOTSET)
+
+
+def no_contacts(dimension: int = 2) -> Contacts:
+    """The contacts of a scene that has none."""
+    return planes(*np.zeros((5, 0)), dimension=dimension)

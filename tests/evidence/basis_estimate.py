@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import new_figure, styled
 
 from fenicsrom.assess.errors.estimates import basis_errors, nested_motion
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR
@@ -30,7 +31,6 @@ from fenicsrom.assess.studies.axes import random_cases, scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.tables import write_figure
 from fenicsrom.reduction.candidates import candidate_model
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import new_figure, styled
 
 import fenicsrom
 from fenicsrom.assess.errors.estimates import distances
@@ -32,7 +33,6 @@ from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.march import end_of
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.tables import write_figure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce

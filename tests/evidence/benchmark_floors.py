@@ -17,12 +17,12 @@ from time import process_time
 
 import numpy as np
 from numba import njit
+from support import harmonic
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import planes
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import elastic_polynomial
 from fenicsrom.online.motion.motion import Motion

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from figures import new_figure, styled
 from scheme_errors import ASYMPTOTIC, PATH, REFERENCE, SCHEMES, SECOND, USUAL, Errors, Run, Series
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import ENERGY_ERROR
 from fenicsrom.post.base.page import write_report
-from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import text_table, write_figure, write_rows, write_summary
 
 

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from basis_estimate import DEMOS, LEAST, TooSlow, read
 from basis_size import random_scene
+from figures import new_figure, styled
 
 import fenicsrom
 from fenicsrom.assess.errors.estimates import MotionErrors, check_motion, distances
@@ -37,7 +38,6 @@ from fenicsrom.assess.studies.axes import random_cases, scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.motion.measures import has_settled
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.tables import write_figure
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import refined

@@ -16,9 +16,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from support import beam_scene, enriched, make_solid
+from support import beam_scene, enriched, make_solid, no_contacts
 
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import recorded_motion

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import first
+from support import first, harmonic, no_contacts
 
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.continuation import (
     Continuation,
     _eigenvector,
@@ -20,7 +19,6 @@ from fenicsrom.online.curves.continuation import (
     passes_through,
 )
 from fenicsrom.online.curves.curve import Curve, CurvePoint
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.periodic.shooting import (

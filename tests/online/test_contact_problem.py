@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
-from support import fixed_steps, linear_model, one_contact, slope
+from support import fixed_steps, harmonic, linear_model, one_contact, slope
 
 from fenicsrom.online.contact.law import at_rest, implicit_blending
 from fenicsrom.online.contact.problem import given_compliance, solve_contact
@@ -23,7 +23,6 @@ from fenicsrom.online.contact.state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.run.march import integrate
 

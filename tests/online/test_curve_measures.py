@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from support import harmonic
 
 from fenicsrom.online.curves.curve import (
     HARMONICS,
@@ -18,7 +19,6 @@ from fenicsrom.online.curves.curve import (
     load_harmonic,
     states_over_period,
 )
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.periodic.steady import periods_of
 from fenicsrom.online.run.march import joined_rows
 from fenicsrom.online.step.state import Record, no_record

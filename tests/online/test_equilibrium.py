@@ -11,11 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
-from support import linear_model, one_contact
+from support import harmonic, linear_model, one_contact
 
 from fenicsrom.assess.studies import stability
 from fenicsrom.online.contact.points import contacts_of
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.run import simulate as online
 from fenicsrom.online.step import statics

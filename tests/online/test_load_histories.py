@@ -12,15 +12,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
-from support import linear_model
+from support import harmonic, linear_model, no_contacts
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model import loads as load_histories
 from fenicsrom.online.model.loads import (
     LoadHistories,
     factors,
-    harmonic,
     instants,
     largest,
     of_loads,

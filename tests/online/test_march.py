@@ -9,12 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support import enriched, fixed_steps, linear_model, one_contact, random_model, scene_of, slope
+from support import (
+    enriched,
+    fixed_steps,
+    harmonic,
+    linear_model,
+    no_contacts,
+    one_contact,
+    random_model,
+    scene_of,
+    slope,
+)
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
-from fenicsrom.online.contact.surfaces import Contacts, no_contacts
-from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force

@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from support import NO_LOADS, assert_tangent, first, linear_model, loaded_duffing, one_contact
+from support import (
+    NO_LOADS,
+    assert_tangent,
+    first,
+    harmonic,
+    linear_model,
+    loaded_duffing,
+    no_contacts,
+    one_contact,
+)
 
-from fenicsrom.online.contact.surfaces import Contacts, no_contacts
+from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.arc import Values
 from fenicsrom.online.curves.continuation import forced_peaks
 from fenicsrom.online.curves.curve import CurvePoint, half_range
 from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.periodic.shooting import force_family, frequency_family, recorded_motion

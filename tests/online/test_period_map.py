@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import linear_model, one_contact, random_model
+from support import harmonic, linear_model, one_contact, random_model
 
 from fenicsrom.online.contact.law import implicit_blending
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
@@ -24,7 +24,7 @@ from fenicsrom.online.derivative.period_sensitivity import (
     no_sensitivity,
 )
 from fenicsrom.online.kernels.numbers import STEP
-from fenicsrom.online.model.loads import PHASE, harmonic
+from fenicsrom.online.model.loads import PHASE
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.turning import Turning, rest_row
 from fenicsrom.online.periodic.period_map import PeriodMap

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import duffing, linear_model, one_contact, period_steps
+from support import duffing, harmonic, linear_model, no_contacts, one_contact, period_steps
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.shooting import (

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import duffing, linear_model, one_contact, period_steps
+from support import duffing, harmonic, linear_model, no_contacts, one_contact, period_steps
 
 from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.contact.state import OPEN
-from fenicsrom.online.contact.surfaces import Contacts, no_contacts
-from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.periodic.shooting import PeriodicMotion, contact_family, periodic_motion

@@ -14,13 +14,14 @@ from support import (
     assert_tangent,
     beam_scene,
     first,
+    harmonic,
     one_contact,
     random_polynomial,
     refusal,
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.model.loads import PressurePolynomial, factors, harmonic, unit_tangent
+from fenicsrom.online.model.loads import PressurePolynomial, factors, unit_tangent
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import paired_cubic, unique_cubic

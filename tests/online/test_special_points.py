@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import linear_model, one_contact
+from support import harmonic, linear_model, no_contacts, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import events
 from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.continuation import HASTE, STRETCH, Continuation, follow, hurries
@@ -30,7 +29,6 @@ from fenicsrom.online.curves.curve import (
     occurrences,
 )
 from fenicsrom.online.curves.events import LOCATED, MOST, outside, special_points
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import (
     Family,

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, linear_model, one_contact, oscillator
+from support import beam_scene, first, harmonic, linear_model, no_contacts, one_contact, oscillator
 
 from fenicsrom.assess.errors.estimates import check_motion, step_errors
 from fenicsrom.assess.errors.verdicts import check_settled, free_slider_sentence
 from fenicsrom.errors import AccuracyError
-from fenicsrom.online.contact.surfaces import no_contacts
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.motion.measures import (

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import linear_model
+from support import linear_model, no_contacts
 
-from fenicsrom.online.contact.surfaces import Contacts, no_contacts, planes
+from fenicsrom.online.contact.surfaces import Contacts, planes
 from fenicsrom.online.model.loads import LoadHistories, of_loads
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion

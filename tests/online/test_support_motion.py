@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
-from support import assert_tangent, beam_scene, linear_model, refusal
+from support import assert_tangent, beam_scene, linear_model, no_contacts, refusal
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints, no_points
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import (
     displacement_sines,

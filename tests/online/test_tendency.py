@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import duffing
+from support import duffing, no_contacts
 
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
 from fenicsrom.online.periodic.steady import CALM, MarchedPath

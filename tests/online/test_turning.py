@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
-from support import assert_tangent, fixed_steps, random_polynomial, slope
+from support import assert_tangent, fixed_steps, harmonic, no_contacts, random_polynomial, slope
 
 from fenicsrom.errors import AccuracyError
 from fenicsrom.online.contact.points import no_points
-from fenicsrom.online.contact.surfaces import (
-    angle_at,
-    no_contacts,
-    speed_at,
-    speed_history,
-    times_of_angles,
-)
-from fenicsrom.online.model.loads import TURNS, harmonic
+from fenicsrom.online.contact.surfaces import angle_at, speed_at, speed_history, times_of_angles
+from fenicsrom.online.model.loads import TURNS
 from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force, elastic_polynomial
 from fenicsrom.online.model.turning import Turning

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from support import excited_stiffness, linear_model, period_steps
+from support import excited_stiffness, harmonic, linear_model, no_contacts, period_steps
 
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.curves import continuation
 from fenicsrom.online.curves.continuation import Continuation, follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
@@ -22,7 +21,6 @@ from fenicsrom.online.curves.events import (
     turning_pairs,
     unseen_points,
 )
-from fenicsrom.online.model.loads import harmonic
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import Shooting, frequency_family, periodic_motion
 

@@ -3,6 +3,8 @@
 import pytest
 
 from fenicsrom.post.base import style
+from fenicsrom.post.base.drawing import figure_of
+from fenicsrom.post.base.plot import Line, Panel, Plot
 
 
 @pytest.mark.parametrize(
@@ -18,14 +20,8 @@ def test_magnification_is_round_number(largest, factor):
 
 @pytest.mark.parametrize("largest", [2e-4, 9e5])
 def test_axis_with_usual_values_has_no_multiplier(largest):
-    @style.styled
-    def draw():
-        figure = style.new_figure(3.9, 3.9)
-        axis = figure.subplots()
-        axis.plot([-largest, largest], [0.0, largest])
-        return figure
-
-    figure = draw()
+    line = Line([-largest, largest], [0.0, largest])
+    figure = figure_of(Plot([Panel([line])], 3.9, 3.9))
     figure.draw_without_rendering()
     (axis,) = figure.axes
     assert axis.xaxis.get_offset_text().get_text() == ""

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from support import beam_scene, enriched, fixed_steps, refusal
+from support import beam_scene, enriched, fixed_steps, no_contacts, refusal
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.matrices import model_arrays
 from fenicsrom.online.model.model import Problem, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial

@@ -1,6 +1,6 @@
 """Contact points of the body, and the parameters of the surfaces opposite them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import MISSING
 from typing import Any, NamedTuple
 
@@ -77,12 +77,6 @@ def no_points(dimension: int) -> ContactPoints:
 def all_points(dimension: int, parts: Iterable[ContactPoints]) -> ContactPoints:
     """The points of several contacts as one, in their order."""
     return ContactPoints(*map(np.concatenate, zip(no_points(dimension), *parts, strict=True)))
-
-
-def stored_points(arrays: Mapping[str, Array]) -> ContactPoints:
-    """The points whose fields a file holds, by the names `point_*`."""
-    known: dict[str, Any] = {"point_gap": TOUCHING, **arrays}  # older files have no gaps
-    return ContactPoints(*(known[f"point_{name}"] for name in ContactPoints._fields))
 
 
 def shares(scene: Any, points: ContactPoints) -> Array:

@@ -389,9 +389,3 @@ def planes(
     }
     fields |= {"kind": np.full(count, PLANE), "axes": np.tile(np.eye(dimension), (count, 1, 1))}
     return zeros(Contacts, fields, P=count, d=dimension, r=0, k=0, h=0, nodes=0)
-
-
-def no_contacts(dimension: int = 2) -> Contacts:
-    """The contacts of a scene that has none."""
-    none = np.zeros(0)
-    return planes(none, none, none, none, none, dimension)

@@ -171,8 +171,7 @@ def states_over_period(record: Record, bits: NDArray[np.int64]) -> NDArray[np.in
 BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth")
 """Kinds of special points where the stability changes; "non-smooth": the multipliers jump."""
 CONTACT_CHANGES = ("touch", "lift-off", "slip")
-CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("first", "last"))
-"""Kinds of special points where a contact state first or last occurs along a curve."""
+"""Changes that a contact point makes first or last along a curve, such as "first touch"."""
 LOST = "no convergence"
 """Reason for which a curve ends where no next point was found."""
 OUT_OF_POINTS = "number of points"
@@ -213,8 +212,9 @@ class CurvePoint:
         residual: relative.
         marches: number of marched periods for this point, and how many of these with derivatives.
         extremes: contact quantities whose signs tell which contact states occur.
-        kind: "" of an ordinary point, else one of `BIFURCATIONS` or `CONTACT_EVENTS`.
-        contact: number of the contact point of an event of `CONTACT_EVENTS`, else -1.
+        kind: "" of an ordinary point, else one of `BIFURCATIONS`, or "first" or "last"
+            and one of `CONTACT_CHANGES`.
+        contact: number of the contact point of an event of `CONTACT_CHANGES`, else -1.
         within: of a special point: width of its bracket in the parameter, in which other events may
             lie too.
         periods: number m of periods of the loads in one of the motion.

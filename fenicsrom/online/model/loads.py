@@ -49,7 +49,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at
@@ -82,12 +82,6 @@ class LoadHistories(NamedTuple):
     table: Array
     spans: NDArray[np.int64]
     history: Array = NO_HISTORY
-
-
-def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHistories:
-    """One sine for each load, amplitude sin(omega t + phase); (loads,) N, rad/s, rad."""
-    columns = np.broadcast_arrays(*np.atleast_1d(amplitude, omega, phase))
-    return _joined([([_sine(*map(float, row))], []) for row in zip(*columns, strict=True)])
 
 
 def of_loads(loads: Sequence[Load], history: Array = NO_HISTORY) -> LoadHistories:

@@ -24,7 +24,7 @@ from fenicsrom.post.base.plot import (
     Text,
     sizes,
 )
-from fenicsrom.post.base.style import DPI, EDGE, SOFT, Axes, Figure, styled
+from fenicsrom.post.base.style import DPI, EDGE, SOFT, STYLE, Axes, Figure
 
 LINE, LETTER = 0.19, 0.082
 """Height of a line of text and mean width of a letter, inches."""
@@ -41,9 +41,15 @@ SIDES = (0, 1, 2, 0, 1)
 LEGEND_ROWS = 9  # of a column of a legend beside a panel
 
 
-@styled
 def figure_of(plot: Plot, dpi: int = DPI) -> Figure:
-    """Draw a plot with so many pixels per inch."""
+    """Draw a plot with so many pixels per inch, in the common style."""
+    import matplotlib
+
+    with matplotlib.rc_context(STYLE):
+        return _figure(plot, dpi)
+
+
+def _figure(plot: Plot, dpi: int) -> Figure:
     from matplotlib.figure import Figure
 
     figure, axes = Figure((plot.width, plot.height or 5.0), dpi=dpi), []

@@ -4,11 +4,10 @@ matplotlib is imported only when a figure is made, and never pyplot: no window o
 stays in memory.
 """
 
-import functools
 import importlib.util
 import itertools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from ctypes.util import find_library
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -68,26 +67,6 @@ STYLE = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
 }
-
-
-def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Decorate a function that draws with matplotlib so that it uses the common style."""
-
-    @functools.wraps(draw)
-    def drawn(*args: Any, **kwargs: Any) -> Figure:
-        import matplotlib
-
-        with matplotlib.rc_context(STYLE):
-            return draw(*args, **kwargs)
-
-    return drawn
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Make an empty figure of this size in inches."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
