@@ -23,6 +23,7 @@ from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
 from tests.support import refusal
 
@@ -201,6 +202,9 @@ def test_mistuned_run_reports_amplification_and_shares(tmp_path: Path) -> None:
     table = np.genfromtxt(tmp_path / "out" / "disk.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["mistuning"], found.mistuning)
     np.testing.assert_allclose(table["amplitude_m"], found.peaks)
+    assert all(any(file.match(name) for name in RESULTS) for file in found.files)
+    stopped = run(scene, stop=lambda: True)
+    assert stopped.interrupted and stopped.motion.periods == 1 and stopped.tuned is None
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ MODEL = "reduced_model.npz"
 SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
 TABLES = (
     *("response", "backbone", "equilibria", "campbell", "modes", "sweep", "comparison"),
-    "stability",
+    *("stability", "disk"),
 )
 ANOTHER = "; remove this file, or choose another folder"  # what to do about a damaged record
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
@@ -65,7 +65,7 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json")),
     *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
     *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
-    *("map_wear.csv", "ringdown.csv", "ringdown.json", "ringdown_decays"),
+    *("map_wear.csv", "ringdown.csv", "ringdown.json", "ringdown_decays", "diameters.csv"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 
