@@ -81,8 +81,8 @@ def each(names, longest):
 @pytest.mark.parametrize("name", each(RECOMPUTED, "high_load_2d"))
 @pytest.mark.slow
 def test_beam_matches_the_recomputed_paper(name):
-    """Reference: four cases of the paper as a planar beam: across | recomputed | 200.29, 19.623,
-    157.87, 417.5 mm | 200.31, 19.625, 157.87, 417.56 mm | 0.1 %
+    """Reference: paper's beam as a planar beam, seven cases | recomputed |
+    [tables 1 and 3](../demos/paper/README.md) | agree | 0.1 %
     """
     scene = demo(name, *PAPER)
     motion = simulate(beam.beam_model(scene), scene)
@@ -92,9 +92,6 @@ def test_beam_matches_the_recomputed_paper(name):
 @pytest.mark.parametrize("name", each(LINEAR_BEAM, "stick_slip_2d"))
 @pytest.mark.slow
 def test_linear_beam_matches_the_recomputed_paper(name):
-    """Reference: three cases of the paper as a linear beam: across | recomputed | 200.78, 123.51,
-    19.73 mm | agree | 0.1 %
-    """
     scene = demo(name, *PAPER, "geometrically_nonlinear=false")
     across, along = across_and_along(simulate(beam.beam_model(scene), scene))
     assert across == pytest.approx(LINEAR_BEAM[name], rel=1e-3)

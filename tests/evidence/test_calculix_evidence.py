@@ -122,9 +122,6 @@ def test_motions_are_compared_by_their_root_mean_square_difference(tmp_path: Pat
 def test_turning_beam_is_that_of_calculix(
     call: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Reference: turning beam: equilibrium, six frequencies | CalculiX 2.20 on the exported deck |
-    its numbers | agree with its rules of integration | 1e-6
-    """
     assert call(shutil.which("ccx")) == 0
     rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()[4:]]
     assert len(rows) == 9

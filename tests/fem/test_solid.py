@@ -135,9 +135,6 @@ def test_plane_solid_matches_solid_without_lateral_strain(plane: str) -> None:
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
 def test_tip_under_small_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
-    """Reference: tip of a cantilever under a small force | Timoshenko beam | closed form | agrees |
-    0.1 % (2D); 0.2 % (3D)
-    """
     load = {"group": "tip", "direction": [0, 1, 0][:dimension], "force": 1e-3, "frequency": 1.0}
     solid = make_solid(
         beam_scene(

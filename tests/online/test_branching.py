@@ -160,9 +160,6 @@ def test_branch_leaves_along_the_eigenvector_of_its_bifurcation(kind: str, colum
 
 @pytest.mark.slow
 def test_load_connects_the_three_duffing_motions() -> None:
-    """Reference: saddle of a Duffing oscillator: multipliers | recomputed | 0.381762, 2.124463 |
-    agree | 1e-6
-    """
     found = [through_load(steps) for steps in (200, 400, 800)]
     assert [len(motions) for motions in found] == [2, 2, 2]
     multipliers = [np.sort(motions[0].multipliers.real) for motions in found]
