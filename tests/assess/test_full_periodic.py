@@ -50,7 +50,7 @@ class Case(NamedTuple):
 
 
 def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 60.0) -> Case:
-    """A beam of four elements, in space of two, whose tip slips and lifts off, and its reduced motion."""
+    """A beam of few elements whose tip slips and lifts off, and its reduced motion."""
     radius = ("time.spectral_radius=0.8",) if scheme == "generalised-alpha" else ()
     scene = beam_scene(
         dimension,
