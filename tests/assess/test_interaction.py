@@ -273,7 +273,7 @@ def test_speeds_that_did_not_settle_cast_doubt_on_the_map() -> None:
 @pytest.mark.slow
 def test_coexisting_motions_are_flagged() -> None:
     """At 3000 rpm there is a motion of period 1, 2.764831e-5 m; from rest another one is found."""
-    found = mapped(two_modes(), "[3000, 3050]", "map.revolutions=1000")
+    found = mapped(two_modes(), "[3000, 8999]", "map.revolutions=500")
     line = found.lines[0]
     assert line.verdict == "torus" and line.amplitude > 4e-5
     assert line.coexists and line.other == pytest.approx(2.764831e-5, rel=0.01)
