@@ -86,6 +86,7 @@ def choose(
     if (
         not structure.geometrically_nonlinear
         or wanted == "none"
+        or modes.rigid
         or (wanted in BY_MOTION and scene.static_only)
     ):
         return Selection(modes.labels, (), {}, {})

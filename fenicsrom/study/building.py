@@ -130,13 +130,15 @@ def set_modes(run: Run, found: ComponentModes) -> None:
 
 
 def linear_transient(run: Run) -> None:
-    """Compute the deflections of the geometrically linear transient."""
-    _ = run.snapshots.linear  # computed when it is first read
+    """Compute the deflections of the geometrically linear transient; a free body has none."""
+    if not run.study.modes.rigid:
+        _ = run.snapshots.linear  # computed when it is first read
 
 
 def nonlinear_statics(run: Run) -> None:
-    """Compute the nonlinear static deflections."""
-    _ = run.snapshots.static
+    """Compute the nonlinear static deflections; a free body has none."""
+    if not run.study.modes.rigid:
+        _ = run.snapshots.static
 
 
 def selection(run: Run) -> None:

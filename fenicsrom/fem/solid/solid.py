@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, refuse
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
@@ -225,10 +225,18 @@ class Solid(ElasticBody):
             "loads": scene.loads,
             "contacts": [one for one in scene.contacts if one.against is None],
         }
-        for key, table in given.items() if self.free_motions.shape[1] else ():
+        for key, table in given.items() if found.free.size else ():
             if table:
-                allowed = f"must hold the body in a scene with {key}; without, it may be left free"
-                raise Where(scene.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
+                raise self.drifting(f"a scene with {key}")
+
+    def drifting(self, where: str) -> SceneError:
+        """The error of rigid motions that nothing holds."""
+        allowed = (
+            f"{counted(self.free_motions.shape[1], 'rigid motion')} would let the body drift in "
+            f"{where}: hold it by supports or by springs to the ground; free bodies are allowed in "
+            "fenicsrom modes and plan, without loads, walls, [rotation] and [cyclic]"
+        )
+        return Where(self.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
 
     @cached_property
     def rigid(self) -> Array:
@@ -684,12 +692,8 @@ def solid_of(
             raise
         cause = f"{error}; {suspicious[0]}"
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
-    if not free and (count := found.free_motions.shape[1]):
-        allowed = (
-            f"must hold the body, with springs to the ground: {counted(count, 'rigid motion')} "
-            "would make it drift; only fenicsrom modes and plan take a free body"
-        )
-        raise Where(scene.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
+    if not free and found.free_motions.shape[1]:
+        raise found.drifting("this command")
     found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
 
