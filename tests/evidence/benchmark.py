@@ -5,6 +5,7 @@
         --offline 32 24 1     CPU times of the offline stages instead
         --offline 32 24 1 --points 17 100 500 1000    the same by contact points
         --floors              CPU times of the steps of reduced models
+        --whole run SCENE     the CPU time of a command by what it is spent on
 
 A row is a scene and changes of its keys. Both models take the same steps: one period from rest. The
 ratio is that of the median CPU times of 25 runs of the reduced model and five runs of the full
@@ -112,7 +113,18 @@ def main() -> None:
     parser.add_argument(
         "--floors", action="store_true", help="time the steps of reduced models instead"
     )
+    parser.add_argument(
+        "--whole",
+        nargs=argparse.REMAINDER,
+        metavar="COMMAND",
+        help="split the CPU time of a command, such as `run demos/blade_rub.toml`",
+    )
     options = parser.parse_args()
+    if options.whole:
+        import benchmark_whole
+
+        benchmark_whole.measure(options.whole)
+        return
     if options.points and not options.offline:
         parser.error("--points needs --offline")
     if options.offline:
