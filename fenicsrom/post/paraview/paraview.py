@@ -248,7 +248,11 @@ def contact_places(points: ContactPoints) -> Array:
 
 
 def contact_vectors(
-    scene: Scene, points: ContactPoints, motion: Motion, contacts: Contacts | None = None
+    scene: Scene,
+    points: ContactPoints,
+    motion: Motion,
+    rows: Any,
+    contacts: Contacts | None = None,
 ) -> tuple[Array, Array, Array]:
     """Positions of the contact points and contact forces on the body, in global axes.
 
@@ -256,25 +260,25 @@ def contact_vectors(
         scene: the scene.
         points: the contact points.
         motion: the motion.
+        rows: the k rows of the motion that are wanted.
         contacts: parameters of the contact points in the motion; by default those of the scene.
 
     Returns:
         Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N,
-        all (ns, P, 3); the third component is 0 in 2D.
+        all (k, P, 3); the third component is 0 in 2D.
     """
     d = scene.geometry.dimension
     frames = vtk.in_space(points.frame)
     contacts = contacts_of(scene, points) if contacts is None else contacts
-    normals = unit_normals(contacts, motion.displacement, motion.time)
-    normal = -motion.force[:, :, :1] * normals
+    displacement, friction = motion.displacement[rows], motion.force[rows].copy()
+    normals = unit_normals(contacts, displacement, motion.time[rows])
+    normal = -friction[:, :, :1] * normals
     # the forces are given in the frames of the current normals: rotate them back
-    friction = motion.force.copy()
     friction[:, :, 0] = 0.0
     across = np.sum(friction * normals, axis=2, keepdims=True)
     friction -= across / (1.0 + normals[:, :, :1]) * (normals + np.eye(d)[0])
     moved, normal, friction = (
-        np.einsum("spk,pkx->spx", values, frames)
-        for values in (motion.displacement, normal, -friction)
+        np.einsum("spk,pkx->spx", values, frames) for values in (displacement, normal, -friction)
     )
     return contact_places(points) + moved, normal, friction
 
@@ -287,8 +291,7 @@ def contact_arrays(
     Argument `contacts` as for `contact_vectors`.
     """
     rows = frame_rows(motion)
-    vectors = contact_vectors(study.scene, study.points, motion, contacts)
-    position, normal, friction = (values[rows] for values in vectors)
+    position, normal, friction = contact_vectors(study.scene, study.points, motion, rows, contacts)
     return {
         DISPLACEMENT: position - contact_places(study.points),
         "position_m": position,
