@@ -1,6 +1,7 @@
 """Signals of a motion: spectra, envelope, states once per period, and energy per period."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.motion.measures import interpolated
@@ -30,12 +31,15 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
         Frequencies, Hz, and amplitudes in the unit of the signal: a sine of amplitude a in the
         whole signal has a peak of height a.
     """
-    from scipy.signal import get_window  # here, because it takes half a second to import
-
     even, signal = even_samples(time, values)
-    window = get_window("hann", signal.size)
-    amplitudes = 2.0 * np.abs(np.fft.rfft(window * (signal - signal.mean()))) / window.sum()
+    amplitudes = _amplitudes(signal - signal.mean(), signal.size)
     return np.fft.rfftfreq(signal.size, even[1] - even[0]), amplitudes
+
+
+def _amplitudes(signals: Array, samples: int) -> Array:
+    """Amplitudes (..., f) of signals (..., n) with a Hann window, padded to so many samples."""
+    window = np.hanning(signals.shape[-1] + 1)[:-1]
+    return np.asarray(2.0 * np.abs(np.fft.rfft(window * signals, samples)) / window.sum())
 
 
 def strongest_oscillation(frequencies: Array, amplitudes: Array) -> float:
@@ -55,22 +59,12 @@ def moving_spectrum(time: Array, values: Array) -> tuple[Array, Array, Array]:
     Returns:
         Frequencies (f,), Hz, middles of the segments (s,), s, and amplitudes (f, s).
     """
-    from scipy.signal import spectrogram
-
     even, signal = even_samples(time, values)
-    length = max(signal.size // SEGMENTS, 16)
-    rate = 1.0 / (even[1] - even[0])
-    frequencies, middles, power = spectrogram(
-        signal - signal.mean(),
-        rate,
-        window="hann",
-        nperseg=length,
-        noverlap=length - max(length // 8, 1),
-        nfft=4 * length,
-        detrend=False,
-        scaling="spectrum",
-    )
-    return frequencies, even[0] + middles, np.sqrt(2.0 * power)
+    length, step = max(signal.size // SEGMENTS, 16), even[1] - even[0]
+    first = np.arange(0, signal.size - length + 1, max(length // 8, 1))
+    parts = sliding_window_view(signal - signal.mean(), length)[first]
+    frequencies = np.fft.rfftfreq(4 * length, step)
+    return frequencies, even[0] + (first + length / 2) * step, _amplitudes(parts, 4 * length).T
 
 
 def envelope(time: Array, values: Array, width: float) -> tuple[Array, Array, Array]:
