@@ -40,6 +40,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg.blas import dsyrk
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
@@ -75,7 +76,7 @@ def strain_products(chunks: Iterable[tuple[Array, Array]], stiffness: Array, cou
     """
     root = np.linalg.cholesky(stiffness).T
     size = 1 + count + pairs(count)[0].size
-    total = np.zeros((size, size))
+    total = np.zeros((size, size), order="F")
     for weights, gradients in chunks:
         d = gradients.shape[-1]
         block = max(1, int(BLOCK_BYTES / (8 * size * d * (d + 1) / 2)))
@@ -85,8 +86,8 @@ def strain_products(chunks: Iterable[tuple[Array, Array]], stiffness: Array, cou
             strains = np.empty((size, len(root), g.shape[-1]))
             write_strains(g, g * np.sqrt(weights[part]), strains)
             columns = np.matmul(root, strains).reshape(size, -1)
-            total += columns @ columns.T
-    return total
+            total = dsyrk(1.0, columns.T, 1.0, total, trans=1, overwrite_c=1)
+    return np.triu(total) + np.triu(total, 1).T
 
 
 DEPENDENCE = 1e-7
