@@ -88,9 +88,10 @@ def range_model(
     extra = [next_modes, structure.factor.solve(structure.load_vectors)]
     seen = {}
     between = 0.5 * (speeds[1:] + speeds[:-1])
-    for omega in map(float, np.sort(np.concatenate([speeds, between]))):
+    for omega in map(float, [middle, *sorted({*speeds, *between} - {middle})]):
         log.info(f"  {30.0 / np.pi * omega:g} rpm ..")
-        structure.spin(omega)
+        if omega != structure.rotation.omega:
+            structure.spin(omega)
         seen[omega] = _see(structure, first, omega, with_derivatives=omega in speeds)
     at = [seen[omega] for omega in speeds]
     vectors = [one.equilibrium for one in at] + [one.modes for one in at]
@@ -104,7 +105,7 @@ def range_model(
         reason += "use fewer basis.modes, basis.masters or speeds"
         raise refuse(structure.source, reason, ErrorKind.RANGE, "rotation.speeds_rpm")
     log.info(f"  polynomial of {basis.size} coordinates ..")
-    return _projected(structure, basis, first, at, list(seen.values()), nominal)
+    return _projected(structure, basis, first, at, [seen[o] for o in sorted(seen)], nominal)
 
 
 def _see(structure: Any, first: ComponentModes, omega: float, with_derivatives: bool) -> _Seen:
