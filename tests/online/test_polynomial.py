@@ -22,6 +22,7 @@ from support import (
 
 from fenicsrom.online.model.polynomial import (
     ElasticPolynomial,
+    add_symmetric,
     elastic_force,
     elastic_polynomial,
     pairs,
@@ -108,6 +109,20 @@ def test_weighted_tangents_of_several_points_are_sums_of_single_ones(count: int)
     tangents = np.array([evaluate(elastic, point)[1] for point in q])
     expected = np.einsum("kg,gij->kij", shares[:, :count], tangents)
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("n", [1, 4, 5])
+def test_products_by_one_half_equal_those_by_all_coefficients(n: int, count: int) -> None:
+    cubic, (first, second) = random_polynomial(n).cubic, pairs(n)
+    q, start = np.random.default_rng(5).standard_normal((2, count, first.size))
+    s, found, scratch = (
+        np.where(first == second, 0.5, 1.0) * q,
+        start.copy(),
+        np.full_like(q, np.nan),
+    )
+    add_symmetric(n, s, scratch, cubic, found)
+    np.testing.assert_allclose(found, start + s @ cubic, rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("method", METHODS)

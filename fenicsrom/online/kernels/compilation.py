@@ -393,6 +393,8 @@ KERNEL = {**PART, "_nrt": False}
 """Options of a part that makes no arrays, so that it need not count references to arrays."""
 SHORT = {**KERNEL, "forceinline": True}
 """Options of a part of a few lines, which is always inlined."""
+REORDERED = {**KERNEL, "fastmath": {"reassoc", "nsz", "contract"}}
+"""Options of a part whose sums may take several numbers at a time."""
 
 register("numba:compile", COMPILATIONS)
 
@@ -528,6 +530,11 @@ def compiled(function: Callable[..., Any]) -> Any:
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that makes no arrays."""
     return _with(KERNEL, function)
+
+
+def reordered(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes no arrays, and whose sums may be added in another order."""
+    return _with(REORDERED, function)
 
 
 def part(function: Callable[..., Any]) -> Any:

@@ -18,7 +18,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.compilation import KERNEL, SHORT, kernel, part
+from fenicsrom.online.kernels.compilation import KERNEL, SHORT, kernel, part, reordered
 
 
 def scaled(matrix: Array) -> Array:
@@ -121,6 +121,77 @@ def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
             factor = weights[c, r]
             for j in range(n):
                 out[c, j] += factor * rows[r, j]
+
+
+@kernel
+def add_by_upper_half(s: Array, t: Array, matrix: Array, out: Array) -> None:
+    """Multiply by the upper half of a matrix from both sides, which is read once.
+
+    Args:
+        s: (k, n), k small.
+        t: (k, n); out: at i the sum of matrix[i, j] t[j] over the j above the block of i.
+        matrix: (n, n).
+        out: (k, n); the sum of s[i] matrix[i, j] over the i below j or in its block is added.
+    """
+    k, n = s.shape
+    for first in range(0, n, 3):
+        above = min(first + 3, n)
+        for c in range(k):
+            for i in range(first, above):
+                for j in range(first, above):
+                    out[c, j] += s[c, i] * matrix[i, j]
+        if above == n:
+            t[:, first:] = 0.0
+            return
+        x, y, z = matrix[first, above:], matrix[first + 1, above:], matrix[first + 2, above:]
+        if k == 2:
+            s0, s1, t0, t1 = s[0, first:], s[1, first:], t[0, first:], t[1, first:]
+            _add_three_rows_twice(s0, s1, t0, t1, x, y, z, out[0, above:], out[1, above:])
+        else:
+            for c in range(k):
+                _add_three_rows(s[c, first:], t[c, first:], x, y, z, out[c, above:])
+
+
+@reordered
+def _add_three_rows(s: Array, t: Array, x: Array, y: Array, z: Array, out: Array) -> None:
+    """Three rows of `add_by_upper_half`, right of their block; all arrays are contiguous."""
+    a, b, c, later = s[0], s[1], s[2], t[3:]
+    at_x, at_y, at_z = 0.0, 0.0, 0.0
+    for j in range(out.size):
+        out[j] += a * x[j] + b * y[j] + c * z[j]
+        at_x += x[j] * later[j]
+        at_y += y[j] * later[j]
+        at_z += z[j] * later[j]
+    t[0], t[1], t[2] = at_x, at_y, at_z
+
+
+@reordered
+def _add_three_rows_twice(
+    s: Array,
+    s1: Array,
+    t: Array,
+    t1: Array,
+    x: Array,
+    y: Array,
+    z: Array,
+    out: Array,
+    out1: Array,
+) -> None:
+    """`_add_three_rows` for two points in one pass over the rows."""
+    a, b, c, later = s[0], s[1], s[2], t[3:]
+    a1, b1, c1, later1 = s1[0], s1[1], s1[2], t1[3:]
+    at_x, at_y, at_z, at_x1, at_y1, at_z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(out.size):
+        out[j] += a * x[j] + b * y[j] + c * z[j]
+        out1[j] += a1 * x[j] + b1 * y[j] + c1 * z[j]
+        at_x += x[j] * later[j]
+        at_y += y[j] * later[j]
+        at_z += z[j] * later[j]
+        at_x1 += x[j] * later1[j]
+        at_y1 += y[j] * later1[j]
+        at_z1 += z[j] * later1[j]
+    t[0], t[1], t[2] = at_x, at_y, at_z
+    t1[0], t1[1], t1[2] = at_x1, at_y1, at_z1
 
 
 @kernel

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compilation import compiled, kernel, part
-from fenicsrom.online.kernels.dense import add_combined_rows
+from fenicsrom.online.kernels.dense import add_by_upper_half, add_combined_rows
 from fenicsrom.online.model.workspace import Workspace
 
 
@@ -93,6 +93,10 @@ def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
     return ElasticPolynomial(force, stiffness, quadratic, cubic)
 
 
+MANY_PAIRS = 500
+"""More cubic coefficients do not fit into the cache of a core: only one half of them is read."""
+
+
 @part
 def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array, b: Array) -> None:
     """The products of the polynomial at k points q (k, n), in one pass over its coefficients.
@@ -116,11 +120,41 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
             for j in range(i + 1, n):
                 s[g, row] = q[g, i] * q[g, j]
                 row += 1
-        for row in range(p):
-            a[g, row] = 0.0
-            b[g, row] = 0.0
+    b[:] = 0.0
+    if p < MANY_PAIRS:
+        add_combined_rows(s, cubic, b)
+    else:
+        add_symmetric(n, s, a, cubic, b)
+    a[:] = 0.0
     add_combined_rows(q, columns, a)
-    add_combined_rows(s, cubic, b)
+
+
+@kernel
+def add_symmetric(n: int, s: Array, t: Array, cubic: Array, b: Array) -> None:
+    """Add s @ cubic to b by the half of the cubic coefficients above the diagonal.
+
+    Args:
+        n: number of coordinates.
+        s: (k, p) as in `elastic_products`.
+        t: (k, p) scratch.
+        cubic: (p, p) the cubic coefficients.
+        b: (k, p).
+    """
+    for g in range(s.shape[0]):
+        row = 0
+        for i in range(n):
+            t[g, row] = 2.0 * s[g, row]
+            for j in range(row + 1, row + n - i):
+                t[g, j] = s[g, j]
+            row += n - i
+    add_by_upper_half(s, t, cubic, b)
+    for g in range(s.shape[0]):
+        row = 0
+        for i in range(n):
+            b[g, row] += 0.5 * t[g, row]
+            for j in range(row + 1, row + n - i):
+                b[g, j] += t[g, j]
+            row += n - i
 
 
 @kernel
