@@ -339,10 +339,10 @@ class _Search:
         )
         if not search.tends and path.comes_nearer(motion):
             search = search._replace(away=float(path.distances(motion)[0]))
-        if self._wears(shooting, motion):
-            search = search._replace(verdict="wears")
-        elif self._wears(shooting, motion, NEAR_YIELD):
-            search = search._replace(at_yield=True)
+        if self._wears(shooting, motion, NEAR_YIELD):
+            worn = self._wears(shooting, motion)
+            verdict = "wears" if worn else search.verdict
+            search = search._replace(verdict=verdict, at_yield=not worn)
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
     def _tends(self, path: MarchedPath, motion: PeriodicMotion, marched: int) -> bool:
@@ -355,6 +355,8 @@ class _Search:
 
     def _wears(self, shooting: Shooting, motion: PeriodicMotion, weaker: float = 0.0) -> bool:
         """Whether a motion, found with layers that stay as they are, would wear them.
+
+        What does not wear a weaker layer does not wear the layer either.
 
         Args:
             shooting: the equation of the motion.
