@@ -1,4 +1,4 @@
-"""Interface vectors of joints, from the contact forces of the motion itself.
+"""Interface vectors of joints, from the contact forces of the motions themselves.
 
 The most flexible combinations of contact forces describe the open edges of a joint. Its friction
 happens in a narrow zone beside them, which such combinations hardly move: with 20 of 50 directions
@@ -12,6 +12,8 @@ that stick). The columns of W are the leading left singular vectors of both hist
 metric k^-½ and of norm 1, times k^½. The motion of a basis with K_lin⁻¹ B W gives better forces, so
 the choice is repeated.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,19 +46,21 @@ ROUNDED = 1e-12
 
 
 def interface_vectors(
-    springs: Array, closed: Array, at_rest: tuple[Array, Array], motion: Motion
+    springs: Array, closed: Array, at_rest: tuple[Array, Array], motions: Sequence[Motion]
 ) -> Array:
-    """The interface vectors W (m, k) of a motion.
+    """The interface vectors W (m, k) of motions.
 
     Args:
         springs: (m,) springs of all contact displacements, N/m.
         closed: (m,) those of the points that are closed at rest, else 0, N/m.
         at_rest: contact displacements x₀ (m,) and forces F₀ (m,) at rest, m and N.
-        motion: the motion.
+        motions: the motions.
     """
-    steps = len(motion.time)
-    moved = motion.displacement.reshape(steps, -1) - at_rest[0]
-    pushed = motion.force.reshape(steps, -1) - at_rest[1]
+    moved, pushed = (
+        np.concatenate([getattr(motion, name).reshape(-1, springs.size) for motion in motions])
+        - rest
+        for name, rest in zip(("displacement", "force"), at_rest, strict=True)
+    )
     root, blocks = np.sqrt(springs), list[Array]()
     for weight, part in ((1.0, pushed - closed * moved), (STUCK_WEIGHT, pushed)):
         scaled = part / root

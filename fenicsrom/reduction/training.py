@@ -1,9 +1,10 @@
-"""The motion that chooses the interface vectors of bodies that touch (`reduction.interface`).
+"""The motions that choose the interface vectors of bodies that touch (`reduction.interface`).
 
-It is the motion of the scene, or with [backbone] the decay of the mode from its largest amplitude.
+It is the motion of the scene, with [backbone] the decay of the mode from its largest amplitude, or
+with [response] a few motions of each curve, of which one is at its peak.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any
 
@@ -33,20 +34,20 @@ DECAY = 10.0
 LARGER = 1.02
 """A motion is beyond that of the training if it is larger or longer by this factor."""
 
-Task = tuple[Problem, tuple[Any, ...] | None]
-"""A problem of time integration, and its start; None starts at rest."""
+Moves = Callable[[Reduction], Sequence[Motion]]
+"""Gives the motions of a reduced model that choose the vectors of the next one."""
 
 
-def train(structure: Structure, scene: Scene, stop: Callable[[], bool] = lambda: False) -> Trained:
-    """Let a motion choose the `interface` vectors of a structure.
+def train(structure: Structure, scene: Scene, moves: Moves) -> Trained:
+    """Let motions choose the `interface` vectors of a structure.
 
     Args:
         structure: the structure.
         scene: the scene.
-        stop: as `fenicsrom.online.run.march.integrate`.
+        moves: gives the motions.
 
     Returns:
-        What the last motion holds.
+        What the last motions hold.
 
     Raises:
         ConvergenceError, AccuracyError: a stage failed, or a motion at its start.
@@ -57,14 +58,10 @@ def train(structure: Structure, scene: Scene, stop: Callable[[], bool] = lambda:
     force[::d] = trial_forces(contacts, x).clip(0.0)
     spent = np.nan
     for number in range(1, interface.PASSES + 1):
-        reduction = Reduction(structure, scene, lambda stage: nullcontext())
-        model: Any = reduction.model
-        decays = scene.backbone is not None
-        task = _decay(scene, model) if decays else (checked_problem(model, scene), None)
-        motion = _moved(*task, stop)
-        before, spent = spent, dissipated(motion)
+        motions = moves(Reduction(structure, scene, lambda stage: nullcontext()))
+        before, spent = spent, sum(map(dissipated, motions))
         log.info(f"  motion {number}: friction dissipates {spent:.4g} J")
-        vectors = interface.interface_vectors(springs, closed, (x, force), motion)
+        vectors = interface.interface_vectors(springs, closed, (x, force), motions)
         structure.interface = vectors if vectors.shape[1] else None
         if settled(before, spent):
             break
@@ -78,13 +75,20 @@ def train(structure: Structure, scene: Scene, stop: Callable[[], bool] = lambda:
     return Trained(
         loads=tuple(abs(load.size) for load in scene.loads),
         friction=tuple(contact.friction for contact in scene.contacts),
-        amplitude=probe_amplitude(motion),
-        duration=0.0 if motion.period is not None else float(motion.time[-1]),
-        dissipation=dissipated(motion),
+        amplitude=max(map(probe_amplitude, motions)),
+        duration=max(map(duration, motions)),
+        dissipation=spent,
     )
 
 
-def _decay(scene: Scene, model: ReducedModel) -> Task:
+def motion_of_scene(model: Any, scene: Scene, stop: Callable[[], bool]) -> list[Motion]:
+    """The motion of a scene, or the decay of its mode; `stop` as `online.run.march.integrate`."""
+    if scene.backbone is not None:
+        return [_moved(*_decay(scene, model), stop)]
+    return [_moved(checked_problem(model, scene), None, stop)]
+
+
+def _decay(scene: Scene, model: ReducedModel) -> tuple[Problem, tuple[Any, ...]]:
     """The decay of the mode of a backbone from its largest amplitude, without loads that vary."""
     table = scene.backbone
     assert table is not None
@@ -114,11 +118,22 @@ def probe_amplitude(motion: Motion) -> float:
     return 0.5 * float(np.linalg.norm(np.ptp(np.asarray(motion.probe), axis=0)))
 
 
-def beyond(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
-    """A note if a motion asks more of the interface vectors than the motions that chose them."""
+def duration(motion: Motion) -> float:
+    """Duration of a motion that does not repeat, s; 0 of one that does."""
+    return float(motion.time[-1]) if motion.period is None else 0.0
+
+
+def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0.0) -> list[Note]:
+    """A note if motions ask more of the interface vectors than the motions that chose them.
+
+    Args:
+        trained: what the motions that chose them hold.
+        scene: the scene of the motions.
+        size: their largest `probe_amplitude`, m.
+        length: the duration of one that does not repeat, s.
+    """
     if trained is None:
         return []
-    size, length = probe_amplitude(motion), float(motion.time[-1])
     found = [
         f"loads.{k}.{load.kind} is {abs(load.size):.4g}, and was {most:.4g}"
         for k, (load, most) in enumerate(zip(scene.loads, trained.loads, strict=True))
@@ -131,7 +146,7 @@ def beyond(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
     ]
     if size > LARGER * trained.amplitude:
         found.append(f"the probe moves by {size:.4g} m, and moved by {trained.amplitude:.4g} m")
-    if motion.period is None and length > LARGER * trained.duration:
+    if length > LARGER * trained.duration:
         found.append(f"the motion lasts {length:.4g} s, and lasted {trained.duration:.4g} s")
     if not found:
         return []
@@ -144,7 +159,7 @@ def beyond(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
 
 def unsettled(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:
     """A note if friction dissipates more or less than in the same motion that chose the vectors."""
-    if trained is None or scene.backbone:
+    if trained is None or scene.backbone or scene.response:
         return []
     found = dissipated(motion)
     if settled(trained.dissipation, found):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind, has_kind
-from fenicsrom.progress import log
+from fenicsrom.progress import asking, log
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import too_small
 from fenicsrom.study.stage import Run
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.fem.solid.finer import FinerSolid
     from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
+    from fenicsrom.reduction.stages import Reduction
 
 LARGE_CONDITION = 1e4
 """Condition number of the scaled reduced mass from which the user is warned."""
@@ -56,9 +59,23 @@ def solid(run: Run, free: bool = False) -> None:
 
 def interface_vectors(run: Run) -> None:
     """Let motions of the scene choose the interface vectors of its basis."""
-    from fenicsrom.reduction.training import train
+    from fenicsrom.assess.curves.checks import curve_motions
+    from fenicsrom.online.model.model import ReducedModel
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.reduction.training import motion_of_scene, train
 
-    run.study.trained = train(run.study.solid, run.study.scene, run.stop)
+    solid, scene = run.study.solid, run.study.scene
+
+    def moves(reduction: Reduction) -> Sequence[Motion]:
+        names, model = reduction.basis.labels, cast(ReducedModel, reduction.model)
+        if scene.response is None or scene.backbone is not None:
+            return motion_of_scene(model, scene, run.stop)
+        hertz = reduction.modes.frequencies_hz
+        stored = StoredModel(model, scene, scene.basis.method, names, solid.free, hertz, {})
+        with asking(run.stop):
+            return curve_motions(stored)
+
+    run.study.trained = train(solid, scene, moves)
 
 
 def modes(run: Run) -> None:

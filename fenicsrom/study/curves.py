@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -35,7 +36,7 @@ LINES = "map_lines"  # folder of the speeds that are done
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
-@starts_from("StoredModel")
+@starts_from("StoredModel", pairs=True)
 def response(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -69,6 +70,7 @@ def response(
     from fenicsrom.assess.curves.results import check_folder, response_table
     from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.post.curves.response_report import write
+    from fenicsrom.reduction.training import beyond
 
     check_response(scene_of(given))
     if resume is not None:
@@ -82,6 +84,8 @@ def response(
     ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
+    sizes = [math.hypot(*p.probe_amplitude) for c in found.curves for p in c.points]
+    found.warnings += beyond(source.stored.trained, found.scene, max(sizes, default=0.0))
     if found.table.full_values and source.study is None:
         text = (
             "response.full was left out: the full model needs the mesh, which a stored model does "

@@ -261,7 +261,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
     from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
     from fenicsrom.online.motion.motion import check_energy
-    from fenicsrom.reduction.training import beyond
+    from fenicsrom.reduction.training import beyond, duration, probe_amplitude
 
     name, scene, motions = "", found.scene, found.motions
     sized = None if found.sized is None else found.sized.errors
@@ -274,7 +274,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
         estimate_errors(*given, basis, meshes)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
-    outside = beyond(found.trained, scene, motion)
+    outside = beyond(found.trained, scene, probe_amplitude(motion), duration(motion))
     if outside and "basis" in found.errors:
         found.errors["basis"] = found.errors["basis"]._replace(dissipation=math.inf)
     notes = error_notes(scene, found.errors, motion)

@@ -79,7 +79,7 @@ def modes_table(scene: Scene) -> dict[str, Any]:
     table["contacts"] = [_frames(contact) for contact in scene.contacts]
     if scene.basis.masters == "motion":
         table["trained"] = [model_table(scene), motion_table(scene)]
-        table["trained"] += [plain(scene.damping), plain(scene.backbone)]
+        table["trained"] += map(plain, (scene.damping, scene.backbone, scene.response))
     if scene.basis.modes == "auto":
         table["excitation"] = highest_frequency(scene)
     return table

@@ -23,12 +23,13 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import Trained
 from fenicsrom.online.store.scene_changes import changed_key, shares_model
 from fenicsrom.online.stress.reactions import Recovery, find_stresses
 from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training
-from fenicsrom.scene import Scene, make_scene
+from fenicsrom.scene import Response, Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
 
 Array = NDArray[np.float64]
@@ -432,8 +433,8 @@ def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
 
 
 def test_commands_that_do_not_take_pairs_refuse_them() -> None:
-    for function in (fr.compare, fr.response, fr.interaction_map, fr.statics):
-        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="plan and backbone"):
+    for function in (fr.compare, fr.ringdown, fr.interaction_map, fr.statics):
+        with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="response and backbone"):
             function(lap())
 
 
@@ -476,10 +477,40 @@ def test_vectors_of_a_backbone_come_from_its_largest_motion() -> None:
         geometry=COARSE,
         time={"periods": 1, "steps_per_period": 40},
     )
-    trained = training.train(solid(scene), scene)
+
+    def decay(reduction: Any) -> list[Motion]:
+        return training.motion_of_scene(reduction.model, scene, lambda: False)
+
+    trained = training.train(solid(scene), scene, decay)
     assert trained.dissipation > 0.0
     assert (trained.loads, trained.friction) == ((60.0,), (0.3,))
     assert trained.amplitude == pytest.approx(2e-3, rel=0.1)  # less its first half period
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_response_of_a_joint_with_chosen_interface_vectors_is_that_with_all_directions() -> None:
+    """The friction of the peak chooses 16 vectors of 26 directions."""
+    load = {"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 32.0}
+    found = {}
+    for masters in ("motion", "all"):
+        scene = lap(
+            geometrically_nonlinear=False,
+            geometry=COARSE,
+            material=STEEL | {"mass_damping": 2.0},
+            loads=[load],
+            probe={"group": "tip"},
+            basis={"masters": masters, "accuracy": 0.05},
+            time={"periods": 1, "steps_per_period": 40},
+            response={"first": 32.5, "last": 32.8},
+        )
+        curve = fr.response(scene, MPI.COMM_SELF).curves[0]
+        found[masters] = max(curve.points, key=lambda point: float(point.probe_amplitude[1]))
+    chosen, whole = found["motion"], found["all"]
+    assert 32.55 < chosen.parameter < 32.75
+    assert chosen.parameter == pytest.approx(whole.parameter, rel=3e-4)
+    for name, within in (("probe_amplitude", 5e-3), ("friction_dissipation", 2e-2)):
+        np.testing.assert_allclose(getattr(chosen, name), getattr(whole, name), rtol=within)
 
 
 @pytest.mark.parametrize(
@@ -504,7 +535,8 @@ def test_run_beyond_its_training_has_a_note(change: dict[str, float], words: str
     trained = Trained((60.0,), (0.3,), amplitude=1e-3, duration=0.1, dissipation=1.0)
     probe = np.array([[0.0, -given["size"]], [0.0, given["size"]]])
     motion: Any = SimpleNamespace(probe=probe, time=np.array([0.0, given["length"]]), period=None)
-    notes = training.beyond(trained, scene, motion)
+    size, length = training.probe_amplitude(motion), training.duration(motion)
+    notes = training.beyond(trained, scene, size, length)
     assert bool(notes) == bool(words) and all(f": {words}; run" in note for note in notes)
 
 
@@ -555,6 +587,18 @@ def test_microslip_of_bars_dissipates_as_the_closed_form_says(
     tip, spent = motion.probe[last, 0], motion.friction_dissipation[last]
     assert 0.5 * np.ptp(tip) == pytest.approx(half_range, rel=5e-3)
     assert spent[-1] - spent[0] == pytest.approx(loss, rel=2e-2)
+
+
+@pytest.mark.slow
+def test_response_of_bars_over_the_load_dissipates_as_the_closed_form_says(tmp_path: Path) -> None:
+    """The range of the motion and the loss grow with the load; at 480 N they are known."""
+    scene = bars(tmp_path / "bars.vtu", rigid=False)
+    table = Response(parameter="loads.0.force", first=450.0, last=480.0)
+    scene = replace(scene, response=table, basis=replace(scene.basis, masters="motion"))
+    last = fr.response(scene, MPI.COMM_SELF).curves[0].points[-1]
+    assert last.parameter == pytest.approx(480.0)
+    assert last.probe_amplitude[0] == pytest.approx(3.683016796e-6, rel=5e-3)
+    assert last.friction_dissipation == pytest.approx(2.572044949e-4, rel=2e-2)
 
 
 @pytest.mark.slow

@@ -15,6 +15,12 @@ def iterations(decrements: list[float], quadratic: bool) -> int:
     return 0
 
 
+def test_decrement_of_cancelling_displacements_ends_where_it_grows() -> None:
+    """It wanders at 1e-12 of the energy, but a larger one that grows is no rounding."""
+    assert iterations([1e-6, 4e-13, 2e-13, 5e-13, 3e-13], quadratic=True) == 4
+    assert iterations([1e-6, 4e-11, 2e-11, 5e-11, 3e-11], quadratic=True) == 0
+
+
 def test_linear_convergence_ends_where_the_next_decrement_is_small() -> None:
     """The error falls to 1e-2 in each iteration, its square to 1e-4; 1e-14 of it is enough."""
     assert iterations([0.5 * 10.0 ** (-4 * k) for k in range(12)], quadratic=False) == 7

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from typing import Any
+
 import numpy as np
 import pytest
 from support import duffing, no_contacts
 
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
 from fenicsrom.online.periodic.steady import CALM, MarchedPath
@@ -28,6 +32,32 @@ def motion_at(x: float, v: float) -> PeriodicMotion:
     """The periodic motion near a state."""
     path = path_from(x, v)
     return solve(path.shooting, path.states[0])
+
+
+class Rounding(Shooting):
+    """An equation whose residual has an error of a size relative to the variables."""
+
+    size = 0.0
+    noise = np.random.default_rng(1)
+
+    def march(self, s: Any, *args: Any, **options: Any) -> Any:
+        found = super().march(s, *args, **options)
+        assert found is not None
+        error = self.noise.normal(size=s.size)
+        return found[0] + self.size * np.linalg.norm(s) / np.linalg.norm(error) * error, *found[1:]
+
+
+@pytest.mark.parametrize(("size", "is_found"), [(3e-9, True), (3e-8, False)])
+def test_residual_that_cannot_be_reduced_is_rounding_if_it_is_small(
+    size: float, is_found: bool
+) -> None:
+    path = path_from(*UPPER)
+    shooting = Rounding(path.shooting.problem)
+    shooting.size = size
+    with nullcontext() if is_found else pytest.raises(ConvergenceError):
+        found = solve(shooting, path.states[0])
+        assert size / 10.0 < found.residuals[-1] <= 1e-8
+        assert found.z == pytest.approx(motion_at(*UPPER).z, rel=1e-6)
 
 
 @pytest.mark.slow

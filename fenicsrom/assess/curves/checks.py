@@ -39,9 +39,17 @@ from fenicsrom.online.curves.continuation import Continuation, climb
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem
-from fenicsrom.online.periodic.shooting import Family, PeriodicMotion, Shooting, motion_of, solve
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.shooting import (
+    Family,
+    PeriodicMotion,
+    Shooting,
+    motion_of,
+    recorded_motion,
+    solve,
+)
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import duration, log
+from fenicsrom.progress import ask, duration, log
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import counted
@@ -104,12 +112,8 @@ def model_before_curves(
     Raises:
         KeyboardInterrupt: `stop` returned True.
     """
-    families = results.response_table(stored.scene).families
-    owns = [stored]
-    if families is not None:
-        owns = [stored.with_values({families.key: value}) for value in families.values]
     log.info("  a few motions of each curve choose the size of the model")
-    found = run_jobs(_samples, owns, lambda *_: None, workers, stop, comm)
+    found = run_jobs(_samples, _each_curve(stored), lambda *_: None, workers, stop, comm)
     samples = [each for _, made in found if not isinstance(made, Exception) for each in made]
     accuracy = stored.scene.basis.accuracy
     return enlarged(
@@ -117,8 +121,38 @@ def model_before_curves(
     )
 
 
+def curve_motions(stored: StoredModel) -> list[Motion]:
+    """A few motions of each curve of a model, one of them at its peak.
+
+    Raises:
+        ConvergenceError: no curve has a motion.
+    """
+    found = []
+    for own in _each_curve(stored):
+        family = family_of(own)
+        points = _points(own, lambda *_: ask())
+        found += [recorded_motion(family(point.parameter), point.z) for point in points]
+    if not found:
+        raise ConvergenceError("response: no periodic motion was found on any curve")
+    return found
+
+
+def _each_curve(stored: StoredModel) -> list[StoredModel]:
+    """The model of each curve."""
+    families = results.response_table(stored.scene).families
+    if families is None:
+        return [stored]
+    return [stored.with_values({families.key: value}) for value in families.values]
+
+
 def _samples(stored: StoredModel, report: Callable[[float, str], None]) -> list[Sample]:
     """A few motions of the curve of a model; see `fenicsrom.assess.jobs.Job`."""
+    points = sorted(_points(stored, report), key=_height)[-POINTS:]
+    return [Sample.of(stored, point) for point in points]
+
+
+def _points(stored: StoredModel, report: Callable[[float, str], None]) -> list[CurvePoint]:
+    """A few points of the curve of a model: its ends, the resonances and the peak beside them."""
     table, family = results.response_table(stored.scene), family_of(stored)
     points: list[CurvePoint] = []
     for value in (table.first, table.last, *_resonances(stored)):
@@ -138,7 +172,7 @@ def _samples(stored: StoredModel, report: Callable[[float, str], None]) -> list[
     if points:
         top = climb(highest, max(points, key=_height), _height, largest_step=LONG_STEP)[0]
         points += [] if top is None else [top]
-    return [Sample.of(stored, point) for point in sorted(points, key=_height)[-POINTS:]]
+    return points
 
 
 def _height(point: CurvePoint) -> float:

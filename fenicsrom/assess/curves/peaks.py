@@ -159,7 +159,7 @@ class Peaks:
             found = [self._reached(value, _nearest(one, value), HALVINGS) for one in near if one]
             top = max((p for p in found if p is not None), key=lambda p: p.amplitude, default=None)
             if top is None:
-                return np.inf
+                return max(peak.amplitude for peak in peaks)
             best = min(best, top, key=lambda peak: peak.amplitude)
             return top.amplitude
 

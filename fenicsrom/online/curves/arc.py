@@ -406,7 +406,7 @@ class ArcLength:
             ]
             found = self.correct(np.tensordot(weights, places, axes=1), chord)
             if found is None:
-                return np.inf
+                return 0.0  # lower than any point; the search computes with the value
             found = oriented(found, points[1].sense)
             value = height(found)
             if value > best[1]:

@@ -167,6 +167,7 @@ def _with_sines(problem: Problem, sines: Array) -> Problem:
 log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
+ROUNDING = 1e-8  # a smaller residual that Newton's method does not reduce is rounding
 ITERATIONS = 60
 PATIENCE = 12
 LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
@@ -465,6 +466,7 @@ def solve(
     found = shooting.march(s) if found is None else found
     residuals: list[float] = []
     lengths: list[float] = []
+    rounded: Array | None = None
     for _ in range(iterations):
         if found is None:
             break
@@ -474,8 +476,12 @@ def solve(
         log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
         jacobian = matrix - np.eye(s.size)
         free = hold_sliders(jacobian, shooting.sliders)
-        if residuals[-1] <= tolerance:
+        if residuals[-1] <= tolerance or s is rounded:
             return _motion(shooting, s, matrix, free, end, residuals)
+        if rounded is not None and residuals[-1] > 0.1 * residuals[-2]:
+            s, found = rounded, shooting.march(rounded)
+            continue
+        rounded = s if residuals[-1] <= ROUNDING else None
         try:
             step = np.linalg.solve(jacobian, -residual)
         except np.linalg.LinAlgError:

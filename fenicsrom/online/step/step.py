@@ -65,6 +65,7 @@ from fenicsrom.online.step.state import (
 NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
 CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
+GROWING = 1e-12  # a decrement that grows is rounding below this part of both
 NEWTON_ITERATIONS = 15
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 
@@ -166,16 +167,17 @@ def has_converged(decrement, last, iteration, scale, carried, quadratic):  # typ
 
     The last two decrements predict the next one: if Newton's method is exact, the error is squared
     in an iteration, otherwise it is multiplied by a rate. The decrement is the square of the error.
-    A small decrement that stops decreasing is rounding.
+    A small decrement that stops decreasing is rounding. So is a larger one that grows: joints under
+    preload have contact displacements of which most cancels.
     """
     coming = decrement
     if iteration > 1 and decrement < 1e-3 * last:
         ratio = decrement / last
         coming = decrement * ratio**2 if quadratic else decrement * ratio
-    rounding = (
-        decrement <= max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
-        and decrement > 0.1 * last
-    )
+    floor = max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
+    rounding = decrement <= floor and decrement > 0.1 * last
+    if iteration > 1 and decrement >= last:
+        rounding = decrement <= GROWING * max(scale, carried)
     return coming <= NEWTON_TOLERANCE**2 * scale or rounding
 
 
