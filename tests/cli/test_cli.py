@@ -638,9 +638,13 @@ def test_signal_ends_a_long_call_of_gmsh(number, code, tmp_path):
     long = ["--set", "geometry.parameters.elements_along=2e7"]
     with subprocess.Popen([*command, *long], stderr=subprocess.PIPE, text=True) as process:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        while process.poll() is None and not any(
-            "gmsh" in Path(f"/proc/{child}/maps").read_text()
-            for child in children.read_text().split()
+        begun = tmp_path / "provenance.json"
+        while process.poll() is None and not (
+            begun.exists()
+            and any(
+                "gmsh" in Path(f"/proc/{child}/maps").read_text()
+                for child in children.read_text().split()
+            )
         ):
             time.sleep(0.1)
         time.sleep(1.0)
