@@ -30,6 +30,7 @@ from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors, histories_of
 from fenicsrom.scene import Region, Scene, scene_heading
+from fenicsrom.scene.checks.checks import require_no_sector
 from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
@@ -64,6 +65,7 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
     require_no_pairs(scene, "export")
+    require_no_sector(scene, "export")
     for k, found in enumerate(scene.attachments):
         if found.to is not None:
             reason = "not allowed in fenicsrom export, whose deck has springs to the ground only"

@@ -25,7 +25,7 @@ from fenicsrom.reduction import interface
 from fenicsrom.reduction.interface import SETTLED, dissipated, settled
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.times import Time
 
 DECAY = 10.0
@@ -38,13 +38,16 @@ Moves = Callable[[Reduction], Sequence[Motion]]
 """Gives the motions of a reduced model that choose the vectors of the next one."""
 
 
-def train(structure: Structure, scene: Scene, moves: Moves) -> Trained:
+def train(
+    structure: Structure, scene: Scene, moves: Moves, scenes: Sequence[Scene] = ()
+) -> Trained:
     """Let motions choose the `interface` vectors of a structure.
 
     Args:
         structure: the structure.
         scene: the scene.
         moves: gives the motions.
+        scenes: the scenes of the motions, if they have other loads or contacts.
 
     Returns:
         What the last motions hold.
@@ -59,7 +62,7 @@ def train(structure: Structure, scene: Scene, moves: Moves) -> Trained:
     spent = np.nan
     for number in range(1, interface.PASSES + 1):
         motions = moves(Reduction(structure, scene, lambda stage: nullcontext()))
-        before, spent = spent, sum(map(dissipated, motions))
+        before, spent = spent, max(map(dissipated, motions))
         log.info(f"  motion {number}: friction dissipates {spent:.4g} J")
         vectors = interface.interface_vectors(springs, closed, (x, force), motions)
         structure.interface = vectors if vectors.shape[1] else None
@@ -72,13 +75,21 @@ def train(structure: Structure, scene: Scene, moves: Moves) -> Trained:
             f'{100.0 * SETTLED:g} % is accepted): take basis.masters = "all"'
         )
         structure.warnings.append(Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION))
+    of = scenes or [scene]
     return Trained(
-        loads=tuple(abs(load.size) for load in scene.loads),
-        friction=tuple(contact.friction for contact in scene.contacts),
+        loads=tuple(max(map(_size, same)) for same in zip(*(s.loads for s in of), strict=True)),
+        friction=tuple(
+            min(contact.friction for contact in same)
+            for same in zip(*(s.contacts for s in of), strict=True)
+        ),
         amplitude=max(map(probe_amplitude, motions)),
         duration=max(map(duration, motions)),
         dissipation=spent,
     )
+
+
+def _size(load: Load) -> float:
+    return abs(load.size)
 
 
 def motion_of_scene(model: Any, scene: Scene, stop: Callable[[], bool]) -> list[Motion]:

@@ -60,6 +60,7 @@ def solid(run: Run, free: bool = False) -> None:
 def interface_vectors(run: Run) -> None:
     """Let motions of the scene choose the interface vectors of its basis."""
     from fenicsrom.assess.curves.checks import curve_motions
+    from fenicsrom.assess.curves.response_problem import scenes_of_curves
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.reduction.training import motion_of_scene, train
@@ -68,14 +69,16 @@ def interface_vectors(run: Run) -> None:
 
     def moves(reduction: Reduction) -> Sequence[Motion]:
         names, model = reduction.basis.labels, cast(ReducedModel, reduction.model)
-        if scene.response is None or scene.backbone is not None:
+        if not is_curve:
             return motion_of_scene(model, scene, run.stop)
         hertz = reduction.modes.frequencies_hz
         stored = StoredModel(model, scene, scene.basis.method, names, solid.free, hertz, {})
         with asking(run.stop):
             return curve_motions(stored)
 
-    run.study.trained = train(solid, scene, moves)
+    is_curve = scene.response is not None and scene.backbone is None
+    curves = scenes_of_curves(scene) if is_curve else []
+    run.study.trained = train(solid, scene, moves, curves)
 
 
 def modes(run: Run) -> None:

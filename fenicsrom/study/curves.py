@@ -66,7 +66,7 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.curves.response_problem import check_response
+    from fenicsrom.assess.curves.response_problem import check_response, scenes_of_curves
     from fenicsrom.assess.curves.results import check_folder, response_table
     from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.post.curves.response_report import write
@@ -85,7 +85,9 @@ def response(
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
     sizes = [math.hypot(*p.probe_amplitude) for c in found.curves for p in c.points]
-    found.warnings += beyond(source.stored.trained, found.scene, max(sizes, default=0.0))
+    for each in scenes_of_curves(found.scene):
+        outside = beyond(source.stored.trained, each, max(sizes, default=0.0))
+        found.warnings += [note for note in outside if note not in found.warnings]
     if found.table.full_values and source.study is None:
         text = (
             "response.full was left out: the full model needs the mesh, which a stored model does "

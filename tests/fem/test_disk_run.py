@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 from fenicsrom import build_solid, make_scene, run, simulate
 from fenicsrom.errors import ErrorKind
+from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
@@ -219,6 +220,28 @@ def test_run_of_a_disk_refuses_what_it_cannot_do(
 ) -> None:
     with refusal(ErrorKind.CONFLICT, key=key, names="in a run of a disk"):
         run(sector_scene(tmp_path, 1, **more))
+
+
+def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_path: Path) -> None:
+    scene = sector_scene(tmp_path, 1)
+    sector = sector_of(scene)
+    tuned, mistuned = (
+        disk_model(sector, disk_scene(scene), delta).velocity_matrix.toarray()
+        for delta in (np.zeros(N), np.full(N, 0.25))
+    )
+    assert np.abs(tuned - tuned.T).max() > 1e3  # N s/m, by the Coriolis force
+    np.testing.assert_allclose(mistuned - mistuned.T, tuned - tuned.T, atol=1e-6)
+    np.testing.assert_allclose(mistuned + mistuned.T, 1.25 * (tuned + tuned.T), atol=1e-6)
+
+
+def test_wall_beside_the_axis_and_the_deck_of_a_sector_are_refused(tmp_path: Path) -> None:
+    surface = {"kind": "cylinder", "point": [1e-3, 0.0], "radius": 0.31}
+    wall = {"nearest": [0.26, 0.15], "surface": surface, "friction": 0.3}
+    wall |= {"normal_stiffness": 1e7, "tangential_stiffness": 1e7}
+    with refusal(ErrorKind.CONFLICT, "contacts[0].surface.point", names="axis of the disk"):
+        sector_scene(tmp_path, 1, contacts=[wall])
+    with refusal(ErrorKind.CONFLICT, "cyclic", names="fenicsrom export"):
+        scene_deck(sector_scene(tmp_path, 1))
 
 
 def test_mistuning_of_another_number_of_sectors_is_refused(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from support import refusal
 
 import fenicsrom as fr
+from fenicsrom.assess.curves.response_problem import scenes_of_curves
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.body import pairs
 from fenicsrom.fem.body.stress_points import stress_table
@@ -29,7 +30,7 @@ from fenicsrom.online.store.scene_changes import changed_key, shares_model
 from fenicsrom.online.stress.reactions import Recovery, find_stresses
 from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training
-from fenicsrom.scene import Response, Scene, make_scene
+from fenicsrom.scene import Families, Response, Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
 
 Array = NDArray[np.float64]
@@ -267,6 +268,12 @@ def test_centre_of_a_region_is_a_node_of_its_own_body(tmp_path: Path) -> None:
     body = solid(scene_of(mesh, 2, contact, supports=held, loads=load, probe=place))
     lower = 2 * body.mesh.nodes("0 high y", body.space)[:, None] + np.arange(2)
     assert not body.load_vectors[lower].any() and not body.probe_rows[:, lower.ravel()].any()
+
+
+def test_springs_to_the_ground_hold_a_joint_whose_bolts_press_it() -> None:
+    springs = [{"group": name, "stiffness": 1e6} for name in ("root", "tip")]
+    body = solid(lap(supports=[], attachments=springs))
+    assert forces(body).max() > 0.0 and body.free_motions.shape[1] == 0
 
 
 def test_slide_of_a_frictionless_start_is_named() -> None:
@@ -511,6 +518,18 @@ def test_response_of_a_joint_with_chosen_interface_vectors_is_that_with_all_dire
     assert chosen.parameter == pytest.approx(whole.parameter, rel=3e-4)
     for name, within in (("probe_amplitude", 5e-3), ("friction_dissipation", 2e-2)):
         np.testing.assert_allclose(getattr(chosen, name), getattr(whole, name), rtol=within)
+
+
+def test_scenes_of_curves_hold_their_largest_load_and_smallest_friction() -> None:
+    curves = Response(
+        parameter="loads.0.force",
+        first=10.0,
+        last=90.0,
+        families=Families(key="contacts.0.friction", values=(0.15, 0.4)),
+    )
+    found = scenes_of_curves(replace(lap(), response=curves))
+    pairs = [(scene.loads[0].size, scene.contacts[0].friction) for scene in found]
+    assert sorted(pairs) == [(10.0, 0.15), (10.0, 0.4), (90.0, 0.15), (90.0, 0.4)]
 
 
 @pytest.mark.parametrize(

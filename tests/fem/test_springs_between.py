@@ -152,6 +152,7 @@ def test_marks_of_a_spring_stand_at_both_its_places(tmp_path: Path) -> None:
         ({"stiffness_per_area": 1.0}, ErrorKind.CONFLICT, "stiffness_per_area"),
         ({"to": {"group": "first"}}, ErrorKind.CONFLICT, "to"),
         ({"to": {"group": "root"}}, ErrorKind.PLACE, "to"),
+        ({"to": {"box": [[0.39, -1.0], [0.41, 1.0]]}}, ErrorKind.PLACE, "to"),
         ({"to": {"node": [3.0, 0.0]}}, ErrorKind.PLACE, "to.node"),
     ],
 )

@@ -74,6 +74,17 @@ def _changed(scene: Scene, key: str, value: float, place: str) -> Scene:
     return parse_scene(table, place, None)
 
 
+def scenes_of_curves(scene: Scene) -> list[Scene]:
+    """The scenes at both ends of each curve, but for its frequency or speed."""
+    table, found = response_table(scene), [scene]
+    if (families := table.families) is not None:
+        found = [_changed(scene, families.key, v, str(scene.source)) for v in families.values]
+    if table.parameter not in ("frequency", "rotation.speed_rpm"):
+        ends, key = (table.first, table.last), table.parameter
+        found = [_changed(each, key, v, str(scene.source)) for each in found for v in ends]
+    return found
+
+
 def _check_excitation(scene: Scene, given: Scene) -> None:
     """Check that something excites the body.
 

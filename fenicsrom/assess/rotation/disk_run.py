@@ -153,8 +153,10 @@ def disk_run(
         text = f"frequencies of {counted(h, 'nodal diameter')} are {100.0 * error:.2g} % off by "
         text += "the reduction: raise basis.modes"
         warnings.append(Note(NoteKind.ERROR, text, "basis.modes"))
-    if motion.period is not None and not motion.steady and not ended:
-        text = f"the motion does not repeat after {counted(motion.periods, 'period')}"
+    moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
+    if scene.time.steady_tolerance and not ended and not all(each.steady for each in moving):
+        text = f"the motion does not repeat after {counted(moving[0].periods, 'period')}: raise "
+        text += "time.periods"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return DiskRun(
         scene=scene,

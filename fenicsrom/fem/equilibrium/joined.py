@@ -15,6 +15,7 @@ from contextlib import closing
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -85,7 +86,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
                 if shear <= LEFT * pressed:
                     break
                 continue
-            held = free_motions(body, body.joint.stiffness)
+            held = free_motions(body, csr_array(body.couplings + body.joint.stiffness))
             if held.free.shape[1] > body.free_motions.shape[1]:
                 reason = "the contacts of a piece of the mesh open under the static loads, and no "
                 reason += "support holds it: press it on by a bolt or a load"

@@ -338,6 +338,9 @@ class Solid(ElasticBody):
         elif length > ROUNDING * self.extent:
             directions = (end - start)[None, : self.dimension] / length
         apart = csr_array(directions @ (others - rows))
+        if not apart.nnz or abs(apart).max() <= ROUNDING:
+            reason = "its nodes are those of the place of the attachment: must be another place"
+            raise refuse(self.source, reason, ErrorKind.PLACE, f"{key}.to")
         return csr_array(apart.T @ apart), 0.0
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:

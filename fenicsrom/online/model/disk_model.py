@@ -140,7 +140,11 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         np.concatenate([part] * count) if np.ndim(part) else part for part in model.points
     )
     d, probes = len(model.probe), rows_of(model.probe)
-    velocity = {"velocity_matrix": of_disk(model.velocity_matrix)} if model.velocity_forces else {}
+    velocity: dict[str, Any] = {}
+    if model.velocity_forces:  # the damping by stiffness changes with it, Coriolis forces do not
+        damping = 0.5 * (model.velocity_matrix + model.velocity_matrix.T)
+        turning = of_disk(model.velocity_matrix - damping)
+        velocity["velocity_matrix"] = of_disk(damping, 1.0 + mistuning) + turning
     return DiskModel(
         mass=of_disk(model.mass),
         damping=model.damping,

@@ -42,10 +42,7 @@ def cyclic_problems(scene: Scene) -> Problems:
     if rotation is not None and not _are_parallel(axis, rotation.axis):
         yield Problem("cyclic.axis", "must be along rotation.axis")
     elif rotation is not None and cyclic.point is not None:
-        moved = tuple(map(sub, cyclic.point, rotation.point or (0.0,) * len(cyclic.point)))
-        along = 0.0 if axis is None else sum(map(mul, moved, axis))
-        line = tuple(along * part for part in axis or (0.0,) * len(moved))
-        if math.dist(moved, line) > 1e-9 * max(1.0, math.hypot(*moved)):
+        if _off_axis(tuple(map(sub, cyclic.point, _origin(rotation, scene))), axis):
             yield Problem("cyclic.point", "must be on the axis of [rotation]")
     for k, h in enumerate(cyclic.diameters or ()):
         if h > cyclic.sectors // 2:
@@ -62,6 +59,13 @@ def cyclic_problems(scene: Scene) -> Problems:
         parts = {"against": contact.against, "abradable": contact.abradable, "surface.waves": waves}
         for name in filter(parts.get, parts):
             yield Problem(f"contacts[{k}].{name}", "not allowed with [cyclic]")
+        if contact.surface is not None:
+            moved = tuple(map(sub, contact.surface.point, cyclic.point or _origin(rotation, scene)))
+            turned = contact.surface.kind == "cylinder"
+            turned = turned and not _are_parallel(contact.surface.axis, axis)
+            if turned or _off_axis(moved, axis):
+                allowed = "must be on the axis of the disk, about which all sectors see it alike"
+                yield Problem(f"contacts[{k}].surface.point", allowed)
     for k, load in enumerate(scene.loads):
         if load.everywhere and not _are_parallel(load.direction, axis):
             allowed = "must be along cyclic.axis: another direction is another one in each sector"
@@ -98,6 +102,19 @@ def _disk_run_problems(scene: Scene) -> Problems:
         unusual[f"loads[{k}].sweep"] = load.order and load.transient
     for key in filter(unusual.get, unusual):
         yield Problem(key, "not allowed in a run of a disk ([cyclic])")
+
+
+def _origin(rotation: Rotation | None, scene: Scene) -> tuple[float, ...]:
+    """A point of the axis of rotation."""
+    origin = (0.0,) * scene.geometry.dimension
+    return origin if rotation is None else rotation.point or origin
+
+
+def _off_axis(moved: tuple[float, ...], axis: tuple[float, ...] | None) -> bool:
+    """Whether a place relative to the axis is beside it."""
+    along = 0.0 if axis is None else sum(map(mul, moved, axis))
+    line = tuple(along * part for part in axis or (0.0,) * len(moved))
+    return math.dist(moved, line) > 1e-9 * max(1.0, math.hypot(*moved))
 
 
 def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
