@@ -18,7 +18,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.notes import Note, NoteKind
+from fenicsrom.notes import FREQUENCIES, Note, NoteKind
 from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
 from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
@@ -152,7 +152,7 @@ def disk_run(
     if error > WAVE_ERROR:
         text = f"frequencies of {counted(h, 'nodal diameter')} are {100.0 * error:.2g} % off by "
         text += "the reduction: raise basis.modes"
-        warnings.append(Note(NoteKind.ERROR, text, "basis.modes"))
+        warnings.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
     moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
     if scene.time.steady_tolerance and not ended and not all(each.steady for each in moving):
         text = f"the motion does not repeat after {counted(moving[0].periods, 'period')}: raise "

@@ -6,13 +6,19 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.disk_run import AXES, DiskRun
-from fenicsrom.notes import AMPLITUDES, DISSIPATION
+from fenicsrom.notes import AMPLITUDES, DISSIPATION, FREQUENCIES
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
+from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.words import counted
+
+NAMED = 14
+"""Most sectors whose curves have names."""
+
+STYLES = ("-", "--")
 
 LEAST = 1e-4
 """Smaller shares of a nodal diameter are not in the table."""
@@ -62,6 +68,13 @@ def sentences(found: DiskRun) -> list[str]:
         lines.append(
             f"The largest amplitude is {found.amplification:.4g} times that of the tuned disk."
         )
+    if found.scene.contacts:
+        shares_of_time = contact_fractions(motion)
+        told = ", ".join(f"{name} {100.0 * part:.3g} %" for name, part in shares_of_time.items())
+        lines.append(
+            f"Friction dissipates {friction_dissipation_per_period(motion):.4g} J in a period, in "
+            f"all sectors; of all points and times: {told}."
+        )
     return lines
 
 
@@ -110,6 +123,7 @@ def report(found: DiskRun) -> Report:
             )
         ],
         more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS)},
+        quantities=[FREQUENCIES],
         unjudged=[AMPLITUDES, *([DISSIPATION] if touching else [])],
     )
 
@@ -122,7 +136,11 @@ def figure(found: DiskRun) -> Plot:
         Panel([_bars(shares)], "nodal diameter", "share of the motion, %"),
     ]
     time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
-    lines: list[Item] = [Line(time, moved[:, j], linewidth=0.6) for j in range(moved.shape[1])]
+    lines: list[Item] = []
+    for j, one in enumerate(moved.T):
+        style, colour = STYLES[j // len(COLOURS) % len(STYLES)], COLOURS[j % len(COLOURS)]
+        name = f"sector {j}" if len(moved.T) <= NAMED else ""
+        lines.append(Line(time, one, style, colour, 0.8, label=name))
     label = f"probes along {AXES[found.direction]}, mm"
     return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 8.8)
 
