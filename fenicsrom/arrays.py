@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,12 @@ T = TypeVar("T")
 @cache
 def _fields(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
+
+
+def _scalar(hint: Any) -> type[Any]:
+    """The type of the numbers of an array type, which numpy writes with `dtype` until 2.4."""
+    last = get_args(hint)[-1]
+    return last if get_origin(last) is None else _scalar(last)
 
 
 def zeros(kind: Callable[..., T], given: Mapping[str, Any] | None = None, /, **sizes: int) -> T:
@@ -32,7 +38,7 @@ def zeros(kind: Callable[..., T], given: Mapping[str, Any] | None = None, /, **s
         if not hasattr(hint, "__metadata__"):
             return zeros(hint, **sizes)
         shape = [int(sizes.get(size, size)) for size in hint.__metadata__[0].split()]
-        return np.zeros(shape, get_args(get_args(hint.__origin__)[1])[0])
+        return np.zeros(shape, _scalar(hint.__origin__))
 
     fields = given or {}
     rest = {name: made(hint) for name, hint in _fields(kind).items() if name not in fields}
