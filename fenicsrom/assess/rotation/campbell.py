@@ -94,7 +94,7 @@ class Campbell:
         unfinished: the error that stopped the computation; None if all speeds were reached.
         body: the solid; None with a model for a range of speeds.
         waves: which wave of a disk each mode is; () of a whole body.
-        shapes: (local, m) complex amplitudes of these modes in the sector at the first speed.
+        shapes: (local, m) complex amplitudes of these modes in the sector at the last speed.
         files: the written files, the one to open first at the head.
     """
 

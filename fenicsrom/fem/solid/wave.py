@@ -14,20 +14,16 @@ z₊ turns against the sense in which the sectors are counted, z₋ along it. Wi
 and the two have different frequencies.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.linalg import Factorisation, eigenmodes, multiply
-from fenicsrom.fem.body.cyclic import wave_matrix
+from fenicsrom.fem.body.cyclic import Complex, wave_matrix
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.reduction.protocols import Inverse
-
-Complex = NDArray[np.complex128]
 
 
 class Wave:
@@ -63,7 +59,7 @@ class Wave:
         self.factor = Factorisation(self._stiffness, "fenicsrom_wave")
         self.free, self.inner = self._stiffness.getSize()[0], sector.inner
 
-    def destroy(self) -> None:
+    def close(self) -> None:
         """Free the matrices and the factor. Collective."""
         self.factor.destroy(matrix=True)
         for matrix in (self._mass, self._constraint, self.gyroscopic):
@@ -99,11 +95,6 @@ class Wave:
         return 0.5 * (z - turned), 0.5 * (z + turned)
 
 
-@contextmanager
-def wave(sector: Solid, h: int) -> Iterator[Wave]:
+def wave(sector: Solid, h: int) -> closing[Wave]:
     """The wave of a sector with h nodal diameters; its matrices are freed. Errors as `Wave`."""
-    found = Wave(sector, h)
-    try:
-        yield found
-    finally:
-        found.destroy()
+    return closing(Wave(sector, h))
