@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import DISSIPATION, Note, NoteKind
 from fenicsrom.online.contact.points import closed_springs, contacts_of, springs_of, trial_forces
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem, ReducedModel
-from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.motion.motion import Motion, attempted
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, force_family
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import checked_problem
@@ -94,9 +93,12 @@ def _size(load: Load) -> float:
 
 def motion_of_scene(model: Any, scene: Scene, stop: Callable[[], bool]) -> list[Motion]:
     """The motion of a scene, or the decay of its mode; `stop` as `online.run.march.integrate`."""
+    start: tuple[Any, ...] | None = None
     if scene.backbone is not None:
-        return [_moved(*_decay(scene, model), stop)]
-    return [_moved(checked_problem(model, scene), None, stop)]
+        problem, start = _decay(scene, model)
+    else:
+        problem = checked_problem(model, scene)
+    return [attempted(lambda: integrate(problem, start=start, stop=stop))[0]]
 
 
 def _decay(scene: Scene, model: ReducedModel) -> tuple[Problem, tuple[Any, ...]]:
@@ -112,16 +114,6 @@ def _decay(scene: Scene, model: ReducedModel) -> tuple[Problem, tuple[Any, ...]]
     time = Time.of(scheme=scene.time.scheme, duration=DECAY * period, step=period / steps)
     start = mode.equilibrium + moved, 0.0 * shape, mode.sliders.copy()
     return problem._replace(period=None, time=time), start
-
-
-def _moved(problem: Problem, start: tuple[Any, ...] | None, stop: Callable[[], bool]) -> Motion:
-    """The motion of a problem, up to its failure if there is one."""
-    try:
-        return integrate(problem, start=start, stop=stop)
-    except (AccuracyError, ConvergenceError) as error:
-        if not isinstance(error.partial, Motion):
-            raise
-        return error.partial
 
 
 def probe_amplitude(motion: Motion) -> float:

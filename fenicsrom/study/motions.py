@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
@@ -30,6 +29,7 @@ TIMED_STEPS = 10
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.assess.errors.plausibility import implausible_loads, is_explained
+    from fenicsrom.online.motion.motion import attempted
 
     study, scene = run.study, run.study.scene
     if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
@@ -39,15 +39,17 @@ def integrate(run: Run, name: str) -> None:
         study.warnings.extend(found)
         for text in found:  # said now, because a wrong scene may run for long
             log.info(f"  warning: {text}")
-    if name == "reduced":
-        options = _checkpoints(run) | {"keep_coordinates": True, "stop": run.stop}
-        motion, error = integrated(study.model, scene, **options)
-    else:
-        motion, error = attempted(lambda: _full_motion(run, name))
+    try:
+        if name == "reduced":
+            options = _checkpoints(run) | {"keep_coordinates": True, "stop": run.stop}
+            motion, error = integrated(study.model, scene, **options)
+        else:
+            motion, error = attempted(lambda: _full_motion(run, name))
+    except (AccuracyError, ConvergenceError) as at_start:
+        study.unfinished = (name, at_start)
+        return
     if error is not None:
         study.unfinished = (name, error)
-    if motion is None:
-        return
     if name == "full" and not study.unfinished:
         motion = _settled(run, motion)
     study.motions[name] = motion
@@ -55,7 +57,7 @@ def integrate(run: Run, name: str) -> None:
         _describe(study, name)  # of a motion that the size stage may replace, that stage does it
 
 
-def integrated(model: Any, scene: Scene, **options: Any) -> tuple[Motion | None, Failure | None]:
+def integrated(model: Any, scene: Scene, **options: Any) -> tuple[Motion, Failure | None]:
     """Integrate a model.
 
     Args:
@@ -64,25 +66,14 @@ def integrated(model: Any, scene: Scene, **options: Any) -> tuple[Motion | None,
         options: of `simulate`. A finished motion as `resume` is returned: it lacks its checks only.
 
     Returns:
-        The motion, up to the failure if there was one, and the failure. A run that fails before its
-        first step has no motion.
+        The motion, up to the failure if there was one, and the failure; errors as `attempted`.
     """
-    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.motion.motion import Motion, attempted
     from fenicsrom.online.run.simulate import simulate
 
     if isinstance(options.get("resume"), Motion):
         return options["resume"], None
     return attempted(lambda: simulate(model, scene, **options))
-
-
-def attempted(march: Callable[[], Motion]) -> tuple[Motion | None, Failure | None]:
-    """The motion of a march, up to its failure if there was one, and the failure."""
-    from fenicsrom.online.motion.motion import Motion
-
-    try:
-        return march(), None
-    except (AccuracyError, ConvergenceError) as error:
-        return error.partial if isinstance(error.partial, Motion) else None, error
 
 
 def _describe(study: Study, name: str) -> None:

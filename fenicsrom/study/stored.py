@@ -87,9 +87,6 @@ def rerun(
     options: dict[str, Any] = {"resume": begin, "checkpoint": keep, "keep_coordinates": True}
     with watch("reduced motion"):
         motion, unfinished = integrated(model, scene, stop=stop, **options)
-    if motion is None:
-        assert unfinished is not None
-        raise unfinished
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     warnings += range_warnings(stored)
     warnings += MeshCheck(missing=stored.unjudged).warnings(scene)

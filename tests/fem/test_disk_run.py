@@ -188,7 +188,9 @@ def test_mistuned_blades_are_amplified_as_in_an_independent_disk() -> None:
     assert found.max() == pytest.approx(1.88, rel=5e-3)
 
 
-def test_mistuned_run_reports_amplification_and_shares(tmp_path: Path) -> None:
+def test_mistuned_run_reports_amplification_and_shares(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Equal changes of all sectors scale the stiffness; other ones excite other diameters."""
     more = {"rotation": spinning(2, False), "contacts": [], "probe": {"nearest": [0.26, 0.15]}}
     alike = run(sector_scene(tmp_path, 1, cyclic=CYCLIC | {"mistuning": N * [0.25]}, **more))
@@ -206,6 +208,9 @@ def test_mistuned_run_reports_amplification_and_shares(tmp_path: Path) -> None:
     assert all(any(file.match(name) for name in RESULTS) for file in found.files)
     stopped = run(scene, stop=lambda: True)
     assert stopped.interrupted and stopped.motion.periods == 1 and stopped.tuned is None
+    monkeypatch.setattr("fenicsrom.online.motion.motion.ENERGY_ERROR", 0.0)
+    failed = run(scene)
+    assert "energy ledger" in str(failed.unfinished) and failed.tuned is None
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
 from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
-from fenicsrom.online.motion.motion import Interrupted, Motion, check_energy
+from fenicsrom.online.motion.motion import Interrupted, Motion, attempted, check_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import working_time
 from fenicsrom.scene.keys.schema import Deviation, Scene
@@ -29,8 +29,6 @@ from fenicsrom.words import brief, counted
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.reduction.stages import Timer
-
-AXES = "xyz"
 
 WAVE_ERROR = 0.01
 """Largest accepted error of the frequencies of a nodal diameter by the reduction."""
@@ -82,18 +80,21 @@ class DiskRun:
         """The axis of the sector's frame along which the probes move most."""
         return int(np.argmax(np.ptp(self.displacement, axis=0).max(axis=0)))
 
+    def _amplitudes(self, displacement: Array) -> Array:
+        """(N,) amplitudes along this axis: half of peak to peak, m."""
+        return np.asarray(np.ptp(displacement[:, :, self.direction], axis=0) / 2.0)
+
     @property
     def peaks(self) -> Array:
-        """(N,) amplitudes of the probes along this axis: half of peak to peak, m."""
-        return np.asarray(np.ptp(self.displacement[:, :, self.direction], axis=0) / 2.0)
+        """(N,) amplitudes of the probes along this axis, m."""
+        return self._amplitudes(self.displacement)
 
     @property
     def amplification(self) -> float | None:
         """Largest amplitude over that of the tuned disk; None of a tuned disk."""
         if self.tuned is None or self.tuned.coordinates is None:
             return None
-        moved = self.model.displacements(self.tuned.coordinates)[:, :, self.direction]
-        largest = float(np.ptp(moved, axis=0).max()) / 2.0
+        largest = float(self._amplitudes(self.model.displacements(self.tuned.coordinates)).max())
         return float(self.peaks.max()) / largest if largest > 0.0 else None
 
     @property
@@ -178,17 +179,16 @@ def _motion(
 ) -> Motion:
     """The motion of a disk, checked; `ended` takes how it ended if it did so early."""
     try:
-        motion = simulate(model, scene, keep_coordinates=True, stop=stop)
+        motion, failure = attempted(
+            lambda: simulate(model, scene, keep_coordinates=True, stop=stop)
+        )
     except Interrupted as error:
         ended["interrupted"] = True
-        return error.partial
-    except (ConvergenceError, AccuracyError) as error:
-        ended["unfinished"] = error
-        if not isinstance(error.partial, Motion):
-            raise
         return error.partial
     try:
         check_energy(motion)
     except AccuracyError as error:
-        ended["unfinished"] = error
+        failure = failure or error
+    if failure is not None:
+        ended["unfinished"] = failure
     return motion

@@ -16,7 +16,7 @@ jumps: each part of the motion (`Motion.parts`) is judged alone, from its own st
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import AccuracyError, ErrorKind, refuse
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, refuse
 from fenicsrom.online.step.state import Checkpoint, PeriodicSearch, Record
 from fenicsrom.words import brief, counted
 
@@ -367,6 +367,22 @@ def check_scheme(motion: Motion, scheme: str) -> None:
                 motion,
                 kind=ErrorKind.ENERGY,
             )
+
+
+def attempted(
+    march: Callable[[], Motion],
+) -> tuple[Motion, AccuracyError | ConvergenceError | None]:
+    """The motion of a march, up to its failure if there was one, and the failure.
+
+    Raises:
+        AccuracyError, ConvergenceError: the march failed before its first step.
+    """
+    try:
+        return march(), None
+    except (AccuracyError, ConvergenceError) as error:
+        if not isinstance(error.partial, Motion):
+            raise
+        return error.partial, error
 
 
 def check_energy(motion: Motion) -> None:

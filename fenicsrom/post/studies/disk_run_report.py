@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.rotation.disk_run import AXES, DiskRun
+from fenicsrom.assess.rotation.disk_run import DiskRun
 from fenicsrom.notes import AMPLITUDES, DISSIPATION, FREQUENCIES
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
 from fenicsrom.post.base.page import Report, Section
@@ -60,7 +60,7 @@ def sentences(found: DiskRun) -> list[str]:
         f"{counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. Frequencies of "
         f"{counted(checked, 'nodal diameter')} have an error of {100.0 * error:.2g} % by the "
         "reduction.",
-        f"The largest amplitude of a probe along {AXES[found.direction]} of its sector is "
+        f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
         f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion have "
         f"{counted(h, 'nodal diameter')}.",
     ]
@@ -92,7 +92,7 @@ def report(found: DiskRun) -> Report:
         "steps": motion.steps,
         "periods": motion.periods,
         "steady": motion.steady,
-        "probe_direction": AXES[found.direction],
+        "probe_direction": "xyz"[found.direction],
         "largest_amplitude_m": float(found.peaks.max()),
         "amplification": found.amplification,
         "shares_of_diameters": found.shares.tolist(),
@@ -141,7 +141,7 @@ def figure(found: DiskRun) -> Plot:
         style, colour = STYLES[j // len(COLOURS) % len(STYLES)], COLOURS[j % len(COLOURS)]
         name = f"sector {j}" if len(moved.T) <= NAMED else ""
         lines.append(Line(time, one, style, colour, 0.8, label=name))
-    label = f"probes along {AXES[found.direction]}, mm"
+    label = f"probes along {'xyz'[found.direction]}, mm"
     return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 8.8)
 
 
