@@ -65,7 +65,7 @@ from fenicsrom.online.step.state import (
 NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
 CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
-GROWING = 1e-12  # a decrement that grows is rounding below this part of both
+FREE_ROUNDING = 1e-15  # the same, relative to these forces times displacements without them
 NEWTON_ITERATIONS = 15
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 
@@ -147,38 +147,38 @@ def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore
 def contact_decrement(decrement, candidates, trial):  # type: ignore[no-untyped-def]
     """Newton's decrement with the work of the contact forces in the iteration added.
 
+    The displacements without contact forces and the responses to these forces cancel. Bolts make
+    both large, and their rounding errors too.
+
     Returns:
-        Its absolute value, and the sum of the contact forces times the displacements, J.
+        Its absolute value, and the rounding error that the contact forces leave in it, J.
     """
-    d, x, mean, carried = len(trial.scratch.space), trial.contact.x, trial.scratch.mean_force, 0.0
+    d, x, mean, rounding = len(trial.scratch.space), trial.contact.x, trial.scratch.mean_force, 0.0
+    free = trial.free_displacement
     for p in candidates:
         size, far = 0.0, 0.0
         for k in range(d):
             decrement += mean[p, k] * (x[p, k] - trial.displacement_before[p, k])
             size += abs(mean[p, k])
-            far = max(far, abs(x[p, k]))
-        carried += size * far
-    return abs(decrement), carried
+            far = max(far, CONTACT_ROUNDING * abs(x[p, k]), FREE_ROUNDING * abs(free[p, k]))
+        rounding += size * far
+    return abs(decrement), rounding
 
 
 @also_compiled
-def has_converged(decrement, last, iteration, scale, carried, quadratic):  # type: ignore[no-untyped-def]
+def has_converged(decrement, last, iteration, scale, rounding, quadratic):  # type: ignore[no-untyped-def]
     """Whether the next decrement will be small, or this one is rounding.
 
     The last two decrements predict the next one: if Newton's method is exact, the error is squared
     in an iteration, otherwise it is multiplied by a rate. The decrement is the square of the error.
-    A small decrement that stops decreasing is rounding. So is a larger one that grows: joints under
-    preload have contact displacements of which most cancels.
+    A small decrement that stops decreasing is rounding.
     """
     coming = decrement
     if iteration > 1 and decrement < 1e-3 * last:
         ratio = decrement / last
         coming = decrement * ratio**2 if quadratic else decrement * ratio
-    floor = max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
-    rounding = decrement <= floor and decrement > 0.1 * last
-    if iteration > 1 and decrement >= last:
-        rounding = decrement <= GROWING * max(scale, carried)
-    return coming <= NEWTON_TOLERANCE**2 * scale or rounding
+    stays = decrement <= max(NEWTON_ROUNDING * scale, rounding) and decrement > 0.1 * last
+    return coming <= NEWTON_TOLERANCE**2 * scale or stays
 
 
 @also_compiled
@@ -262,7 +262,7 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
                 return False, iteration
         subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
-        decrement, carried = contact_decrement(
+        decrement, rounding = contact_decrement(
             model.dot(trial.residual, trial.change), candidates, trial
         )
         if not np.isfinite(decrement):
@@ -271,7 +271,7 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
             first = decrement
         scale = max(state.scalars[ENERGY_SCALE], first)
         if scheme.linear or has_converged(
-            decrement, last, iteration, scale, carried, scheme.quadratic
+            decrement, last, iteration, scale, rounding, scheme.quadratic
         ):
             return True, iteration
         if decrement > DIVERGENCE * first:
