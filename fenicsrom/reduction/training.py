@@ -1,7 +1,7 @@
 """The motions that choose the interface vectors of bodies that touch (`reduction.interface`).
 
-It is the motion of the scene, with [backbone] the decay of the mode from its largest amplitude, or
-with [response] a few motions of each curve, of which one is at its peak.
+They are the motion of the scene, with [backbone] the decay of the mode from its largest amplitude,
+or with [response] a few motions of each curve (`fenicsrom.assess.curves.checks.curve_motions`).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from fenicsrom.reduction import interface
 from fenicsrom.reduction.interface import SETTLED, dissipated, settled
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.scene import Load, Scene
+from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.times import Time
 
 DECAY = 10.0
@@ -37,16 +37,14 @@ Moves = Callable[[Reduction], Sequence[Motion]]
 """Gives the motions of a reduced model that choose the vectors of the next one."""
 
 
-def train(
-    structure: Structure, scene: Scene, moves: Moves, scenes: Sequence[Scene] = ()
-) -> Trained:
+def train(structure: Structure, scene: Scene, moves: Moves, scenes: Sequence[Scene]) -> Trained:
     """Let motions choose the `interface` vectors of a structure.
 
     Args:
         structure: the structure.
         scene: the scene.
         moves: gives the motions.
-        scenes: the scenes of the motions, if they have other loads or contacts.
+        scenes: the scenes of the motions, between which loads and contacts may differ.
 
     Returns:
         What the last motions hold.
@@ -69,26 +67,20 @@ def train(
             break
     else:
         text = (
-            f"the friction of the motion that chooses the interface vectors still changes after "
+            f"the friction of the motions that choose the interface vectors still changes after "
             f"{interface.PASSES} rounds, from {before:.4g} J to {spent:.4g} J (at most "
             f'{100.0 * SETTLED:g} % is accepted): take basis.masters = "all"'
         )
         structure.warnings.append(Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION))
-    of = scenes or [scene]
+    loads = zip(*(each.loads for each in scenes), strict=True)
+    pairs = zip(*(each.contacts for each in scenes), strict=True)
     return Trained(
-        loads=tuple(max(map(_size, same)) for same in zip(*(s.loads for s in of), strict=True)),
-        friction=tuple(
-            min(contact.friction for contact in same)
-            for same in zip(*(s.contacts for s in of), strict=True)
-        ),
+        loads=tuple(max(abs(load.size) for load in same) for same in loads),
+        friction=tuple(min(contact.friction for contact in same) for same in pairs),
         amplitude=max(map(probe_amplitude, motions)),
         duration=max(map(duration, motions)),
         dissipation=spent,
     )
-
-
-def _size(load: Load) -> float:
-    return abs(load.size)
 
 
 def motion_of_scene(model: Any, scene: Scene, stop: Callable[[], bool]) -> list[Motion]:

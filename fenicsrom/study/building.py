@@ -77,8 +77,8 @@ def interface_vectors(run: Run) -> None:
             return curve_motions(stored)
 
     is_curve = scene.response is not None and scene.backbone is None
-    curves = scenes_of_curves(scene) if is_curve else []
-    run.study.trained = train(solid, scene, moves, curves)
+    scenes = scenes_of_curves(scene) if is_curve else [scene]
+    run.study.trained = train(solid, scene, moves, scenes)
 
 
 def modes(run: Run) -> None:

@@ -488,7 +488,7 @@ def test_vectors_of_a_backbone_come_from_its_largest_motion() -> None:
     def decay(reduction: Any) -> list[Motion]:
         return training.motion_of_scene(reduction.model, scene, lambda: False)
 
-    trained = training.train(solid(scene), scene, decay)
+    trained = training.train(solid(scene), scene, decay, [scene])
     assert trained.dissipation > 0.0
     assert (trained.loads, trained.friction) == ((60.0,), (0.3,))
     assert trained.amplitude == pytest.approx(2e-3, rel=0.1)  # less its first half period

@@ -122,7 +122,7 @@ def model_before_curves(
 
 
 def curve_motions(stored: StoredModel) -> list[Motion]:
-    """A few motions of each curve of a model, one of them at its peak.
+    """The motions of each curve of a model that choose its size, with the peak if one was found.
 
     Raises:
         ConvergenceError: no curve has a motion.

@@ -55,14 +55,14 @@ Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 
 @dataclass(frozen=True)
 class Trained:
-    """The motion that chose the interface vectors of bodies that touch.
+    """What the motions hold that chose the interface vectors of bodies that touch.
 
     Attributes:
-        loads: the size of each load of the scene.
-        friction: the coefficient of each contact.
-        amplitude: half of the range of the probe, m.
-        duration: the length of a motion without a period, s; 0 of others.
-        dissipation: energy that friction dissipates, J.
+        loads: the largest size of each load of the scene.
+        friction: the smallest coefficient of each contact.
+        amplitude: the largest half of the range of the probe, m.
+        duration: the length of the longest motion without a period, s; 0 without any.
+        dissipation: the largest energy that friction dissipates in a motion, J.
     """
 
     loads: tuple[float, ...]
@@ -98,7 +98,7 @@ class StoredModel:
         unjudged: why there is no model of finer elements; "" if there is one.
         whole: the model for a range of speeds from which the model at the speed of the scene
             follows; None of a model for one speed.
-        trained: the motion that chose the interface vectors; None without such vectors.
+        trained: what the motions hold that chose the interface vectors; None without such vectors.
     """
 
     model: ReducedModel
