@@ -20,8 +20,9 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
+from fenicsrom.fem.body.attachments import attach, set_bolts
 from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.pairs import pair_rows
@@ -31,7 +32,7 @@ from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.joined import all_closed, bring_together, sticking
 from fenicsrom.fem.equilibrium.statics import Statics
-from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh, build_mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, all_points, contacts_of, points_on
@@ -41,10 +42,9 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynom
 from fenicsrom.reduction.basis import strain_products
 from fenicsrom.reduction.damping import ViscousDamping
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.scene import Attachment, Bolt, Contact, Load, Place, Scene
+from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
-from fenicsrom.scene.keys.places import AXES
 from fenicsrom.scene.keys.unit_system import LENGTHS
 from fenicsrom.words import counted
 
@@ -133,7 +133,7 @@ class Solid(ElasticBody):
         self._set_attachments(scene.attachments)
         self._set_contacts(scene.contacts)
         springs = self.couplings
-        self._set_bolts(scene.bolts)
+        set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
@@ -296,52 +296,7 @@ class Solid(ElasticBody):
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, the dashpots and the concentrated masses."""
-        for k, found in enumerate(attachments):
-            attached = self._between if found.to else self._to_ground
-            unit, area = attached(found, f"attachments[{k}]")
-            stiffness = found.stiffness + found.stiffness_per_area * area
-            damping = found.damping + found.damping_per_area * area
-            self.couplings = csr_array(self.couplings + stiffness * unit)
-            self.dashpots = csr_array(self.dashpots + damping * unit)
-        self.couplings.eliminate_zeros()
-        self.dashpots.eliminate_zeros()
-        self.inertia.add_point_masses(self.point_masses.reshape(-1, self.dimension).max(axis=1))
-
-    def _to_ground(self, found: Attachment, key: str) -> tuple[csr_array, float]:
-        """Add a mass; the matrix (local, local) of a unit spring, and the measure of the place."""
-        spread = bool(found.stiffness_per_area or found.damping_per_area)
-        weights, area = self._places.shares(found.place, key, spread)
-        if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
-            area *= self._unit_length ** self.mesh.unit_lengths(found.place)
-        each = np.repeat(weights, self.dimension)
-        each[self.clamped] = 0.0
-        if not self.comm.allreduce(bool(each.any())):
-            raise self._places.clamped(key)
-        self.point_masses += found.mass * each
-        axes = AXES[: self.dimension]
-        each *= np.tile(np.isin(axes, found.components or axes), len(weights))
-        return csr_array(scipy.sparse.diags_array(each)), area
-
-    def _between(self, found: Attachment, key: str) -> tuple[csr_array, float]:
-        """The matrix (local, local) of a unit spring between two places, and 0."""
-        if self.comm.size > 1:
-            reason = "a spring or dashpot between two places runs on one process only"
-            raise refuse(self.source, reason, ErrorKind.PLACE, f"{key}.to")
-        assert found.to is not None
-        (rows, start), (others, end) = (
-            self._places.find(place, name)
-            for place, name in ((found.place, key), (found.to, f"{key}.to"))
-        )
-        directions, length = np.eye(self.dimension), float(np.linalg.norm(end - start))
-        if found.components:
-            directions = directions[[AXES.index(axis) for axis in found.components]]
-        elif length > ROUNDING * self.extent:
-            directions = (end - start)[None, : self.dimension] / length
-        apart = csr_array(directions @ (others - rows))
-        if not apart.nnz or abs(apart).max() <= ROUNDING:
-            reason = "its nodes are those of the place of the attachment: must be another place"
-            raise refuse(self.source, reason, ErrorKind.PLACE, f"{key}.to")
-        return csr_array(apart.T @ apart), 0.0
+        attach(self, self._places, attachments, self._unit_length)
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -366,27 +321,6 @@ class Solid(ElasticBody):
             found.append(points_on(k, area, position[:, :d], axes, lengths))
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = all_points(d, found)
-
-    def _set_bolts(self, bolts: Sequence[Bolt]) -> None:
-        """Set the forces of the bolts, and their stiffness across, tension over length.
-
-        A bolt of length l pulls head and nut together along the line between them, whose direction
-        a follows their motion: F a + F/l (1 − a aᵀ) (u_nut − u_head), linear in the displacements.
-        Without the second term a joint that bends is too soft. In a geometrically linear scene the
-        stress of the parts that balances this term is missing, so it is left out.
-        """
-        for k, bolt in enumerate(bolts):
-            head, start = self._places.find(Place(group=bolt.head), f"bolts[{k}].head")
-            nut, end = self._places.find(Place(group=bolt.nut), f"bolts[{k}].nut")
-            length = float(np.linalg.norm(end - start))
-            if length <= ROUNDING * self.extent:
-                reason = "head and nut have the same centre, so the bolt has no direction"
-                raise refuse(self.source, reason, ErrorKind.PLACE, f"bolts[{k}].nut")
-            axis = ((end - start) / length)[: self.dimension]
-            self.tension += bolt.force * (axis @ (head - nut))
-            if self.geometrically_nonlinear:
-                across = csr_array((np.eye(self.dimension) - np.outer(axis, axis)) @ (head - nut))
-                self.couplings = csr_array(self.couplings + bolt.force / length * across.T @ across)
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Find the probe: the first of the places, or that of the first load that has a place."""
