@@ -198,6 +198,7 @@ def test_mistuned_run_reports_amplification_and_shares(
     assert alike.shares[1] == pytest.approx(1.0)
     random = CYCLIC | {"mistuning": {"deviation": 0.05, "seed": 1}}
     scene = sector_scene(tmp_path, 1, cyclic=random, output={"pictures": False}, **more)
+    scene = replace(scene, time=scene.time.changed(steady_tolerance=1e-9))
     found = run(scene, folder=tmp_path / "out")
     told = json.loads((tmp_path / "out" / "disk.json").read_text())
     assert told["amplification"] == found.amplification > 1.0
@@ -206,11 +207,14 @@ def test_mistuned_run_reports_amplification_and_shares(
     np.testing.assert_allclose(table["mistuning"], found.mistuning)
     np.testing.assert_allclose(table["amplitude_m"], found.peaks)
     assert all(any(file.match(name) for name in RESULTS) for file in found.files)
+    assert "does not repeat after 2 periods" in " ".join(found.warnings)
     stopped = run(scene, stop=lambda: True)
     assert stopped.interrupted and stopped.motion.periods == 1 and stopped.tuned is None
     monkeypatch.setattr("fenicsrom.online.motion.motion.ENERGY_ERROR", 0.0)
+    monkeypatch.setattr("fenicsrom.assess.rotation.disk_run.WAVE_ERROR", 0.0)
     failed = run(scene)
     assert "energy ledger" in str(failed.unfinished) and failed.tuned is None
+    assert "raise basis.modes" in " ".join(failed.warnings)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ class DiskRun:
         model: the disk.
         mistuning: (N,) relative changes of the stiffness of the sectors.
         motion: the motion; up to a failure if there was one.
-        tuned: the motion of the disk of equal sectors; None if this one is tuned, too.
+        tuned: the motion of the disk of equal sectors; None if the sectors are equal.
         sentence: what was found of the cut faces.
         shapes: number of shapes of a cut face.
         wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
@@ -151,12 +151,13 @@ def disk_run(
             tuned = _motion(equal, whole, stop, ended)
     warnings = [*body.warnings]
     if error > WAVE_ERROR:
-        text = f"frequencies of {counted(h, 'nodal diameter')} are {100.0 * error:.2g} % off by "
-        text += "the reduction: raise basis.modes"
+        text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
+        text += f"{100.0 * error:.2g} %: raise basis.modes"
         warnings.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
     moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
-    if scene.time.steady_tolerance and not ended and not all(each.steady for each in moving):
-        text = f"the motion does not repeat after {counted(moving[0].periods, 'period')}: raise "
+    unsettled = [each for each in moving if not each.steady]
+    if scene.time.steady_tolerance and not ended and unsettled:
+        text = f"the motion does not repeat after {counted(unsettled[0].periods, 'period')}: raise "
         text += "time.periods"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return DiskRun(
@@ -177,7 +178,7 @@ def disk_run(
 def _motion(
     model: DiskModel, scene: Scene, stop: Callable[[], bool], ended: dict[str, Any]
 ) -> Motion:
-    """The motion of a disk, checked; `ended` takes how it ended if it did so early."""
+    """The motion of a disk, checked; `ended` takes the reason if the motion ended early."""
     try:
         motion, failure = attempted(
             lambda: simulate(model, scene, keep_coordinates=True, stop=stop)

@@ -30,7 +30,6 @@ from fenicsrom.scene.keys.excitation import HIGHEST_MODE
 WAVES = 3
 """Number of modes of each nodal diameter whose shapes the cut faces take."""
 
-
 PAIRED = 3
 """Number of normal modes of the sector with clamped faces whose derivatives the basis takes."""
 

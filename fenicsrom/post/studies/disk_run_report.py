@@ -56,24 +56,24 @@ def sentences(found: DiskRun) -> list[str]:
     span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
     lines = [
         f"The mesh is {found.sentence}.",
-        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} of each cut face; "
-        f"{counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. Frequencies of "
-        f"{counted(checked, 'nodal diameter')} have an error of {100.0 * error:.2g} % by the "
-        "reduction.",
+        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} shapes of each cut face; "
+        f"{counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
+        f"changes frequencies of waves with {counted(checked, 'nodal diameter')} by "
+        f"{100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
-        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion have "
-        f"{counted(h, 'nodal diameter')}.",
+        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion are "
+        f"waves with {counted(h, 'nodal diameter')}.",
     ]
     if found.amplification is not None:
         lines.append(
             f"The largest amplitude is {found.amplification:.4g} times that of the tuned disk."
         )
     if found.scene.contacts:
-        shares_of_time = contact_fractions(motion)
-        told = ", ".join(f"{name} {100.0 * part:.3g} %" for name, part in shares_of_time.items())
+        parts = {name: f"{100.0 * part:.3g} %" for name, part in contact_fractions(motion).items()}
         lines.append(
-            f"Friction dissipates {friction_dissipation_per_period(motion):.4g} J in a period, in "
-            f"all sectors; of all points and times: {told}."
+            f"Friction dissipates {friction_dissipation_per_period(motion):.4g} J per period in "
+            f"all sectors together. On average a contact point is open for {parts['open']} of the "
+            f"time, slips for {parts['slip']} and sticks for {parts['stick']}."
         )
     return lines
 
