@@ -117,16 +117,16 @@ def test_point_beside_the_axis_of_rotation_is_refused(tmp_path: Path) -> None:
         scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"point": [0.0, 0.0]}, rotation=turning)
 
 
-@pytest.mark.parametrize("moved", [(0.05, 0.0), (0.0, -0.01)])
+@pytest.mark.parametrize(("moved", "failed"), [((0.05, 0.0), 1), ((0.0, -0.01), 2)])
 def test_faces_that_are_no_turn_of_each_other_are_refused(
-    tmp_path: Path, moved: tuple[float, float]
+    tmp_path: Path, moved: tuple[float, float], failed: int
 ) -> None:
     """A node of the right face lies beyond the left one turned, or beside it."""
     points, cells = ring()
     at = (points[:, 0] > 0.29) & (np.abs(points[:, 1]) < 1e-9)
     points[at, :2] += moved
     scene = scene_of(tmp_path, points, cells, on_right=at, cyclic=CYCLIC)
-    with refusal(ErrorKind.PLACE, key="cyclic.right", names="of 5 nodes lie beside it"):
+    with refusal(ErrorKind.PLACE, key="cyclic.right", names=f"{failed} of 5 nodes"):
         build_solid(scene, MPI.COMM_SELF)
 
 

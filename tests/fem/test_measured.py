@@ -14,10 +14,16 @@ from tests.evidence import measured
 
 
 def stated(body: str, column: int) -> list[float]:
-    """The numbers of a row of the page: 1 for the measured ones, 2 for ours."""
+    """The numbers of a row of the page: 1 for the measured ones, 2 for ours, 3 for differences."""
     page = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     (row,) = re.findall(rf"^\| {body} \|.*", page, re.MULTILINE)
-    return [float(value) for value in row.split("|")[1 + column].split(",")]
+    return [float(value) for value in row.replace("−", "-").split("|")[1 + column].split(",")]
+
+
+@pytest.mark.parametrize("body", ["panel", "beam, across its lap", "beam, along its lap"])
+def test_differences_of_the_page_are_those_of_its_frequencies(body: str) -> None:
+    found = 100.0 * (np.divide(stated(body, 2), stated(body, 1)) - 1.0)
+    np.testing.assert_allclose(stated(body, 3), found, atol=0.051)
 
 
 def test_panel_has_the_frequencies_of_the_page() -> None:

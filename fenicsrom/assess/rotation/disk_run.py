@@ -91,7 +91,7 @@ class DiskRun:
 
     @property
     def amplification(self) -> float | None:
-        """Largest amplitude over that of the tuned disk; None of a tuned disk."""
+        """Largest amplitude over that of the tuned disk; None for a tuned disk."""
         if self.tuned is None or self.tuned.coordinates is None:
             return None
         largest = float(self._amplitudes(self.model.displacements(self.tuned.coordinates)).max())

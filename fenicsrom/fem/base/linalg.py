@@ -131,9 +131,9 @@ class FreeFactorisation:
         K⁺ = P K_d⁻¹ Pᵀ,    P = I − R Rᵀ M.
 
     R are the rigid motions, mass-orthonormal. In K_d as many unknowns are held as there are rigid
-    motions. Pᵀ f is in balance, so that they take no force: K⁺ f is the deformation of the body
-    that a force f accelerates, without a rigid part (inertia relief: Craig and Chang, AIAA Paper
-    77-405, 1977).
+    motions. Pᵀ f is in balance, so that the held unknowns take no force: K⁺ f is the deformation of
+    the body that a force f accelerates, without a rigid part (inertia relief: Craig and Chang, AIAA
+    Paper 77-405, 1977).
 
     Attributes:
         matrix: K.

@@ -236,7 +236,7 @@ class CutFaces:
         """Orthonormal shapes (l d, m) of the leading face that span parts of fields. Collective.
 
         Args:
-            fields: (local, k) complex displacements; real and imaginary parts count, each as much.
+            fields: (local, k) complex displacements; all real and imaginary parts weigh alike.
         """
         if any(self._body.comm.allgather(self._central.size)):
             reason = "must not meet on the axis in a disk in time: give the disk a bore"

@@ -141,7 +141,7 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     )
     d, probes = len(model.probe), rows_of(model.probe)
     velocity: dict[str, Any] = {}
-    if model.velocity_forces:  # the damping by stiffness changes with it, Coriolis forces do not
+    if model.velocity_forces:  # mistuning changes the damping by stiffness only
         damping = 0.5 * (model.velocity_matrix + model.velocity_matrix.T)
         turning = of_disk(model.velocity_matrix - damping)
         velocity["velocity_matrix"] = of_disk(damping, 1.0 + mistuning) + turning

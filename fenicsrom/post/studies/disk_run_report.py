@@ -56,8 +56,8 @@ def sentences(found: DiskRun) -> list[str]:
     span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
     lines = [
         f"The mesh is {found.sentence}.",
-        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} shapes of each cut face; "
-        f"{counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
+        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} shapes of each cut "
+        f"face; {counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
         f"changes frequencies of waves with {counted(checked, 'nodal diameter')} by "
         f"{100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
