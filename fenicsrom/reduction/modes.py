@@ -354,8 +354,6 @@ def solve_eigenmodes(
             return omega_squared, modes, count
         frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
         needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation)) + 1
-        if rigid := int(np.sum(omega_squared == 0.0)):
-            needed = max(needed, rigid + LEAST_MODES)
         if needed <= solved or count == most:
             break
         count = min(2 * count, most)
@@ -411,7 +409,8 @@ class ComponentModes:
             held.
         rows: (m, local) Bᵀ of the master directions.
         inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
-        labels: labels of the columns of X: 1V, 2V, ..., then 1S, 2S, ...
+        labels: labels of the columns of X: 1V, 2V, ..., then 1S, 2S, ...; first 1R, 2R, ... of
+            rigid motions.
         flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
             of modes; the basis does not use the inverse of this matrix.
@@ -498,12 +497,17 @@ def contact_frequencies(structure: Structure, stiffness: Array, count: int) -> A
     return np.sqrt(np.maximum(np.transpose(squares), 0.0)) / (2.0 * np.pi)
 
 
-def component_modes(structure: Structure, options: Basis) -> ComponentModes:
+def component_modes(
+    structure: Structure, options: Basis, rigid: Array | None = None
+) -> ComponentModes:
     """Compute the normal and static modes of a method.
+
+    Those of a free body are elastic: a motion relative to its rigid one needs no others.
 
     Args:
         structure: the structure; its `factor` does every solve.
         options: `method`, `modes` (number of normal modes) and `masters`.
+        rigid: (local, r) mass-orthonormal rigid motions, which become the first normal modes.
 
     Returns:
         The component modes.
@@ -523,7 +527,11 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     if m and not rubin:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
     free = structure.free - (0 if rubin else m)
-    omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
+    omega_squared, normal, elastic = solve_eigenmodes(structure, inverse, options.modes, free)
+    if rigid is not None:
+        omega_squared = np.append(np.zeros(rigid.shape[1]), omega_squared)
+        normal = np.concatenate([rigid, normal], axis=1)
+    count = elastic + (0 if rigid is None else rigid.shape[1])
     # of a body with Coriolis forces the whole pencil was judged (`fem.equilibrium.buckling`)
     if structure.gyroscopic is None and np.any(omega_squared < 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
@@ -540,7 +548,8 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
             flexibility = structure.inner(inertia, inverse.solve(inertia))
         static = attachment - normal @ (flexibility @ structure.inner(normal, b.T))
         contact_flexibility = structure.inner(b.T, static)
-    labels = *(f"{k + 1}V" for k in range(count)), *(f"{k + 1}S" for k in range(m))
+    numbers = {"R": count - elastic, "V": elastic, "S": m}
+    labels = tuple(f"{k + 1}{kind}" for kind, size in numbers.items() for k in range(size))
     held = np.concatenate([masters, normal], axis=1)
     return ComponentModes(
         options.method,
@@ -553,13 +562,14 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         labels,
         scaled_condition(contact_flexibility),
         load_vectors(structure, held, load_responses(structure)),
-        int(np.sum(omega_squared[:count] == 0.0)),
+        count - elastic,
     )
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
     """The scene in which the number of normal modes replaces "auto"."""
-    return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
+    elastic = modes.omega.size - modes.rigid
+    return replace(scene, basis=replace(scene.basis, modes=elastic))
 
 
 def unit_displacements(structure: Structure, rows: Array, flexibility: Array) -> Array:

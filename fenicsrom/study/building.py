@@ -35,18 +35,17 @@ def mesh(run: Run) -> None:
         run.mesh = build_mesh(run.study.scene.geometry, run.comm)
 
 
-def solid(run: Run, free: bool = False) -> None:
-    """Assemble the solid, and solve for its static equilibrium if there are static loads.
-
-    `free` tells whether nothing need hold the body.
-    """
+def solid(run: Run, modes_only: bool = False) -> None:
+    """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
     from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
     from fenicsrom.fem.solid.solid import solid_of
 
     assert run.mesh is not None
-    body = run.study.solid = solid_of(run.study.scene, run.mesh, free=free)
+    body = run.study.solid = solid_of(run.study.scene, run.mesh, free=True)
+    if not modes_only:
+        body.require_small()
     for text in body.warnings:
         if has_kind([text], NoteKind.IMPLAUSIBLE, NoteKind.UNSTABLE):
             log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long
@@ -81,11 +80,13 @@ def interface_vectors(run: Run) -> None:
     run.study.trained = train(solid, scene, moves, scenes)
 
 
-def modes(run: Run) -> None:
-    """Compute the component modes."""
+def modes(run: Run, modes_only: bool = False) -> None:
+    """Compute the component modes; those of a free body have the rigid ones without a basis."""
     from fenicsrom.reduction.modes import component_modes
 
-    set_modes(run, component_modes(run.study.solid, run.study.scene.basis))
+    body = run.study.solid
+    rigid = body.rigid if modes_only else None
+    set_modes(run, component_modes(body, run.study.scene.basis, rigid))
     check_size(run.study)
 
 
@@ -113,6 +114,8 @@ def check_size(study: Study) -> None:
 
 def contact_frequencies(run: Run) -> None:
     """Compute the natural frequencies of the body without contact and with all points stuck."""
+    import numpy as np
+
     from fenicsrom.online.contact.points import closed_springs, contacts_of, springs_of
     from fenicsrom.reduction.modes import contact_frequencies as found
 
@@ -122,7 +125,9 @@ def contact_frequencies(run: Run) -> None:
     springs = springs_of(contacts, d)
     if study.solid.joined:  # the others are in the factor already
         springs -= closed_springs(contacts, study.solid.contact_rows @ study.solid.equilibrium)
-    study.contact_hz = found(study.solid, springs, study.modes.omega.size)
+    rigid = study.modes.rigid
+    elastic = found(study.solid, springs, study.modes.omega.size - rigid)
+    study.contact_hz = np.concatenate([np.zeros((rigid, 2)), elastic])
 
 
 def set_modes(run: Run, found: ComponentModes) -> None:
@@ -243,8 +248,9 @@ def finer_elements(run: Run) -> None:
 
     def squares(solid: Solid) -> Array:
         assert study.modes is not None
-        modes = component_modes(solid, replace(options, modes=study.modes.omega.size))
-        return modes.omega**2
+        elastic = study.modes.omega.size - study.modes.rigid
+        rigid = solid.rigid if study.modes.rigid else None
+        return component_modes(solid, replace(options, modes=elastic), rigid).omega ** 2
 
     def reduce(solid: FinerSolid) -> None:
         if study.basis is not None:

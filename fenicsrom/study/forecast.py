@@ -72,7 +72,10 @@ def set_up(scene: Scene) -> Solid:
     with watch("mesh"):
         mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
     with watch("supports, loads and contacts"):
-        return solid_of(scene, mesh, UNDEFORMED, free=True)
+        solid = solid_of(scene, mesh, UNDEFORMED, free=True)
+    if not scene.static_only:
+        solid.require_small()
+    return solid
 
 
 def refusal_of(command: str, scene: Scene) -> str:

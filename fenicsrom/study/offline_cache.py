@@ -400,7 +400,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     assert run.mesh is not None
     with run.watch("solid"):
         known = KnownEquilibrium(run.study.solid.equilibrium, run.study.solid.unstable)
-        solid = solid_of(scene, run.mesh, known)
+        solid = solid_of(scene, run.mesh, known, free=True)
     if _fingerprint(solid) != body:
         raise AccuracyError(
             f"{scene.source}: the mesh differs from the one of the results in the cache; "

@@ -86,7 +86,8 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     stuck = Stage("contact frequencies", True, without, building.contact_frequencies)
     file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
     elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
-    solid = partial(building.solid, free=modes_only)
+    parts = building.solid, building.modes
+    solid, modes = (partial(part, modes_only=modes_only) for part in parts)
     return [
         Stage("mesh", True, file, building.mesh),
         Stage("solid", True, elements, solid, solid_parts(scene)),
@@ -96,7 +97,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             f"basis.masters is {basis.masters}",
             building.interface_vectors,
         ),
-        Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
+        Stage("modes", with_modes, which, modes, mode_parts(scene) if with_modes else ()),
         *([stuck] if modes_only and scene.contacts else []),
         Stage("linear transient", selecting, derivatives, building.linear_transient),
         Stage("nonlinear statics", statics, derivatives, building.nonlinear_statics),

@@ -63,12 +63,11 @@ def frequencies(table: dict[str, Any], folder: Path, count: int) -> tuple[Array,
     """The lowest elastic frequencies (count,) of a scene in Hz, and the mass along each axis."""
     scene = parse_scene(table, "measured", folder, unloaded=True)
     body = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), free=True)
-    rigid = body.free_motions.shape[1]
-    found = component_modes(body, Basis(modes=rigid + count, masters=4))
-    modes = found.normal[:, rigid:]
+    found = component_modes(body, Basis(modes=count, masters=4))
+    modes = found.normal
     along = [modes * axis[:, None] for axis in body.translations().T]
     shares = [np.diag(body.mass_inner(part, part)) for part in along]
-    return found.frequencies_hz[rigid:], np.array(shares).T
+    return found.frequencies_hz, np.array(shares).T
 
 
 def panel(cells: int) -> Array:

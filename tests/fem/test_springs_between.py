@@ -89,10 +89,11 @@ def test_two_free_masses_with_a_spring_have_one_frequency(tmp_path: Path) -> Non
 
     Reference: two free masses and a spring | closed form | 5.202 Hz | agrees | 1e-5
     """
-    free = component_modes(solid(rods(tmp_path, {"stiffness": 400.0}, supports=[])), Basis(modes=6))
+    body = solid(rods(tmp_path, {"stiffness": 400.0}, supports=[]))
     mass = DENSITY * AREA * np.array(LENGTHS)
-    assert free.rigid == 5
-    assert free.omega[5] == pytest.approx(np.sqrt(400.0 * np.sum(1.0 / mass)), rel=1e-5)
+    assert body.rigid.shape[1] == 5
+    omega = component_modes(body, Basis(modes=1)).omega[0]
+    assert omega == pytest.approx(np.sqrt(400.0 * np.sum(1.0 / mass)), rel=1e-5)
 
 
 DRIVE = {"group": "tip", "direction": [1.0, 0.0], "force": 3.0}

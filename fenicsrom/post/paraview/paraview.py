@@ -54,7 +54,7 @@ NORMALISATION = {
 def array_name(study: Study, kind: str, label: str) -> str:
     """Name of the array of a shape, with frequency and unit."""
     if kind == "normal_modes" and study.modes is not None:
-        frequency = study.modes.frequencies_hz[int(label.removesuffix("V")) - 1]
+        frequency = study.modes.frequencies_hz[study.modes.labels.index(label)]
         return f"{label}_{frequency:.5g}_Hz_per_sqrt_kg"
     if kind == "static_modes" and study.modes is not None:
         unit = "m_per_N" if study.modes.method == "rubin" else "m_per_m"
@@ -317,7 +317,7 @@ def shapes(study: Study) -> dict[str, dict[str, Any]]:
     kinds: dict[str, dict[str, Any]] = {"normal_modes": {}, "static_modes": {}, "derivatives": {}}
     if modes is not None:
         for k, label in enumerate(modes.labels):
-            kind = "normal_modes" if label.endswith("V") else "static_modes"
+            kind = "static_modes" if label.endswith("S") else "normal_modes"
             kinds[kind][label] = solid.field(modes.vectors[:, k])
     if study.derivatives is not None:
         for k, label in enumerate(study.derivatives.labels):

@@ -287,8 +287,8 @@ def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:
     """The titles of the shapes: the label, and the frequency of a normal mode."""
     titles = {label: label for label in labels}
     if study.modes is not None:
-        for k, frequency in enumerate(study.modes.frequencies_hz):
-            titles[f"{k + 1}V"] = f"{k + 1}V, {frequency:.5g} Hz"
+        for label, hertz in zip(study.modes.labels, study.modes.frequencies_hz, strict=False):
+            titles[label] = f"{label}, {hertz:.5g} Hz"
     return titles
 
 

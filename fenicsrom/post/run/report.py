@@ -551,10 +551,10 @@ def _of_study(study: Study) -> Iterator[Section]:
     """The tables of the stages of a scene."""
     alone = not study.motions  # the command `modes`
     if study.modes is not None:
-        hertz = enumerate(study.modes.frequencies_hz, 1)
+        hertz = zip(study.modes.labels, study.modes.frequencies_hz, strict=False)
         modes = table_of(
-            {"mode": f"{k}V", "frequency Hz": f"{f:.5g}" if k > study.modes.rigid else "0 (rigid)"}
-            for k, f in hertz
+            {"mode": label, "frequency Hz": "0 (rigid)" if label.endswith("R") else f"{f:.5g}"}
+            for label, f in hertz
         )
         yield Section("Modes", [modes], terminal=alone)
     if study.contact_hz is not None:

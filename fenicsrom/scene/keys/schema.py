@@ -553,7 +553,7 @@ class Scene:
         material: the material of cells that are in no group of `materials`.
         materials: materials of groups of cells.
         supports: where the body is held. `supports = []`, above all tables, leaves it
-            free or on its springs.
+            on its springs, or free: displacements then are relative to its rigid motions.
         attachments: concentrated masses, springs and dashpots.
         loads: what acts on the body: one action and one history.
         contacts: contact points.
