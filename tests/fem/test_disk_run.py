@@ -118,7 +118,8 @@ def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
     scene = sector_scene(tmp_path, N)
     sector, whole = sector_of(scene), disk_scene(scene)
     found = simulate(disk_model(sector, whole, np.zeros(N)), whole).displacement
-    model, p = sector.model, sector.joined(1).toarray()
+    model = sector.model
+    p = sector.of_disk(1, model.mass[None]).of_sectors(np.eye(model.size - sector.shapes))[0]
     none = np.zeros((0, 0))
     elastic = ElasticPolynomial(
         p.T @ model.elastic.force, p.T @ model.elastic.stiffness @ p, none, none

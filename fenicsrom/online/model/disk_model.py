@@ -23,20 +23,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy.sparse import csc_array, csr_array, diags_array, kron
-from scipy.sparse.linalg import splu
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.kernels.compilation import compiled
 from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
 from fenicsrom.online.model.loads import histories_of
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel, Tangent
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with
 from fenicsrom.scene import Load, Scene
-
-ORDERING = "MMD_AT_PLUS_A"
-"""SuperLU's order of elimination for a pattern that is symmetric: a third faster than its own."""
 
 
 class Sector(NamedTuple):
@@ -54,13 +52,9 @@ class Sector(NamedTuple):
     shapes: int
     neighbour: int
 
-    def joined(self, sectors: int) -> csr_array:
-        """P (N n, size) of (1)."""
-        n = self.model.size
-        own = np.arange(sectors * (n - self.shapes)).reshape(sectors, -1)
-        next_ones = np.roll(own[:, own.shape[1] - self.shapes :], -self.neighbour, axis=0)
-        places = np.concatenate([own, next_ones], axis=1).ravel()
-        return csr_array((np.ones(places.size), (np.arange(places.size), places)))
+    def of_disk(self, sectors: int, blocks: Array) -> CyclicMatrix:
+        """Pᵀ diag(A_0, A_1, ..) P of (1), of matrices (N or 1, n, n) of the sectors."""
+        return CyclicMatrix(sectors, blocks, self.shapes, self.neighbour)
 
     def wave_frequencies(self, h: int, sectors: int) -> Array:
         """Natural frequencies of the waves with h nodal diameters, ascending, Hz."""
@@ -78,26 +72,41 @@ class Sector(NamedTuple):
 
 @dataclass(eq=False)
 class DiskModel(DenseModel):
-    """A disk with the operations of a `ReducedModel`; its matrices are sparse.
+    """A disk with the operations of a `ReducedModel`; its matrices are a `CyclicMatrix`.
 
     Attributes:
         probes: (N d, n) rows that give the displacement of the probe of each sector in its frame.
+        forces: the elastic forces.
     """
 
     _: KW_ONLY
     probes: Array
+    forces: _Forces
+
+    def __post_init__(self) -> None:
+        """Begin without a factor; a contact row reaches few coordinates."""
+        super().__post_init__()
+        self._rows = csr_array(self.contact_rows)
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Tangent]:
+        """Mean force over a step and its derivative by dq."""
+        force, matrix, coefficient = self.forces.mean(q0, dq, points, weights)
+        return start_weight * start + force, Tangent(matrix, coefficient)
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force (n,) and energy."""
+        return self.forces.at(q)
 
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
-        """The inverse of a sparse matrix (n, n) times a block; NaN if the matrix is singular."""
-        try:
-            solve: Callable[[Array], Array] = splu(csc_array(matrix), ORDERING).solve
-        except (RuntimeError, ValueError):  # singular, or not finite
-            return lambda block: np.full(block.shape, np.nan)
+        """The inverse of a `CyclicMatrix` times a block (n, k); NaN if the matrix is singular."""
+        solve: Callable[[Array], Array] = matrix.inverse()
         return solve
 
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness."""
-        stiffness: Any = tangent.matrix  # sparse
+        stiffness: Any = tangent.matrix  # a CyclicMatrix
         return int(negative_eigenvalues(stiffness.toarray()))
 
     def displacements(self, coordinates: Array) -> Array:
@@ -115,26 +124,14 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         mistuning: (N,) relative changes δ of the stiffness of the sectors.
     """
     model, count = sector.model, mistuning.size
-    to_sectors, every = sector.joined(count), np.ones(count)
-
-    def of_disk(matrix: Array, factors: Array = every) -> csc_array:
-        each = kron(diags_array(factors), csr_array(matrix))
-        return csc_array(to_sectors.T @ each @ to_sectors)
+    factors = 1.0 + (mistuning if mistuning.any() else mistuning[:1])[:, None, None]
+    mass = sector.of_disk(count, model.mass[None])
+    forces = _Forces(sector, count, factors)
 
     def rows_of(rows: Array) -> Array:
-        return np.asarray((kron(diags_array(every), csr_array(rows)) @ to_sectors).toarray())
-
-    force = to_sectors.T @ np.tile(model.elastic.force, count)
-    stiffness = of_disk(model.elastic.stiffness, 1.0 + mistuning)
-    blades = _Blades(sector, 1.0 + mistuning)
-
-    def elastic(q: Array) -> tuple[Array, Any]:
-        linear = force + stiffness @ q
-        return (linear, stiffness) if blades.linear else blades.added(q, linear, stiffness)
-
-    def energy(q: Array) -> float:
-        linear = float((force + 0.5 * (stiffness @ q)) @ q)
-        return linear if blades.linear else linear + blades.terms(q)[2]
+        of_all = np.zeros((count, model.size, count, len(rows)))
+        of_all[np.arange(count), :, np.arange(count)] = rows.T
+        return mass.summed(of_all.reshape(count, model.size, -1)).T
 
     points = ContactPoints._make(
         np.concatenate([part] * count) if np.ndim(part) else part for part in model.points
@@ -143,13 +140,14 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     velocity: dict[str, Any] = {}
     if model.velocity_forces:  # mistuning changes the damping by stiffness only
         damping = 0.5 * (model.velocity_matrix + model.velocity_matrix.T)
-        turning = of_disk(model.velocity_matrix - damping)
-        velocity["velocity_matrix"] = of_disk(damping, 1.0 + mistuning) + turning
+        turning = model.velocity_matrix - damping
+        velocity["velocity_matrix"] = sector.of_disk(count, factors * damping + turning)
     return DiskModel(
-        mass=of_disk(model.mass),
+        mass=mass,  # type: ignore[arg-type]
         damping=model.damping,
-        elastic=elastic,
-        energy=energy,
+        elastic=lambda q: forces.mean(q, 0.0 * q, np.ones(1), np.ones(1))[:2],
+        energy=lambda q: forces.at(q)[1],
+        forces=forces,
         loads=rows_of(model.loads.T).T,
         load_histories=histories_of(scene.loads),
         points=points,
@@ -158,42 +156,89 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         probe=probes[:d],
         probe_offset=model.probe_offset,
         **velocity,
-        linear=blades.linear,
-        gauss_points=1 if blades.linear else 2,
+        linear=forces.linear,
+        gauss_points=1 if forces.linear else 2,
         probes=probes,
     )
 
 
-class _Blades:
-    """The nonlinear terms of the elastic forces of N sectors, in e coordinates η of each."""
+class _Forces:
+    """The elastic forces of N sectors, whose nonlinear terms are those of e coordinates η of each.
 
-    def __init__(self, sector: Sector, factors: Array):
-        """Find η of each sector in z; `factors` (N,) are 1 + δ."""
-        e = sector.interior.force.size
-        none = {"force": np.zeros(e), "stiffness": np.zeros((e, e))}
-        self._polynomial = sector.interior._replace(**none)
-        own = np.arange(factors.size * (e + sector.shapes)).reshape(factors.size, -1)
-        self._places, self._factors = own[:, :e], factors
-        self.linear = not sector.interior.cubic.size
+    Attributes:
+        linear: there are no such terms.
+    """
 
-    def terms(self, q: Array) -> tuple[Array, Array, float]:
-        """Forces (N, e), tangents (N, e, e) and energy at q."""
-        eta, energy = q[self._places], 0.0
-        forces, tangents = np.empty(eta.shape), np.empty((*eta.shape, eta.shape[1]))
-        for x, force, tangent, factor in zip(eta, forces, tangents, self._factors, strict=True):
-            energy += factor * elastic_force(self._polynomial, x, force, tangent)
-            force *= factor
-            tangent *= factor
-        return forces, tangents, float(energy)
+    def __init__(self, sector: Sector, sectors: int, factors: Array):
+        """Take 1 + δ of the sectors (N or 1, 1, 1)."""
+        elastic, interior = sector.model.elastic, sector.interior
+        self._stiffness = sector.of_disk(sectors, factors * elastic.stiffness)
+        every = np.broadcast_to(elastic.force, (sectors, sector.model.size))
+        self._force = self._stiffness.summed(every)
+        e = interior.force.size
+        self._polynomial = interior._replace(force=np.zeros(e), stiffness=np.zeros((e, e)))
+        self._columns = np.ascontiguousarray(interior.quadratic.T)
+        self._factors = np.ascontiguousarray(np.broadcast_to(factors[:, 0, 0], sectors))
+        self._copies = sectors // len(factors)
+        self.linear = not interior.cubic.size
 
-    def added(self, q: Array, force: Array, stiffness: csc_array) -> tuple[Array, csc_array]:
-        """A linear force and its stiffness with these terms at q."""
-        forces, tangents, _ = self.terms(q)
-        force[self._places] += forces
-        rows = np.broadcast_to(self._places[:, :, None], tangents.shape).ravel()
-        columns = np.broadcast_to(self._places[:, None, :], tangents.shape).ravel()
-        more = csc_array((tangents.ravel(), (rows, columns)), shape=stiffness.shape)
-        return force, stiffness + more
+    def _inside(self, q: Array) -> Array:
+        """η (N, e) in the coordinates of the disk, or of a force on them."""
+        return q.reshape(self._factors.size, -1)[:, : self._polynomial.force.size]
+
+    def mean(self, q0: Array, dq: Array, points: Array, weights: Array) -> tuple[Array, Any, float]:
+        """Mean force along a step, its derivative by dq (a `CyclicMatrix`) and its coefficient.
+
+        The arguments are those of `DenseModel.elastic_over_step`.
+        """
+        moved = float(points @ weights)
+        force = weights.sum() * self._force
+        force += self._stiffness @ (weights.sum() * q0 + moved * dq)
+        tangent = moved * self._stiffness
+        if not self.linear:
+            eta = self._inside(q0) + points[:, None, None] * self._inside(dq)
+            forces, tangents, _ = self._terms(eta, weights, weights * points)
+            self._inside(force)[:] += forces
+            e, blocks = forces.shape[1], np.repeat(tangent.blocks, self._copies, axis=0)
+            blocks[:, :e, :e] += tangents
+            tangent = replace(tangent, blocks=blocks)
+        return force, tangent, moved
+
+    def at(self, q: Array) -> tuple[Array, float]:
+        """Force and energy at q."""
+        pull = self._stiffness @ q
+        force, energy = self._force + pull, float((self._force + 0.5 * pull) @ q)
+        if not self.linear:
+            forces, _, more = self._terms(self._inside(q)[None].copy(), np.ones(1), np.zeros(1))
+            self._inside(force)[:] += forces
+            energy += more
+        return force, energy
+
+    def _terms(self, eta: Array, weights: Array, levers: Array) -> tuple[Array, Array, float]:
+        """Weighted forces (N, e), tangents (N, e, e) and the energy at points η (g, N, e)."""
+        forces, tangents = np.zeros(eta.shape[1:]), np.zeros((*eta.shape[1:], eta.shape[2]))
+        given = self._polynomial, self._columns, self._factors, eta, weights, levers
+        energy: float = _add_terms(*given, forces, tangents)
+        return forces, tangents, energy
+
+
+@compiled
+def _add_terms(elastic, columns, factors, eta, weights, levers, forces, tangents):  # type: ignore[no-untyped-def]
+    """Add weighted forces and tangents at η (g, N, e); returns the sum of the energies, J."""
+    e = eta.shape[2]
+    points, products = np.empty((1, e)), np.empty((3, 1, elastic.cubic.shape[0]))
+    force, tangent, energy = np.empty(e), np.empty((e, e)), 0.0
+    for g in range(weights.size):
+        for j in range(factors.size):
+            weight, lever = weights[g] * factors[j], levers[g] * factors[j]
+            energy += factors[j] * elastic_force_with(
+                elastic, columns, points, products, eta[g, j], force, tangent
+            )
+            for i in range(e):
+                forces[j, i] += weight * force[i]
+                for k in range(e):
+                    tangents[j, i, k] += lever * tangent[i, k]
+    return energy
 
 
 def disk_scene(scene: Scene) -> Scene:

@@ -216,6 +216,7 @@ class DenseModel:
         self.velocity_forces = self.velocity_matrix.size > 0
         if not self.velocity_forces:
             self.velocity_matrix = 0.0 * self.mass
+        self._rows: Any = self.contact_rows
         self._inverse: Callable[[Array], Array] | None = None
         self._key: tuple[float, float, float] | None = None
         self._response: tuple[Array, Array] | None = None  # Z and BᵀZ of a linear model
@@ -268,17 +269,19 @@ class DenseModel:
                 effective = effective + velocity_coefficient * self.velocity_matrix
             self._inverse, self._key, self._response = self.inverse(effective), key, None
         assert self._inverse is not None
-        y = self._inverse(-residual)
-        if self.linear and self._response is None:
+        if not self.linear:
+            solved = self._inverse(
+                np.concatenate([self.contact_rows[directions], -residual[None]]).T
+            )
+            unit = solved[:, :-1]
+            return solved[:, -1], unit, given_compliance(self._rows[directions] @ unit)
+        if self._response is None:
             unit = self._inverse(self.contact_rows.T)
-            self._response = unit, self.contact_rows @ unit
-        if self._response is not None:
-            unit, delassus = self._response
-            found = delassus[np.ix_(directions, directions)]
-            return y, unit[:, directions], given_compliance(found)
-        rows = self.contact_rows[directions]
-        unit = self._inverse(rows.T)
-        return y, unit, given_compliance(rows @ unit)
+            self._response = unit, self._rows @ unit
+        y, (unit, delassus) = self._inverse(-residual), self._response
+        if directions.size < len(delassus):
+            unit, delassus = unit[:, directions], delassus[np.ix_(directions, directions)]
+        return y, unit, given_compliance(delassus)
 
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
         """The inverse of a matrix (n, n) times a block (n, k); NaN if the matrix is singular."""
@@ -302,7 +305,7 @@ class DenseModel:
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""
-        return self.contact_offset + self.contact_rows @ q
+        return self.contact_offset + self._rows @ q
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""

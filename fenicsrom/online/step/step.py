@@ -371,9 +371,24 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     """Write the state to a row of the record."""
     s = state.scalars
     record.time[row] = s[TIME]
-    contact = state.contact
-    points, d = contact.x.shape
     copy_vector(record.probe[row], model.probe_displacement(state.q))
+    write_contact(contacts, state, record, row)
+    for k in range(6):
+        record.energies[row, k] = s[WORK + k]
+    if record.turning.shape[1] > 0:
+        model.write_momentum(s[TIME], state.q, state.v, record.turning[row])
+    if record.coordinates.shape[1] > 0:
+        n = state.q.size
+        copy_vector(record.coordinates[row, :n], state.q)
+        copy_vector(record.coordinates[row, n : 2 * n], state.v)
+        copy_vector(record.coordinates[row, 2 * n :], state.a)
+
+
+@kernel
+def write_contact(contacts, state, record, row):  # type: ignore[no-untyped-def]
+    """Write the contact points to a row of the record."""
+    s, contact = state.scalars, state.contact
+    points, d = contact.x.shape
     for p in range(points):
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]
@@ -393,15 +408,6 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
             record.mean_force[row, p, k] = state.trial.scratch.mean_force[p, k]
             if k > 0:
                 record.force[row, p, k] = contact.friction[p, k] - tilt * contact.normal[p, k]
-    for k in range(6):
-        record.energies[row, k] = s[WORK + k]
-    if record.turning.shape[1] > 0:
-        model.write_momentum(s[TIME], state.q, state.v, record.turning[row])
-    if record.coordinates.shape[1] > 0:
-        n = state.q.size
-        copy_vector(record.coordinates[row, :n], state.q)
-        copy_vector(record.coordinates[row, n : 2 * n], state.v)
-        copy_vector(record.coordinates[row, 2 * n :], state.a)
 
 
 @part

@@ -1,0 +1,39 @@
+"""Matrices of disks: products and inverses agree with full matrices."""
+
+import numpy as np
+import pytest
+
+from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
+
+M = 2
+
+
+@pytest.mark.parametrize("neighbour", [1, -1])
+@pytest.mark.parametrize(("sectors", "inside"), [(3, 3), (7, 3), (4, 0)])
+def test_matrix_of_sectors_agrees_with_the_full_one(
+    sectors: int, inside: int, neighbour: int
+) -> None:
+    rng, n = np.random.default_rng(1), inside + 2 * M
+    blocks = rng.standard_normal((sectors, n, n)) + 2.0 * n * np.eye(n)
+    matrix = CyclicMatrix(sectors, blocks, M, neighbour)
+    size = sectors * (n - M)
+    own = np.arange(size).reshape(sectors, -1)
+    wanted = np.zeros((size, size))
+    for j in range(sectors):
+        places = np.concatenate([own[j], own[(j + neighbour) % sectors][inside:]])
+        wanted[np.ix_(places, places)] += blocks[j]
+    np.testing.assert_allclose(matrix.toarray(), wanted, atol=1e-12)
+    z, block = rng.standard_normal(size), rng.standard_normal((size, 5))
+    np.testing.assert_allclose(matrix @ z, wanted @ z, rtol=1e-12, atol=1e-12)
+    inverse, given = matrix.inverse(), block.copy()
+    np.testing.assert_allclose(inverse(block), np.linalg.solve(wanted, block), atol=1e-13)
+    np.testing.assert_array_equal(block, given)
+    np.testing.assert_allclose(inverse(z), np.linalg.solve(wanted, z), atol=1e-13)
+    alike = CyclicMatrix(sectors, blocks[:1], M, neighbour)
+    several = CyclicMatrix(sectors, np.repeat(blocks[:1], sectors, axis=0), M, neighbour)
+    np.testing.assert_allclose(alike @ z, several @ z, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(alike.inverse()(z), several.inverse()(z), atol=1e-14)
+
+
+def test_inverse_of_a_singular_matrix_is_not_a_number() -> None:
+    assert np.isnan(CyclicMatrix(3, np.zeros((1, 6, 6)), M, 1).inverse()(np.ones(12))).all()
