@@ -76,7 +76,8 @@ def modes_table(scene: Scene) -> dict[str, Any]:
         k: v for k, v in table["basis"].items() if k in ("method", "modes", "masters")
     }
     table["loads"] = [_shape(load) for load in scene.loads]
-    table["contacts"] = [_frames(contact) for contact in scene.contacts]
+    keys = contact_keys(scene.joined)
+    table["contacts"] = [_frames(contact, keys) for contact in scene.contacts]
     if scene.basis.masters == "motion":
         table["trained"] = [model_table(scene), motion_table(scene)]
         table["trained"] += map(plain, (scene.damping, scene.backbone, scene.response))
@@ -140,9 +141,9 @@ def _shape(load: Load) -> Any:
     return {**(plain(load.place) or {}), **without_size, "varies": True}
 
 
-def _frames(contact: Contact) -> dict[str, Any]:
-    """The keys of a contact on which its points and their frames depend."""
-    table = _without(plain(contact), Contact, contact_keys(contact))
+def _frames(contact: Contact, keys: tuple[str, ...]) -> dict[str, Any]:
+    """The values of a contact on which its points and their frames depend, by these keys."""
+    table = _without(plain(contact), Contact, keys)
     if contact.surface is not None:
         table["surface"] = _without(table["surface"], Surface, SURFACE_KEYS)
     return table

@@ -1,7 +1,7 @@
 """The equilibrium of bodies that touch each other, and the springs of the points that are closed.
 
-The bodies are brought together without friction: with the springs of the closed points along the
-normals, and with soft springs along the tangents whose ends follow the points until they carry
+Bodies and walls are brought together without friction: with the springs of the closed points along
+the normals, and with soft springs along the tangents whose ends follow the points until they carry
 nothing. A body that contacts alone hold is then held in each solution. At the equilibrium the
 closed points stick, without a tangential force: their springs are part of the matrix from which
 modes, attachments and derivatives follow,
@@ -18,13 +18,14 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.body.elasticity import Joint
 from fenicsrom.fem.body.supports import free_motions
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import closed_springs, trial_forces
-from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.surfaces import PLANE, Contacts
+from fenicsrom.scene.base.rules import Where
 
 SOFT = 1e-6
 """Tangential springs of the search, relative to k_t: stiffer ones make their ends follow slowly."""
@@ -45,15 +46,20 @@ def sticking(body: Any, contacts: Contacts, x: Array, soft: float = 1.0) -> Join
     `soft` is a factor of the tangential springs.
     """
     d, reference, springs = body.dimension, x.copy(), closed_springs(contacts, x)
-    reference[::d] = contacts.radius - contacts.preload / contacts.normal_stiffness
+    reference[::d] -= trial_forces(contacts, x) / contacts.normal_stiffness
     springs[np.arange(springs.size) % d > 0] *= soft
     return Joint(body.contact_rows, springs, reference)
 
 
-def all_closed(body: Any, contacts: Contacts) -> Joint:
-    """All points closed, from which the search for the equilibrium starts."""
-    x = np.zeros(body.contact_rows.shape[0])
-    x[:: body.dimension] = contacts.radius + 1.0
+def all_closed(body: Any, contacts: Contacts, paired: Array) -> Joint:
+    """The points from which the search starts: those of the bodies, and of walls without a gap.
+
+    `paired` (P,) tells which points touch another body.
+    """
+    d, rows = body.dimension, body.contact_rows.shape[0]
+    x = np.zeros(rows)
+    closed = paired | ((trial_forces(contacts, x) >= 0.0) & (contacts.kind == PLANE))
+    x[::d] = np.where(closed, contacts.radius + 1.0, 0.0)
     return sticking(body, contacts, x, SOFT)
 
 
@@ -68,6 +74,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
     Raises:
         ConvergenceError: nothing presses on a piece that contacts hold, or no equilibrium was
             found.
+        SceneError: a round surface presses on a body.
     """
     rows, rest, load = body.contact_rows, np.zeros(body.local), body.static_load
     normal = np.arange(rows.shape[0]) % body.dimension == 0
@@ -95,12 +102,23 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
         else:
             raise ConvergenceError(_restless(shear > LEFT * pressed, shear), u)
         body.joint = sticking(body, contacts, x)
+        _require_planes(body, contacts, x)
         _note_slide(body, x)
         if bends:
             statics.finish(u, load)
         else:
             statics.renew(rest)
     return u
+
+
+def _require_planes(body: Any, contacts: Contacts, x: Array) -> None:
+    """Check that no round surface presses at x (m,); errors as `bring_together`."""
+    pressing = (trial_forces(contacts, x) > 0.0) & (contacts.kind != PLANE)
+    if pressing.any():
+        where = Where(body.source, f"contacts[{body.points.contact[np.argmax(pressing)]}].surface")
+        allowed = "must not press before the motion begins, with a contact against a region of the "
+        allowed += "body: give a gap, and an approach"
+        raise where.refuse("a table", allowed, ErrorKind.CONFLICT)
 
 
 def _restless(slides: bool, shear: float) -> str:

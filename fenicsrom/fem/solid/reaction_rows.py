@@ -164,7 +164,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
             turned = solid.inner(tests, frame.point_coriolis_times(vectors))
             velocity += frame.omega * (products(frame.coriolis(test, w), vectors) + turned)
     static = springs - centrifugal
-    static[:, 0] -= solid.inner(tests, solid.tension[:, None])[:, 0]
+    static[:, 0] -= solid.inner(tests, (solid.tension - solid.wall_force)[:, None])[:, 0]
     if (viscous := solid.viscous).acts:
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
         velocity += solid.inner(tests, viscous.dashpots @ vectors)

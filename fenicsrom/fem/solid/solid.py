@@ -140,7 +140,9 @@ class Solid(ElasticBody):
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
-            self.joint = all_closed(self, self._contacts)
+            against = np.array([contact.against is not None for contact in scene.contacts])
+            self._paired = against[self.points.contact]
+            self.joint = all_closed(self, self._contacts, self._paired)
             springs = csr_array(springs + self.joint.stiffness)
         linked = self.joined or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
@@ -399,6 +401,14 @@ class Solid(ElasticBody):
         return self._places.find(place, key)
 
     # ------------------------------------------------------------------ about the equilibrium
+
+    @property
+    def wall_force(self) -> Array:
+        """Force (local,) on rigid surfaces that bodies which touch press at rest, N."""
+        if self.joint is None:
+            return np.zeros(self.local)
+        pushed = self.joint.springs * (self.contact_rows @ self.equilibrium - self.joint.reference)
+        return np.asarray(self.contact_rows.T @ (pushed * ~np.repeat(self._paired, self.dimension)))
 
     @property
     def rest_force(self) -> Array:

@@ -11,10 +11,12 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.coating import coated, pressing_areas, rings_of
 from fenicsrom.online.contact.surfaces import (
     CYLINDER,
+    PLANE,
     SPHERE,
     Contacts,
     axes_of,
     history_of,
+    penetration,
     planes,
 )
 from fenicsrom.scene.base.rules import Where
@@ -171,15 +173,19 @@ def springs_of(contacts: Contacts, dimension: int) -> Array:
 
 
 def trial_forces(contacts: Contacts, x: Array) -> Array:
-    """The normal forces N₀ + k_n (x_n − g) (P,) of planes at displacements x (m,), N."""
-    normal = x.reshape(len(contacts.preload), -1)[:, 0]
-    return np.asarray(contacts.preload + contacts.normal_stiffness * (normal - contacts.radius))
+    """The normal forces N₀ + k_n δ (P,) at displacements x (m,) before the motion begins, N."""
+    at = x.reshape(len(contacts.preload), -1)
+    depth = at[:, 0] - contacts.radius
+    if contacts.times.size or np.any(contacts.kind != PLANE):
+        depth = np.array([penetration(contacts, p, here, 0.0) for p, here in enumerate(at)])
+    return np.asarray(contacts.preload + contacts.normal_stiffness * depth)
 
 
 def closed_springs(contacts: Contacts, x: Array) -> Array:
     """The springs k (m,) of the planes that press at displacements x (m,), else 0, N/m."""
     d = x.size // max(len(contacts.preload), 1)
-    return springs_of(contacts, d) * np.repeat(trial_forces(contacts, x) > 0.0, d)
+    closed = (trial_forces(contacts, x) > 0.0) & (contacts.kind == PLANE)
+    return springs_of(contacts, d) * np.repeat(closed, d)
 
 
 def _axes_of_waves(scene: Any, points: ContactPoints, contact: Any) -> Array:

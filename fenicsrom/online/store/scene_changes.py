@@ -2,22 +2,23 @@
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from typing import Any
 
 from fenicsrom.scene import Contact, Load, Scene
 
 # keys of a contact and of its surface on which the offline stages depend
 CONTACT_KEYS = ("place", "normal", "against", "surface")
-PAIR_KEYS = ("reach", "preload", "gap", "normal_stiffness", "tangential_stiffness")
+REST_KEYS = ("reach", "preload", "gap", "approach", "normal_stiffness", "tangential_stiffness")
 SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
 
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
 
 
-def contact_keys(contact: Contact) -> tuple[str, ...]:
-    """The keys of a contact on which the offline stages depend."""
-    return CONTACT_KEYS + (PAIR_KEYS if contact.against else ())
+def contact_keys(joined: bool) -> tuple[str, ...]:
+    """The keys of contacts on which the offline stages depend, those between bodies or not."""
+    return CONTACT_KEYS + (REST_KEYS if joined else ())
 
 
 def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
@@ -47,7 +48,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     names += " probe basis material"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
-    for table, changed in (("loads", _changed_load_key), ("contacts", _changed_contact_key)):
+    contact_key = partial(_changed_contact_key, contact_keys(made.joined))
+    for table, changed in (("loads", _changed_load_key), ("contacts", contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
         if len(ours) != len(theirs):
             return table
@@ -91,8 +93,8 @@ def _changed_load_key(made: Load, wanted: Load) -> str | None:
     return ": a static load" if (made.static or wanted.static) and made != wanted else None
 
 
-def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
-    names = [name for name in contact_keys(made) if name != "surface"]
+def _changed_contact_key(keys: Iterable[str], made: Contact, wanted: Contact) -> str | None:
+    names = [name for name in keys if name != "surface"]
     if (name := first_difference(made, wanted, names)) is not None:
         return f".{name}"
     if made.surface is None or wanted.surface is None:

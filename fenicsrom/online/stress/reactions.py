@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.points import closed_springs, contacts_of
+from fenicsrom.online.contact.points import closed_springs, contacts_of, trial_forces
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import has_contact
@@ -158,7 +158,7 @@ def support_names(scene: Scene) -> tuple[str, ...]:
 
 
 def equilibrium_reactions(table: ReactionTable, scene: Scene) -> Reactions:
-    """The reactions in the static equilibrium, without contact forces."""
+    """The reactions in the static equilibrium; only bodies that touch press on walls there."""
     none = np.zeros((1, table.mass.shape[2]))
     sizes = np.array([[load.size if load.static else 0.0 for load in scene.loads]])
     sizes = sizes.reshape(1, len(scene.loads))
@@ -192,9 +192,12 @@ def motion_reactions(table: ReactionTable, scene: Scene, model: Any, motion: Mot
         table.evaluate(law, middle + side * half, velocity, inertia, factor) for side in (-1.0, 1.0)
     ]
     values, total = (0.5 * (one + other) for one, other in zip(*ends, strict=True))
-    force = motion.mean_force[1 - time.size :]
-    if not scene.joined:  # bodies that touch push one another with equal forces
-        total = total + np.einsum("kpi,pix->kx", force, model.points.frame)
+    force = motion.mean_force[1 - time.size :].copy()
+    if scene.joined:  # bodies that touch push one another with equal forces
+        rest = trial_forces(contacts_of(scene, model.points), model.contact_offset)
+        force[:, :, 0] -= rest.clip(0.0)  # it is in the table
+        force[:, [scene.contacts[k].against is not None for k in model.points.contact]] = 0.0
+    total = total + np.einsum("kpi,pix->kx", force, model.points.frame)
     return Reactions(support_names(scene), 0.5 * (time[1:] + time[:-1]), values, total)
 
 

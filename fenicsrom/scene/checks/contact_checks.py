@@ -53,8 +53,6 @@ def joined_problems(scene: Scene) -> Problems:
         return
     why = "with a contact against a region of the body"
     for k, contact in enumerate(scene.contacts):
-        if contact.against is None:
-            yield Problem(f"contacts[{k}]", f"must have against {why}", value="a rigid surface")
         pair = {contact.place.group, contact.against}
         if None not in pair and pair in [
             {other.place.group, other.against} for other in scene.contacts[:k]
