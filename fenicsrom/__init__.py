@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion.measures import amplitudes, contact_fractions
     from fenicsrom.online.motion.motion import History, Motion, read_history
     from fenicsrom.online.run.simulate import simulate
-    from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+    from fenicsrom.online.store.archive import StoredModel, load_disk, load_model, save_model
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.post.base.page import Report
     from fenicsrom.post.reports import report
     from fenicsrom.post.run.pictures import view
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
     from fenicsrom.study import (
         backbone,
+        build_disk,
         build_model,
         campbell,
         compare,
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
         response,
         ringdown,
         run,
+        run_disk,
         stability,
         statics,
         sweep,
@@ -65,7 +68,8 @@ _MODULES = {
     "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
     "online.curves.solutions": ("Solutions", "follow"),
     "online.model.model": ("ReducedModel",),
-    "online.store.archive": ("StoredModel", "load_model", "save_model"),
+    "online.store.archive": ("StoredModel", "load_disk", "load_model", "save_model"),
+    "online.store.disk": ("StoredDisk",),
     "online.model.matrices": ("ModelArrays", "model_arrays"),
     "online.run.simulate": ("simulate",),
     "online.motion.motion": ("History", "Motion", "read_history"),
@@ -73,6 +77,7 @@ _MODULES = {
     "records": ("Study",),
     "study": (
         "backbone",
+        "build_disk",
         "build_model",
         "campbell",
         "compare",
@@ -81,6 +86,7 @@ _MODULES = {
         "response",
         "ringdown",
         "run",
+        "run_disk",
         "stability",
         "statics",
         "sweep",

@@ -94,7 +94,7 @@ def source(options: argparse.Namespace, unloaded: bool) -> tuple[Any, Any, Scene
         with importing():
             from fenicsrom.online.store import archive
             from fenicsrom.online.store import store as checkpoints
-        stored, checkpoint = archive.load_model(model), getattr(options, "resume", None)
+        stored, checkpoint = archive.load_stored(model), getattr(options, "resume", None)
         if options.name == "run" and checkpoint is not None:
             # the stopped run may have used another scene than the model
             stored = replace(stored, scene=checkpoints.load_scene(checkpoint))

@@ -11,7 +11,7 @@ both start from a `source`. `analyses` holds what needs no reduced model of its 
 
 from fenicsrom.study.analyses import campbell, compare, modes, nodal_diameters, stability, statics
 from fenicsrom.study.curves import backbone, interaction_map, response, ringdown
-from fenicsrom.study.execution import build_model, run
+from fenicsrom.study.execution import build_disk, build_model, run, run_disk
 from fenicsrom.study.forecast import forecast, refusal_of, require_usable, set_up
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import MISSING
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.rotation.disk_run import DiskRun
     from fenicsrom.fem.mesh.mesh import Mesh
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.records import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
@@ -90,14 +92,70 @@ def run(
 
 
 def _disk_motion(scene: Scene, comm: Any, folder: Any, stop: Any, mesh: Any) -> DiskRun:
-    """Integrate the disk of a sector. Collective; arguments and errors as `run`."""
-    from fenicsrom.assess.rotation.disk_run import disk_run
-    from fenicsrom.fem.mesh.mesh import build_mesh
+    """Integrate the disk of a sector, and keep its sector. Collective; errors as `run`."""
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
 
+    comm, watch = comm or all_ranks(), Stopwatch()
+    disk = build_disk(scene, mesh, comm, watch)
+    if folder is None or comm.rank > 0:
+        return run_disk(disk, watch=watch, stop=stop)
+    save_model(folder / MODEL, disk)
+    found = run_disk(disk, watch=watch, folder=folder, stop=stop)
+    found.files.append(folder / MODEL)
+    return found
+
+
+@starts_from(sectors=True)
+def build_disk(
+    scene: Scene, mesh: Mesh | None = None, comm: Any = None, watch: Stopwatch | None = None
+) -> StoredDisk:
+    """Reduce the sector of a disk, without integrating the disk. Collective.
+
+    Args:
+        scene: a scene with the table [cyclic].
+        mesh: the mesh of a sector; None makes or reads the mesh of the scene.
+        comm: MPI communicator; by default all ranks.
+        watch: times the stages.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: a stage failed.
+    """
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.fixed_sector import stored_disk
+
+    if scene.cyclic is None:
+        raise Where(scene.source, "cyclic").refuse(MISSING, "a disk needs this table")
     require_disk_run(scene)
-    comm = comm or all_ranks()
-    found = disk_run(scene, mesh or build_mesh(scene.geometry, comm), Stopwatch(), stop)
-    return written(found, folder, comm)
+    mesh = mesh or build_mesh(scene.geometry, comm or all_ranks())
+    return stored_disk(scene, mesh, watch or Stopwatch())
+
+
+@starts_from("StoredDisk", sectors=True)
+def run_disk(
+    disk: StoredDisk,
+    *,
+    folder: Path | None = None,
+    watch: Stopwatch | None = None,
+    stop: Callable[[], bool] = never,
+) -> DiskRun:
+    """Integrate a disk of reduced sectors, and write the files.
+
+    Args:
+        disk: the disk, under the scene of the run.
+        folder: folder of the output files; None writes no files.
+        watch: times the stages.
+        stop: called after each period; the run ends when it returns True.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError: the disk has no equilibrium.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.rotation.disk_run import disk_run
+
+    return written(disk_run(disk, watch or Stopwatch(), stop), folder)
 
 
 def offline(

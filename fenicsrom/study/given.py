@@ -5,6 +5,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.checks.checks import require_no_sector
 from fenicsrom.scene.checks.contact_checks import require_no_pairs
@@ -29,11 +30,14 @@ def starts_from(*more: str, pairs: bool = False, sectors: bool = False) -> Calla
         def called(given: Any, *args: Any, **named: Any) -> Any:
             if isinstance(given, str | Path):
                 given = read_scene(given)
-            if not isinstance(given, Scene) and type(given).__name__ not in more:
+            kind, command = type(given).__name__, COMMANDS.get(function.__name__, function.__name__)
+            if kind == "StoredDisk" and kind not in more:
+                text = f"not allowed in fenicsrom {command} as a stored disk; give its scene"
+                raise refuse(given.file or given.scene.source, text, ErrorKind.CONFLICT, "cyclic")
+            if not isinstance(given, Scene) and kind not in more:
                 allowed = " or ".join(["a Scene, the path of its file", *map("a {}".format, more)])
-                raise TypeError(f"{function.__name__}: {type(given).__name__}: must be {allowed}")
+                raise TypeError(f"{function.__name__}: {kind}: must be {allowed}")
             scene = given if isinstance(given, Scene) else given.scene
-            command = COMMANDS.get(function.__name__, function.__name__)
             if not pairs:
                 require_no_pairs(scene, command)
             if not sectors:

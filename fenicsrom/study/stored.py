@@ -6,10 +6,11 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Scene
 from fenicsrom.study import writing
-from fenicsrom.study.execution import build_model, execute, run
+from fenicsrom.study.execution import build_model, execute, run, run_disk
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.motions import checked, integrated
 from fenicsrom.study.stage import Run, Stage
@@ -18,12 +19,13 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 if TYPE_CHECKING:
     from fenicsrom.assess.rotation.disk_run import DiskRun
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.records import Rerun, Study
 
 
-@starts_from("StoredModel", pairs=True, sectors=True)
+@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
 def integrate(
-    given: Scene | StoredModel,
+    given: Scene | StoredModel | StoredDisk,
     comm: Any = None,
     *,
     folder: Path,
@@ -37,8 +39,14 @@ def integrate(
     Arguments and errors as `rerun` and `fenicsrom.study.execution.run`.
     """
     from fenicsrom.online.store.archive import save_model
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.post.base.origin import MODEL
 
+    if isinstance(given, StoredDisk):
+        if resume is not None:
+            source = given.scene.source
+            raise refuse(source, "not allowed with resume", ErrorKind.CONFLICT, "cyclic")
+        return run_disk(given, folder=folder, stop=stop)
     if not isinstance(given, Scene):
         return rerun(given, folder, resume=resume, stop=stop, given=keys)
     if given.speeds_rpm is None or given.cyclic is not None:

@@ -53,7 +53,8 @@ def sweep(
         SceneError: there is no key, or no run has a scene that can be used.
         OSError: a file cannot be written.
     """
-    from fenicsrom.online.store.archive import changed_scene, save_model
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.online.store.scene_changes import changed_scene
     from fenicsrom.post.base.origin import MODEL
 
     scene = scene_of(given)

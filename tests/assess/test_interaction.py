@@ -29,7 +29,8 @@ from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.motion.measures import lobes_of
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
-from fenicsrom.online.store.archive import StoredModel, changed_scene
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.post.base.tables import rows_of
 from fenicsrom.post.studies.interaction_report import quantities
 from fenicsrom.study.curves import LINES

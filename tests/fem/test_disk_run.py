@@ -16,11 +16,22 @@ pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
-from fenicsrom import build_solid, make_scene, run, simulate
+from fenicsrom import (
+    build_disk,
+    build_solid,
+    campbell,
+    load_disk,
+    load_model,
+    make_scene,
+    run,
+    run_disk,
+    simulate,
+)
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
+from fenicsrom.notes import NoteKind
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -83,7 +94,7 @@ def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     last = motion.last_period()
     moved, wanted = ((m.displacement - m.displacement[0])[last] for m in (found.motion, motion))
     assert np.linalg.norm(moved - wanted) < 2e-5 * np.linalg.norm(wanted)
-    assert found.motion.relative_imbalance < 1e-6 and found.wave_error[1] < 1e-5
+    assert found.motion.relative_imbalance < 1e-6 and found.disk.wave_error[1] < 1e-5
     # diameter 2 and, by friction, its odd multiples only
     assert found.shares[2] > 0.98 and found.shares[[1, 3]].max() < 1e-10
 
@@ -242,6 +253,38 @@ def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_pat
     assert np.abs(tuned - tuned.T).max() > 1e3  # N s/m, by the Coriolis force
     np.testing.assert_allclose(mistuned - mistuned.T, tuned - tuned.T, atol=1e-6)
     np.testing.assert_allclose(mistuned + mistuned.T, 1.25 * (tuned + tuned.T), atol=1e-6)
+
+
+def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
+    """Other loads, friction and mistuning need no mesh; other nodal diameters are told."""
+    scene, folder = sector_scene(tmp_path, 1, output={"pictures": False}), tmp_path / "out"
+    run(scene, MPI.COMM_SELF, folder=folder)
+    (tmp_path / "disk.vtk").unlink()
+    changes = {"loads.0.force": 2e3, "contacts.0.friction": 0.1, "contacts.0.preload": 2.0}
+    changes |= {"cyclic.mistuning": {"deviation": 0.01}}
+    disk = load_disk(folder / "reduced_model.npz")
+    found = run_disk(disk.with_overrides(changes), folder=tmp_path / "again")
+    assert found.warnings == disk.warnings and (tmp_path / "again" / "disk.csv").exists()
+    more = {"loads": [tables(1, range(1), force=2e3)["loads"][0]]}
+    more["contacts"] = [tables(1, range(1), preload=2.0)["contacts"][0] | {"friction": 0.1}]
+    more["cyclic"] = CYCLIC | {"mistuning": {"deviation": 0.01}}
+    wanted = run(sector_scene(tmp_path, 1, **more), MPI.COMM_SELF).motion.displacement
+    np.testing.assert_allclose(found.motion.displacement, wanted, atol=1e-9 * abs(wanted).max())
+    for key, value in (("cyclic.sectors", 7), ("rotation.speed_rpm", 1e3)):
+        with refusal(ErrorKind.MISMATCH, key=key.split(".")[0], names="cannot change"):
+            disk.with_overrides({key: value})
+    with refusal(ErrorKind.CONFLICT, key="cyclic", names="load_disk"):
+        load_model(folder / "reduced_model.npz")
+    with refusal(ErrorKind.CONFLICT, key="cyclic", names="not allowed in fenicsrom campbell"):
+        campbell(disk)
+
+
+def test_stored_disk_tells_loads_for_which_it_was_not_made(tmp_path: Path) -> None:
+    disk = replace(build_disk(sector_scene(tmp_path, 1)), diameters=(0, 1, 3))
+    known = len(disk.warnings)
+    faster = disk.with_overrides({"loads.0.engine_order": 2})
+    kinds = [note.kind for note in faster.warnings[known:]]
+    assert kinds == [NoteKind.UNCHECKED, NoteKind.BASIS]
 
 
 def test_wall_beside_the_axis_and_the_deck_of_a_sector_are_refused(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.store import archive
+from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.scene import Scene, parse_scene, read_scene, scene_heading, scene_table, toml_text
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.scene.reading.overrides import override_table
@@ -176,7 +176,7 @@ def test_override_of_a_stored_scene_is_in_its_units(
     extra = ("time.duration=1.0", "time.step=0.1") if impact else ()
     text = MM[: MM.index("[response]")] if impact else MM
     stored = scene(tmp_path, text)
-    found = archive.changed_scene(stored, [override, *extra])
+    found = changed_scene(stored, [override, *extra])
     assert numbers(found) == {
         **numbers(scene(tmp_path, text, override, *extra)),
         "title": found.title,

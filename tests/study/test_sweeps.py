@@ -21,7 +21,8 @@ from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.cli import main, starting
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.run.simulate import load_histories
-from fenicsrom.online.store.archive import StoredModel, changed_scene, load_model, save_model
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.post.studies import sweep_report
 from fenicsrom.scene.reading.overrides import make_axes

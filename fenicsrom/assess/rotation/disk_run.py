@@ -27,7 +27,7 @@ from fenicsrom.scene.keys.schema import Deviation, Scene
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh.mesh import Mesh
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.reduction.stages import Timer
 
 WAVE_ERROR = 0.01
@@ -40,14 +40,11 @@ class DiskRun:
     """The motion of a disk under a scene.
 
     Attributes:
-        scene: the scene of the sector.
-        model: the disk.
+        disk: the reduced sector and the scene.
+        model: the disk in time.
         mistuning: (N,) relative changes of the stiffness of the sectors.
         motion: the motion; up to a failure if there was one.
         tuned: the motion of the disk of equal sectors; None if the sectors are equal.
-        sentence: what was found of the cut faces.
-        shapes: number of shapes of a cut face.
-        wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the motion; None without one.
@@ -55,19 +52,21 @@ class DiskRun:
         files: the written files, the one to open first at the head.
     """
 
-    scene: Scene
+    disk: StoredDisk
     model: DiskModel
     mistuning: Array
     motion: Motion
     tuned: Motion | None = None
-    sentence: str
-    shapes: int
-    wave_error: tuple[int, float]
     seconds: float = 0.0
     warnings: list[Note] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
     interrupted: bool = False
     files: list[Path] = field(default_factory=list)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of a sector."""
+        return self.disk.scene
 
     @cached_property
     def displacement(self) -> Array:
@@ -116,31 +115,20 @@ def deviations(scene: Scene) -> Array:
     return np.zeros(count) if given is None else np.array(given)
 
 
-def disk_run(
-    scene: Scene, mesh: Mesh, timed: Timer, stop: Callable[[], bool] = lambda: False
-) -> DiskRun:
-    """Integrate the disk of a scene, and the tuned disk beside a mistuned one. Collective.
+def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: False) -> DiskRun:
+    """Integrate a disk, and the tuned disk beside a mistuned one.
 
     Args:
-        scene: a scene with the table [cyclic].
-        mesh: the mesh of a sector.
+        disk: the disk.
         timed: gives a context that times the stage of a name.
         stop: called after each period; the run ends when it returns True.
 
     Raises:
         SceneError: the scene cannot be used.
-        ConvergenceError, AccuracyError: a stage before the motion failed, or its first step.
+        ConvergenceError: there is no equilibrium.
     """
-    from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
-    from fenicsrom.fem.solid.solid import solid_of
-
-    begin = working_time()
-    with timed("solid"):
-        body = solid_of(scene, mesh)
-    assert body.cut is not None
-    sector = reduced_sector(body, scene, timed)
-    with timed("waves of the mesh"):
-        h, error = wave_error(body, scene, sector)
+    begin, scene, sector = working_time(), disk.scene, disk.sector
+    h, error = disk.wave_error
     whole, delta = disk_scene(scene), deviations(scene)
     model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
     with timed("disk motion"):
@@ -149,7 +137,7 @@ def disk_run(
         with timed("motion of the tuned disk"):
             equal = disk_model(sector, whole, np.zeros_like(delta))
             tuned = _motion(equal, whole, stop, ended)
-    warnings = [*body.warnings]
+    warnings = disk.warnings
     if error > WAVE_ERROR:
         text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
         text += f"{100.0 * error:.2g} %: raise basis.modes"
@@ -161,14 +149,11 @@ def disk_run(
         text += "time.periods"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return DiskRun(
-        scene=scene,
+        disk=disk,
         model=model,
         mistuning=delta,
         motion=motion,
         tuned=tuned,
-        sentence=body.cut.sentence,
-        shapes=sector.shapes,
-        wave_error=(h, error),
         seconds=working_time() - begin,
         warnings=warnings,
         **ended,

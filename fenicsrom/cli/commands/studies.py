@@ -143,7 +143,7 @@ def _compute(function: Callable[..., Any], unloaded: bool, options: argparse.Nam
     def variant(overrides: Sequence[str]) -> Scene:
         if options.scene is not None:
             return read_scene(options.scene, [*options.overrides, *overrides])
-        from fenicsrom.online.store.archive import changed_scene
+        from fenicsrom.online.store.scene_changes import changed_scene
 
         return changed_scene(scene, overrides, given.file)
 

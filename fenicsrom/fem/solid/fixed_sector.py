@@ -17,9 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from fenicsrom.fem.body.cyclic import Complex
-from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid
+from fenicsrom.fem.mesh.mesh import Mesh
+from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid, solid_of
 from fenicsrom.fem.solid.wave import wave
-from fenicsrom.online.model.disk_model import Sector
+from fenicsrom.notes import packed
+from fenicsrom.online.model.disk_model import Sector, load_diameters
+from fenicsrom.online.store.disk import StoredDisk
+from fenicsrom.online.store.store import provenance
 from fenicsrom.reduction.basis import project
 from fenicsrom.reduction.derivatives import all_pairs
 from fenicsrom.reduction.stages import Reduction, Timer
@@ -38,8 +42,34 @@ def wave_diameters(scene: Scene) -> list[int]:
     """The nodal diameters that shape the cut faces: 0, 1, 2, N/2, and those of the loads."""
     assert scene.cyclic is not None
     n = scene.cyclic.sectors
-    met = (load.order % n for load in scene.loads)
-    return sorted({0, 1, min(2, n // 2), n // 2, *(min(h, n - h) for h in met)})
+    return sorted({0, 1, min(2, n // 2), n // 2} | load_diameters(scene))
+
+
+def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
+    """Reduce the sector of a scene, and judge its waves. Collective; arguments and errors as below.
+
+    Args:
+        scene: a scene with the table [cyclic].
+        mesh: the mesh of a sector.
+        timed: gives a context that times the stage of a name.
+    """
+    with timed("solid"):
+        body = solid_of(scene, mesh)
+    assert body.cut is not None
+    sector = reduced_sector(body, scene, timed)
+    with timed("waves of the mesh"):
+        checked = wave_error(body, scene, sector)
+    return StoredDisk(
+        sector=sector,
+        scene=scene,
+        dofs=body.free,
+        diameters=tuple(wave_diameters(scene)),
+        wave_error=checked,
+        highest_hz=body.excitation,
+        sentence=body.cut.sentence,
+        notes=packed(body.warnings),
+        provenance=provenance(),
+    )
 
 
 def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:

@@ -241,6 +241,13 @@ def _add_terms(elastic, columns, factors, eta, weights, levers, forces, tangents
     return energy
 
 
+def load_diameters(scene: Scene) -> set[int]:
+    """The nodal diameters of the waves that the loads excite in a tuned disk."""
+    assert scene.cyclic is not None
+    n = scene.cyclic.sectors
+    return {min(load.order % n, -load.order % n) for load in scene.loads}
+
+
 def disk_scene(scene: Scene) -> Scene:
     """A scene with [cyclic] with the loads of all sectors, one sector after the other: (2)."""
     cyclic, rotation = scene.cyclic, scene.rotation

@@ -26,10 +26,11 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.surfaces import history_of, speed_history
+from fenicsrom.online.model.disk_model import Sector
 from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
@@ -38,13 +39,13 @@ from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
-from fenicsrom.online.store.scene_changes import changed_key, changed_path
+from fenicsrom.online.store.disk import StoredDisk
+from fenicsrom.online.store.scene_changes import changed_scene, require_same_model
 from fenicsrom.online.store.store import pack, unpack, without
 from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
 from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable
-from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.scene import Overrides, Scene, parse_scene, scene_table
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 10"
@@ -218,15 +219,7 @@ class StoredModel:
 
     def _with_scene(self, scene: Scene, source: str) -> StoredModel:
         """As `with_scene`; messages name this source of the scene."""
-        if (key := changed_key(self.scene, scene)) is not None:
-            path = changed_path(self.scene, scene)
-            raise SceneError(
-                f"{source}: {path} cannot change on a stored reduced model; run the scene "
-                "again, without --from",
-                kind=ErrorKind.MISMATCH,
-                key=key,
-                source=source,
-            )
+        require_same_model(self.scene, scene, source)
         changes: dict[str, Any] = {
             "load_histories": load_histories(scene),
             "damping": float(scene.material.mass_damping),
@@ -418,30 +411,8 @@ def require_size(scene: Scene, labels: Sequence[str], own: int) -> None:
     raise Where(scene.source, "basis.size").refuse(size, allowed)
 
 
-def changed_scene(
-    scene: Scene, overrides: Overrides, source: str = "", *, si: bool = False
-) -> Scene:
-    """A scene with other values, which its title names; its paths stay as they are.
-
-    Args:
-        scene: the scene.
-        overrides: as `StoredModel.with_overrides` takes them.
-        source: the file that messages name; by default that of the scene.
-        si: whether the values are in SI units, and not in those of the scene's [units].
-
-    Raises:
-        SceneError: an override is wrong.
-    """
-    source, overrides = source or scene.source, override_texts(overrides)
-    if not si:
-        overrides = [override_in_si(scene, override) for override in overrides]
-    changed = override_table(scene_table(scene), overrides, source)
-    found = parse_scene(titled(changed, overrides, scene.source), source, None)
-    return replace(found, source=scene.source)
-
-
-def save_model(path: Path, stored: StoredModel) -> None:
-    """Write a reduced model to a file that appears only when it is complete.
+def save_model(path: Path, stored: StoredModel | StoredDisk) -> None:
+    """Write a reduced model or a disk to a file that appears only when it is complete.
 
     Raises:
         OSError: the file cannot be written.
@@ -449,9 +420,12 @@ def save_model(path: Path, stored: StoredModel) -> None:
     write_archive(path, *model_contents(stored))
 
 
-def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]:
+def model_contents(stored: StoredModel | StoredDisk) -> tuple[dict[str, Any], dict[str, Any]]:
     """The header and the arrays of the file of a reduced model."""
-    kept = replace(stored, model=None) if stored.candidates else stored  # type: ignore[arg-type]
+    if isinstance(stored, StoredModel) and stored.candidates:
+        kept: Any = replace(stored, model=None)  # type: ignore[arg-type]
+    else:
+        kept = stored
     tree, arrays = pack(kept, FORMS, named=True)
     scene = {"source": stored.scene.source, "scene": scene_table(stored.scene)}
     return {"format": FORMAT, "tree": tree, **scene}, arrays
@@ -470,6 +444,7 @@ def _polynomial(cubic: Array, stiffness: Array, **others: Array) -> ElasticPolyn
 
 FORMS: dict[str, Callable[..., dict[str, Any]]] = {
     "StoredModel": without("scene", "file"),
+    "StoredDisk": without("scene", "file"),
     "ReducedModel": without("work", "load_histories"),
     "ElasticPolynomial": _with_unique_cubic,
     "StressTable": without("law"),
@@ -480,7 +455,8 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 def makers(scene: Scene) -> dict[str, Any]:
     """What makes the records of the fields that a file keeps, and of its scene."""
     plain = ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
-    return {kind.__name__: kind for kind in (*plain, RangeModel, RangeErrors, Trained)} | {
+    more = RangeModel, RangeErrors, Trained, Sector
+    return {kind.__name__: kind for kind in (*plain, *more)} | {
         "ElasticPolynomial": _polynomial,
         "ReducedModel": partial(reduced_model, load_histories=load_histories(scene)),
         "StressTable": partial(StressTable, StressLaw.of(scene)),
@@ -502,12 +478,44 @@ def load_model(path: Path) -> StoredModel:
         >>> stored.size, stored.frequencies_hz[:2].round(2).tolist()
         (9, [3.28, 20.58])
     """
+    found = load_stored(path)
+    if isinstance(found, StoredDisk):
+        reason = "holds a disk of sectors: fenicsrom run --from takes it, and load_disk"
+        raise refuse(path, reason, ErrorKind.CONFLICT, "cyclic")
+    return found
+
+
+def load_disk(path: Path) -> StoredDisk:
+    """Read a disk of reduced sectors.
+
+    Raises:
+        SceneError: the file is missing, damaged or of another format, or holds no disk.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> disk = fr.load_disk("out/disk.npz").with_overrides("loads.0.force=2.0")
+        >>> fr.run_disk(disk).peaks.shape
+        (24,)
+    """
+    found = load_stored(path)
+    if isinstance(found, StoredModel):
+        reason = "holds the model of a body, not of a disk: load_model reads it"
+        raise refuse(path, reason, ErrorKind.CONFLICT, "cyclic")
+    return found
+
+
+def load_stored(path: Path) -> StoredModel | StoredDisk:
+    """Read a reduced model, or a disk of reduced sectors.
+
+    Raises:
+        SceneError: the file is missing, damaged or of another format.
+    """
     with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
         return model_of_contents(path, header, data)
 
 
-def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) -> StoredModel:
-    """The reduced model of a header and arrays; `path` names their file in messages.
+def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) -> Any:
+    """The reduced model or disk of a header and arrays; `path` names their file in messages.
 
     Raises:
         SceneError: the scene in the header is wrong.
@@ -519,5 +527,5 @@ def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) 
         known = {"labels": labels, "candidates": candidates, "file": str(path), **others}
         return StoredModel(model, scene, **known)
 
-    found: StoredModel = unpack(header["tree"], data, {**makers(scene), "StoredModel": made})
-    return found
+    disk = partial(StoredDisk, scene=scene, file=str(path))
+    return unpack(header["tree"], data, {**makers(scene), "StoredModel": made, "StoredDisk": disk})

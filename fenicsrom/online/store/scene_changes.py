@@ -5,7 +5,18 @@ from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from typing import Any
 
-from fenicsrom.scene import Contact, Load, Scene
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import (
+    Contact,
+    Load,
+    Overrides,
+    Scene,
+    override_table,
+    parse_scene,
+    scene_table,
+    titled,
+)
+from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 
 # keys of a contact and of its surface on which the offline stages depend
 CONTACT_KEYS = ("place", "normal", "against", "surface")
@@ -41,11 +52,12 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, or None.
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
-    contact parameters and another time integration. The mesh file may be in another folder.
+    contact parameters and another time integration, and a disk another mistuning. The mesh file
+    may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
     names = "geometry geometrically_nonlinear materials supports attachments bolts rotation damping"
-    names += " probe basis material"
+    names += " probe basis material cyclic"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     contact_key = partial(_changed_contact_key, contact_keys(made.joined))
@@ -57,6 +69,45 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
             if (name := changed(*pair)) is not None:
                 return f"{table}[{k}]{name}"
     return None
+
+
+def require_same_model(made: Scene, wanted: Scene, source: str) -> None:
+    """Check that the model of a scene is that of another one.
+
+    Args:
+        made: the scene of the model.
+        wanted: the scene under which it shall run.
+        source: names that scene in messages.
+
+    Raises:
+        SceneError: the error names the first key of the offline stage that differs.
+    """
+    if (key := changed_key(made, wanted)) is not None:
+        reason = "cannot change on a stored reduced model; run the scene again, without --from"
+        text = f"{source}: {changed_path(made, wanted)} {reason}"
+        raise SceneError(text, kind=ErrorKind.MISMATCH, key=key, source=source)
+
+
+def changed_scene(
+    scene: Scene, overrides: Overrides, source: str = "", *, si: bool = False
+) -> Scene:
+    """A scene with other values, which its title names; its paths stay as they are.
+
+    Args:
+        scene: the scene.
+        overrides: as `StoredModel.with_overrides` takes them.
+        source: the file that messages name; by default that of the scene.
+        si: whether the values are in SI units, and not in those of the scene's [units].
+
+    Raises:
+        SceneError: an override is wrong.
+    """
+    source, overrides = source or scene.source, override_texts(overrides)
+    if not si:
+        overrides = [override_in_si(scene, override) for override in overrides]
+    changed = override_table(scene_table(scene), overrides, source)
+    found = parse_scene(titled(changed, overrides, scene.source), source, None)
+    return replace(found, source=scene.source)
 
 
 def shares_model(made: Scene, wanted: Scene) -> bool:
@@ -78,6 +129,9 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         geometry = replace(geometry, mesh=made.geometry.mesh)
     material = replace(wanted.material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
+    if made.cyclic is not None and wanted.cyclic is not None:
+        alike = replace(wanted.cyclic, mistuning=made.cyclic.mistuning)
+        found = replace(found, cyclic=alike)
     before, rotation = made.rotation, wanted.rotation
     if before is None or rotation is None or before.speeds_rpm is None:
         return found

@@ -50,13 +50,13 @@ def diameters(found: DiskRun) -> list[dict[str, float]]:
 
 def sentences(found: DiskRun) -> list[str]:
     """The results in sentences, for the terminal and the report."""
-    motion, peaks, shares = found.motion, found.peaks, found.shares
+    motion, peaks, shares, sector = found.motion, found.peaks, found.shares, found.disk.sector
     j, h = int(np.argmax(peaks)), int(np.argmax(shares))
-    checked, error = found.wave_error
+    checked, error = found.disk.wave_error
     span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
     lines = [
-        f"The mesh is {found.sentence}.",
-        f"{counted(found.model.mass.shape[0], 'coordinate')}, {found.shapes} shapes of each cut "
+        f"The mesh is {found.disk.sentence}.",
+        f"{counted(found.model.mass.shape[0], 'coordinate')}, {sector.shapes} shapes of each cut "
         f"face; {counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
         f"changes frequencies of waves with {counted(checked, 'nodal diameter')} by "
         f"{100.0 * error:.2g} %.",
@@ -86,9 +86,9 @@ def report(found: DiskRun) -> Report:
     summary = {
         "sectors": found.mistuning.size,
         "coordinates": found.model.mass.shape[0],
-        "shapes_of_a_cut_face": found.shapes,
-        "checked_nodal_diameter": found.wave_error[0],
-        "relative_frequency_error": found.wave_error[1],
+        "shapes_of_a_cut_face": found.disk.sector.shapes,
+        "checked_nodal_diameter": found.disk.wave_error[0],
+        "relative_frequency_error": found.disk.wave_error[1],
         "steps": motion.steps,
         "periods": motion.periods,
         "steady": motion.steady,

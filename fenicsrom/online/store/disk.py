@@ -1,0 +1,82 @@
+"""A disk of reduced sectors as a file holds it, which moves under other scenes without its mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from fenicsrom.notes import Note, NoteKind, unpacked
+from fenicsrom.online.model.disk_model import Sector, load_diameters
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.scene_changes import changed_scene, require_same_model
+from fenicsrom.scene import Overrides, Scene
+from fenicsrom.scene.checks.rotation_checks import require_disk_run
+from fenicsrom.scene.keys.excitation import highest_frequency
+from fenicsrom.words import brief, counted
+
+SLACK = 1.001
+"""A frequency that is higher by a smaller factor is the same one."""
+
+
+@brief("scene", "sentence", "dofs", "diameters", "file")
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class StoredDisk:
+    """A reduced sector with its scene.
+
+    Attributes:
+        sector: the sector.
+        scene: the scene from which it was made, or under which its disk moves.
+        dofs: number of free unknowns of the sector.
+        diameters: the nodal diameters that shape its cut faces.
+        wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
+        highest_hz: the highest frequency for which the modes were chosen.
+        sentence: what was found of the cut faces.
+        notes: notes on the sector, as `fenicsrom.notes.packed` gives them.
+        provenance: versions of the programs that made it, by name.
+        file: the file from which it was read, for messages; "" if there is none.
+    """
+
+    sector: Sector
+    scene: Scene
+    dofs: int
+    diameters: tuple[int, ...]
+    wave_error: tuple[int, float]
+    highest_hz: float
+    sentence: str
+    notes: list[list[str]] = field(default_factory=list)
+    provenance: dict[str, str] = field(default_factory=dict)
+    file: str = ""
+
+    def with_scene(self, scene: Scene) -> StoredDisk:
+        """The disk under the loads, contacts, mistuning and time integration of a scene.
+
+        Raises:
+            SceneError: the scene differs in a key of the offline stage, or no disk can move so.
+        """
+        return self._with_scene(scene, scene.source)
+
+    def with_overrides(self, overrides: Overrides) -> StoredDisk:
+        """The disk under its scene with other values, as `StoredModel.with_overrides`."""
+        source = self.file or self.scene.source
+        return self._with_scene(changed_scene(self.scene, overrides, source), source)
+
+    def _with_scene(self, scene: Scene, source: str) -> StoredDisk:
+        """As `with_scene`; messages name this source of the scene."""
+        require_same_model(self.scene, scene, source)
+        require_disk_run(scene)
+        damping, histories = float(scene.material.mass_damping), load_histories(scene)
+        model = self.sector.model._replace(damping=damping, load_histories=histories)
+        return replace(self, scene=scene, sector=self.sector._replace(model=model))
+
+    @property
+    def warnings(self) -> list[Note]:
+        """Notes on the sector, and on loads for which it was not made."""
+        found = unpacked(self.notes)
+        if other := sorted(load_diameters(self.scene) - set(self.diameters)):
+            text = f"the sector was not made for waves with {counted(other[0], 'nodal diameter')}: "
+            text += "run the scene again, without --from, to judge their frequencies"
+            found.append(Note(NoteKind.UNCHECKED, text, "loads"))
+        if highest_frequency(self.scene) > SLACK * self.highest_hz:
+            text = f"the modes of the sector were chosen for loads up to {self.highest_hz:.4g} Hz: "
+            text += "run the scene again, without --from"
+            found.append(Note(NoteKind.BASIS, text, "loads"))
+        return found
