@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Overrides
 
 
-@starts_from()
+@starts_from(pairs=True)
 def statics(
     scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
 ) -> EquilibriumPath:

@@ -38,7 +38,9 @@ def found() -> EquilibriumPath:
     for factor, along, negative, kind in listed:
         probe = np.array([0.1 * along, along])
         deformed = Deformation(1.0 + 50.0 * along, np.zeros(2), 1.0 + 50.0 * along, 1.1)
-        path.points.append(Equilibrium(factor, probe, abs(along), negative, 1e-12, deformed, kind))
+        free = np.zeros(0, np.int8), np.zeros((0, 2))
+        given = factor, probe, abs(along), negative, 1e-12, deformed, *free
+        path.points.append(Equilibrium(*given, kind=kind))
     return path
 
 

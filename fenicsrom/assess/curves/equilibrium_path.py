@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import MeshCheck, of_solid
-from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.assess.errors.plausibility import slides, strain_warnings
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, job_error, refuse
 from fenicsrom.notes import STABILITY, Note, NoteKind
+from fenicsrom.online.contact.state import OPEN, SLIP
 from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
@@ -45,6 +47,9 @@ class Equilibrium:
         residual: length of Newton's correction with the exact tangent there, relative to the
             displacement and the load.
         deformation: extremes of the deformation at the quadrature points.
+        states: (P,) OPEN, SLIP or STICK of the contact points.
+        contact: (P, d) their displacements, m.
+        dissipated: what friction dissipated on the path up to the last ordinary point, J.
         kind: "" of an ordinary point, else "limit point" or "bifurcation".
     """
 
@@ -54,7 +59,20 @@ class Equilibrium:
     negative_pivots: int
     residual: float
     deformation: Deformation
+    states: NDArray[np.int8]
+    contact: Array
+    dissipated: float = 0.0
     kind: str = ""
+
+    @property
+    def closed(self) -> int:
+        """Number of closed contact points."""
+        return int(np.sum(self.states != OPEN))
+
+    @property
+    def slipping(self) -> int:
+        """Number of contact points that slip."""
+        return int(np.sum(self.states == SLIP))
 
 
 @brief()
@@ -119,9 +137,13 @@ def varied_loads(scene: Scene) -> list[int]:
     if not scene.geometrically_nonlinear:
         reason = "false: must be true, because a linear path is a straight line"
         raise refuse(scene.source, reason, ErrorKind.CONFLICT, "geometrically_nonlinear")
-    if scene.contacts:
-        reason = "not allowed: the path is that of the body without contacts"
+    if scene.contacts and not scene.joined:
+        reason = "not allowed without a contact between bodies: the path is that of the body alone"
         raise refuse(scene.source, reason, ErrorKind.CONFLICT, "contacts")
+    for k, contact in enumerate(scene.contacts):
+        if contact.abradable is not None:
+            reason = "not allowed: a layer wears in a motion"
+            raise refuse(scene.source, reason, ErrorKind.CONFLICT, f"contacts[{k}].abradable")
     return found
 
 
@@ -162,11 +184,12 @@ def equilibrium_path(
         follower = PathFollower(body, sizes, lowest, table.last)
         _follow(follower, body, found, stop, visit)
         if follower.equations.asymmetry > SYMMETRIC:
-            text = (
-                "the follower pressures have no potential: the tangent stiffness is not "
-                "symmetric, and the negative pivots, which tell stable from unstable equilibria, "
-                "are those of its symmetric part"
-            )
+            text = "the follower pressures have no potential: the tangent stiffness is not "
+            text += "symmetric, and the negative pivots, which tell stable from unstable "
+            text += "equilibria, are those of its symmetric part"
+            if scene.joined:
+                text = "contact points slip: the negative pivots, which tell stable from unstable "
+                text += "equilibria, are those with the friction forces held constant"
             found.warnings.append(Note(NoteKind.WARNING, text, quantity=STABILITY))
     except Exception as error:
         if comm.size > 1 and not isinstance(error, ConvergenceError):
@@ -175,7 +198,7 @@ def equilibrium_path(
         found.unfinished = ConvergenceError(f"statics: {job_error(error)}{_where(found)}")
     except KeyboardInterrupt:
         found.interrupted = True
-    if not found.interrupted:
+    if not found.interrupted and not scene.joined:
         found.mesh_check = of_solid(
             _without(scene, varied),
             body,
@@ -189,6 +212,9 @@ def equilibrium_path(
             for point in found.points
         ]
     )
+    moved = np.array([point.contact for point in found.points])
+    closed = np.array([point.states != OPEN for point in found.points])
+    found.warnings += slides(moved, closed, body.points, scene) if found.points else []
     found.seconds = working_time() - begin
     return found
 
@@ -241,6 +267,9 @@ def _follow(
                 point.negative,
                 point.residual,
                 body_deformation(body, found.scene, point.displacement),
+                point.states,
+                (body.contact_rows @ point.displacement).reshape(-1, body.dimension),
+                follower.equations.contact.dissipated if follower.equations.contact else 0.0,
                 point.kind,
             )
         )

@@ -7,6 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from fenicsrom.arrays import Array
@@ -259,19 +260,29 @@ def _of_motion(
                 f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
                 "back: check the gap, the normal and the loads, and their units ([units])"
             )
-        if scene.contacts[k].against is not None:
-            yield from _slides(motion, points, k)
+    yield from slides(motion.displacement, motion.force[:, :, 0] > 0.0, points, scene)
 
 
-def _slides(motion: Motion, points: ContactPoints, number: int) -> Iterator[Note]:
-    """A sentence if the points of a contact between bodies slide past their neighbours."""
+def slides(
+    displacement: Array, closed: NDArray[np.bool_], points: ContactPoints, scene: Scene
+) -> Iterator[Note]:
+    """A sentence on each contact between bodies whose points slide past their neighbours.
+
+    Args:
+        displacement: (ns, P, d) displacements of the contact points, m.
+        closed: (ns, P) whether they are closed.
+        points: the points.
+        scene: their scene.
+    """
     from scipy.spatial import cKDTree
 
-    mine = np.flatnonzero(points.contact == number)
-    x, moved = points.position[mine], motion.displacement[:, mine, 1:]
-    apart = np.median(cKDTree(x).query(x, 2)[0][:, 1])  # infinite for one point
-    slide = np.linalg.norm(moved - moved[0], axis=2) * (motion.force[:, mine, 0] > 0.0)
-    if (far := float(slide.max())) > apart:
+    for number in (k for k, contact in enumerate(scene.contacts) if contact.against is not None):
+        mine = np.flatnonzero(points.contact == number)
+        x, moved = points.position[mine], displacement[:, mine, 1:]
+        apart = np.median(cKDTree(x).query(x, 2)[0][:, 1])  # infinite for one point
+        slide = np.linalg.norm(moved - moved[0], axis=2) * closed[:, mine]
+        if (far := float(slide.max())) <= apart:
+            continue
         text = (
             f"the points of contacts[{number}] slide by up to {1e3 * far:.3g} mm, and stand "
             f"{1e3 * apart:.3g} mm apart: they stay opposite the places where they were at the "

@@ -77,6 +77,10 @@ class Joint(NamedTuple):
         """B k Bᵀ, sparse (local, local)."""
         return csr_array(self.rows.T @ diags_array(self.springs) @ self.rows)
 
+    def tangent(self, u: Array, symmetric: bool) -> csr_array:
+        """The derivative of `force`, sparse (local, local); it is the same at all u (local,)."""
+        return self.stiffness
+
 
 CHUNK_BYTES = 50e6
 """Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
@@ -109,7 +113,8 @@ class ElasticBody:
         inertia: the matrices of inertia forces.
         couplings: sparse, symmetric (local, local) stiffness of springs and bolts, N/m.
         tension: (local,) force of the bolts on the undeformed body, N.
-        joint: contacts between bodies as springs, in `residual` and `tangent` only; None without.
+        joint: contacts between bodies as springs (on a path of equilibria, with friction), in
+            `residual` and `tangent` only; None without.
         room: sparse (local, local); the tangent has its entries besides those of the forms; None.
         point_masses: (local,) concentrated mass at each unknown, kg.
         mass: M.
@@ -163,7 +168,7 @@ class ElasticBody:
         self.cut = None if scene.cyclic is None else CutFaces(self, scene.cyclic)
         self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
         self.dashpots = self.couplings.copy()
-        self.joint: Joint | None = None
+        self.joint: Any = None
         self.room: csr_array | None = None
         self.point_masses = np.zeros(self.local)
         self._compile_forms()
@@ -353,7 +358,8 @@ class ElasticBody:
             u: (local,).
             matrix: a matrix that is overwritten; a new one by default.
             change: (local,) the last change of u gives the mixed tangent (5).
-            symmetric: take the symmetric part of the tangent of the static follower pressures.
+            symmetric: take the symmetric part of the tangent of the static follower pressures, and
+                constant limits of friction.
             joined: add the springs of the `joint`.
         """
         self.set_field(self._u, u)
@@ -367,7 +373,7 @@ class ElasticBody:
         self._change.x.array[:] = 0.0
         add_entries(matrix, self.couplings)
         if joined and self.joint is not None:
-            add_entries(matrix, self.joint.stiffness)
+            add_entries(matrix, self.joint.tangent(u, symmetric))
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         factors = self.pressures.part * self.pressures.static

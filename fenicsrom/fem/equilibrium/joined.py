@@ -15,6 +15,8 @@ from contextlib import closing
 from typing import Any
 
 import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
@@ -23,7 +25,14 @@ from fenicsrom.fem.body.elasticity import Joint
 from fenicsrom.fem.body.supports import free_motions
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.contact.law import at_rest, commit_all, forces_at
 from fenicsrom.online.contact.points import closed_springs, trial_forces
+from fenicsrom.online.contact.state import (
+    ContactStep,
+    Interval,
+    contact_scratch,
+    zero_contact_state,
+)
 from fenicsrom.online.contact.surfaces import PLANE, Contacts
 from fenicsrom.scene.base.rules import Where
 
@@ -38,6 +47,60 @@ SLIDE = 1e-3
 
 CHANGES = 60
 """Largest number of solutions until the closed points are known."""
+
+
+class Rubbing:
+    """The contacts of bodies along a path of equilibria: a joint whose points open, slip or stick.
+
+    Between two equilibria of the path the points move on straight lines: the sliders follow at each
+    equilibrium (`hold`), as at the end of a time step.
+
+    Attributes:
+        dissipated: what friction dissipated up to the last equilibrium, J.
+    """
+
+    dissipated = 0.0
+
+    def __init__(self, rows: csr_array, contacts: Contacts, u: Array):
+        """Begin with points that carry no friction at a displacement u (local,)."""
+        count, d = contacts.axes.shape[:2]
+        self._rows, self._shape = rows, (count, d)
+        states = [zero_contact_state(count, d) for _ in range(2)]
+        scratch, x = contact_scratch(count, d), self._displacement(u)
+        at_rest(contacts, x, x, 0.0, states[0], scratch)
+        self._step = ContactStep(contacts, Interval(0.0, 0.0, 0.0, False), *states, scratch)
+
+    def _displacement(self, u: Array) -> Array:
+        return np.ascontiguousarray((self._rows @ u).reshape(self._shape))
+
+    def force(self, u: Array) -> Array:
+        """The force (local,) at a displacement u (local,), N."""
+        forces_at(self._step, self._displacement(u))
+        return np.asarray(self._rows.T @ self._step.scratch.mean_force.ravel())
+
+    def tangent(self, u: Array, symmetric: bool) -> csr_array:
+        """The derivative of `force`, sparse (local, local).
+
+        With constant limits of friction it is symmetric.
+        """
+        forces_at(self._step, self._displacement(u))
+        blocks, numbers = self._step.scratch.force_derivative.copy(), np.arange(self._shape[0] + 1)
+        if symmetric:
+            blocks[:, 1:, 0] = blocks[:, 0, 1:]
+        law = scipy.sparse.bsr_array((blocks, numbers[:-1], numbers))
+        return csr_array(self._rows.T @ law @ self._rows)
+
+    def states(self, u: Array) -> NDArray[np.int8]:
+        """The states (P,) of the points at a displacement u (local,): OPEN, SLIP or STICK."""
+        forces_at(self._step, self._displacement(u))
+        return self._step.scratch.mode.copy()
+
+    def hold(self, u: Array) -> None:
+        """Let the sliders follow to an equilibrium u (local,) of the path."""
+        forces_at(self._step, self._displacement(u))
+        self.dissipated += commit_all(self._step)
+        for before, after in zip(self._step.start, self._step.end, strict=True):
+            before[:] = after
 
 
 def sticking(body: Any, contacts: Contacts, x: Array, soft: float = 1.0) -> Joint:

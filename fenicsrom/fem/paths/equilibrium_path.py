@@ -7,6 +7,9 @@ The equilibria u(λ) of
 with the tangent stiffness K = ∂r/∂u form a curve in (u, λ), which is followed through limit points,
 where λ turns back. Follower pressures are parts of p₀ and p that depend on u. Under them K may not
 be symmetric (`fem.body.loads`); the negative pivots are then those of its symmetric part.
+
+The points of bodies that touch open, slip and stick; their sliders follow at each equilibrium. The
+path may turn there at once, in a short step. Negative pivots are those with constant friction.
 Lengths are those of
 
     |(du, dλ)|² = |du|² / size² + dλ² / scale².    (2)
@@ -32,6 +35,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -50,6 +54,7 @@ class PathEquations:
 
     Attributes:
         slope: (local,) K⁻¹ p with the factor.
+        contact: the contacts of bodies that touch, or None.
         asymmetry: largest size of the part of K that is not symmetric, by its action on the slope,
             relative to the stiffness against p at the start.
     """
@@ -69,7 +74,8 @@ class PathEquations:
         self._body, dead, numbers = body, sizes.copy(), body.pressures.numbers
         dead[numbers] = 0.0
         self._constant, self._varied = body.pressures.static.copy(), sizes[numbers]
-        symmetric = not (np.any(self._constant) or np.any(self._varied))
+        self.contact = body.let_rub()
+        symmetric = not (np.any(self._constant) or np.any(self._varied) or self.contact)
         self._force = body.load_vectors @ dead
         matrix = body.tangent(body.equilibrium, symmetric=False)
         self._factor = Factorisation(matrix, "fenicsrom_path", symmetric, counting=symmetric)
@@ -130,6 +136,10 @@ class PathEquations:
             self._soft /= size
         return self._counter.negative_pivots, 1.0 / size
 
+    def states(self, y: Array) -> NDArray[np.int8]:
+        """The states (P,) of the contact points at y (local + 1,); none without contact."""
+        return self.contact.states(y[:-1]) if self.contact else np.zeros(0, np.int8)
+
     def _set_factor(self, y: Array) -> None:
         """Make the follower pressures of the body those at λ."""
         self._body.pressures.static = self._constant + y[-1] * self._varied
@@ -163,6 +173,9 @@ path would miss what happens on it."""
 
 STRAIGHT = 0.97
 """Least cosine of the angle between the tangents of two neighbours."""
+
+KINK = 1e-3
+"""A step is so short where the path may turn at once, as a contact point opens, closes or slips."""
 
 AWAY = 0.1
 """Longest correction of a guess, in parts of the step."""
@@ -201,6 +214,7 @@ class PathPoint:
         negative: number of negative pivots of K.
         softness: size of the eigenvalue of K nearest to zero, N/m.
         residual: length (2) of the last correction, with the exact tangent of the equations (1).
+        states: (P,) OPEN, SLIP or STICK of the contact points.
         kind: "" of an ordinary point, else `LIMIT_POINT` or `BIFURCATION`.
     """
 
@@ -209,6 +223,7 @@ class PathPoint:
     negative: int
     softness: float
     residual: float
+    states: NDArray[np.int8]
     kind: str = ""
 
     @property
@@ -220,6 +235,11 @@ class PathPoint:
     def displacement(self) -> Array:
         """Displacement u (local,), m."""
         return self.y[:-1]
+
+
+def _has_kink(a: PathPoint, b: PathPoint) -> bool:
+    """Whether a contact point opens, closes, slips or sticks between two points of the path."""
+    return not np.array_equal(a.states, b.states)
 
 
 class PathFollower:
@@ -259,13 +279,13 @@ class PathFollower:
             ConvergenceError: the first point was not found, or no step leads on from a point.
         """
         here = self._start()
-        before, step = None, FIRST_STEP
+        before, step, first = None, FIRST_STEP, True
         yield here
         while not self.reason:
             self._measure(here)
             guess = self._guess(before, here, step)
             found = self._next(here, guess, step)
-            if before is None and found is not None and self._shorten(here, found):
+            if first and found is not None and self._shorten(here, found):
                 continue
             ends = found is not None and not self._lowest <= found.load_factor <= self._last
             if found is not None and ends:
@@ -277,13 +297,15 @@ class PathFollower:
                     raise ConvergenceError("no step along the path converged")
                 continue
             yield from special
+            if self.equations.contact:
+                self.equations.contact.hold(found.displacement)
             if ends:
                 self.reason = "end of the range"
             yield found
             away = self._length(found.y - guess) / step
             step *= float(np.clip((AIM / max(away, 1e-12)) ** (1.0 / 3.0), 0.5, 2.0))
             step = min(step, LARGEST_STEP)
-            before, here = here, found
+            first, before, here = False, None if _has_kink(here, found) else here, found
 
     # ------------------------------------------------------------------ lengths
 
@@ -349,10 +371,11 @@ class PathFollower:
         """The point near a guess (local + 1,), or None to ask for a shorter step."""
         tangent = self._unit(here.tangent)
         found = self._correct(guess, tangent, tangent)
-        if found is None or self._length(found.y - guess) > AWAY * step:
-            return None
+        if found is None or (step <= KINK and _has_kink(here, found)):
+            return found
         turn = self._dot(self._unit(found.tangent), tangent)
-        return found if turn >= STRAIGHT else None
+        straight = turn >= STRAIGHT and self._length(found.y - guess) <= AWAY * step
+        return found if straight else None
 
     def _end(self, here: PathPoint, beyond: PathPoint) -> PathPoint | None:
         """The point on the bound of the range between two points; None if it is not found."""
@@ -405,7 +428,8 @@ class PathFollower:
             return None
         tangent = self._unit(np.append(self.equations.slope, 1.0))
         tangent *= np.sign(self._dot(tangent, ahead)) or 1.0
-        return PathPoint(y + correction, tangent, *counted, residual)
+        y = y + correction
+        return PathPoint(y, tangent, *counted, residual, self.equations.states(y))
 
     def _correction(self, y: Array, guess: Array, along: Array) -> Array:
         """The correction (3) (local + 1,) at y (local + 1,)."""

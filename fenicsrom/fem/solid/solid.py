@@ -30,7 +30,7 @@ from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.body.supports import free_motions, loose, pieces_apart
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
-from fenicsrom.fem.equilibrium.joined import all_closed, bring_together, sticking
+from fenicsrom.fem.equilibrium.joined import Rubbing, all_closed, bring_together, sticking
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
@@ -212,6 +212,15 @@ class Solid(ElasticBody):
             found = found + rows.T @ rows
         inside = found.nnz == np.count_nonzero(found.diagonal())
         return None if inside else csr_array(found)
+
+    def let_rub(self) -> Rubbing | None:
+        """Let the contacts of bodies that touch open, slip and stick from the equilibrium on."""
+        if self.joint is not None:
+            d, rows = self.dimension, abs(self.contact_rows)
+            of_points = scipy.sparse.kron(np.eye(rows.shape[0] // d), np.ones((d, d))) @ rows
+            self.room = csr_array(self.room + rows.T @ of_points)
+            self.joint = Rubbing(self.contact_rows, self._contacts, self.equilibrium)
+        return self.joint
 
     def _find_free_motions(self, scene: Scene, springs: csr_array) -> None:
         """Find the rigid motions that neither supports nor springs (local, local) hold.

@@ -381,6 +381,24 @@ def contact_energy(contacts: Contacts, here: ContactState) -> float:
 
 
 @compiled
+def forces_at(step: ContactStep, x: Array) -> None:
+    """Write the forces of points at x (P, d), and their derivatives, to `scratch`."""
+    for p in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            step.end.x[p, k] = x[p, k]
+        contact_force(step, p)
+
+
+@compiled
+def commit_all(step: ContactStep) -> float:
+    """Write the state of all points at the end of a step; returns what friction dissipates, J."""
+    spent = 0.0
+    for p in range(step.end.x.shape[0]):
+        spent += commit_contact_state(step, p)[0]
+    return spent
+
+
+@compiled
 def at_rest(
     contacts: Contacts,
     x: Array,

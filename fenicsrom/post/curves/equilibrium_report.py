@@ -28,6 +28,13 @@ ENDS = {
 FACTOR = Quantity("load_factor", head="load factor", digits=7)
 
 
+CONTACT = [
+    Quantity("closed_points", "closed", "closed points"),
+    Quantity("slipping_points", "slipping", "slipping points"),
+    Quantity("friction_dissipation_J", "dissipated", "friction dissipates, J", 4),
+]
+
+
 def quantities(found: EquilibriumPath) -> list[Quantity]:
     """What is told of each equilibrium."""
     probe = components("probe_{}_m", "probe", "xyz"[: found.points[0].probe.size])
@@ -41,6 +48,7 @@ def quantities(found: EquilibriumPath) -> list[Quantity]:
         Quantity("smallest_volume_ratio", "deformation.volume_ratio"),
         Quantity("smallest_stretch", "deformation.smallest_stretch"),
         Quantity("largest_stretch", "deformation.largest_stretch"),
+        *(CONTACT if found.scene.joined else []),
     ]
 
 
@@ -79,6 +87,11 @@ def sentences(found: EquilibriumPath) -> list[str]:
         ENDS[found.reason],
         *filter(None, [found.mesh_check.sentence()]),
     ]
+    if found.scene.joined:
+        lines.append(
+            f"There {counted(last.closed, 'contact point')} touched, of which {last.slipping} "
+            f"slipped; friction dissipated {last.dissipated:.4g} J up to there."
+        )
     if not found.special:
         lines.append("It has no limit point and no bifurcation up to there.")
         return lines
@@ -114,7 +127,8 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
             ),
             *more,
         ],
-        quantities=[DEFLECTION, STABILITY],
+        quantities=[STABILITY] if found.scene.joined else [DEFLECTION, STABILITY],
+        unjudged=[DEFLECTION] if found.scene.joined else [],
     )
 
 

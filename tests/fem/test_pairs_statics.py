@@ -1,0 +1,85 @@
+"""Paths of equilibria of bodies that touch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from support import assert_tangent
+from test_pairs import COARSE, PAIR, bars, forces, lap, solid
+
+import fenicsrom as fr
+from fenicsrom.online.contact.state import OPEN, SLIP, STICK
+from fenicsrom.scene import Load, Scene
+
+
+def pulled(load: float, friction: float, *contacts: Any) -> Scene:
+    """The lap joint whose tip a static force lifts."""
+    return lap(
+        geometry=COARSE,
+        contacts=[PAIR | {"friction": friction}, *contacts],
+        loads=[{"group": "tip", "direction": [0, 1], "force": load}],
+        probe={"group": "tip"},
+        time={"duration": 1.0, "step": 0.1},
+    )
+
+
+@pytest.mark.parametrize(
+    ("rigid", "moved", "loss"),
+    [(False, 4.925484186e-6, 9.988785433e-4), (True, 3.484267291e-6, 2.077023044e-3)],
+    ids=["two bars", "one bar"],
+)
+def test_bars_that_a_growing_force_pulls_slip_as_the_closed_form_says(
+    tmp_path: Path, rigid: bool, moved: float, loss: float
+) -> None:
+    """Reference: two bars and one pulled from rest: displacement, friction | closed form |
+    4.92548, 3.48427 µm; 0.249720, 0.519256 mJ | 0.07, 0.29 %; 0.5, 0.07 % | 0.4 %; 1 %
+
+    The loop of a period has four times the friction (Masing).
+    """
+    scene = bars(tmp_path / "bars.vtu", rigid)
+    pull = Load.of(group="1 high x", direction=[1.0, 0.0], force=594.0)
+    found = fr.statics(replace(scene, loads=(pull,), geometrically_nonlinear=True), MPI.COMM_SELF)
+    last = found.points[-1]
+    assert (found.reason, found.unfinished, found.special) == ("end of the range", None, [])
+    assert last.probe[0] == pytest.approx(moved, rel=4e-3)
+    assert 4.0 * last.dissipated == pytest.approx(loss, rel=1e-2)
+    assert 30 <= last.slipping < last.closed == 41
+
+
+def test_path_without_friction_ends_in_the_equilibrium_under_the_load() -> None:
+    """Points open and close on the way; the solid finds its closed points without a path."""
+    scene = pulled(60.0, friction=0.0)
+    last, body = fr.statics(scene, MPI.COMM_SELF).points[-1], solid(scene)
+    np.testing.assert_allclose(last.probe, body.probe_rows @ body.equilibrium, atol=7e-11)
+    assert last.closed == np.sum(forces(body) > 0.0) != 6  # 6 at the start
+    assert last.dissipated == 0.0
+
+
+def test_path_turns_at_once_where_the_body_meets_a_wall() -> None:
+    stop = {"node": [0.5, 0.02], "normal": [0.0, 1.0], "gap": 2e-3, "friction": 0.2}
+    stop |= {"normal_stiffness": 1e7, "tangential_stiffness": 1e7}
+    found = fr.statics(pulled(60.0, 0.3, stop), MPI.COMM_SELF)
+    met = next(point for point in found.points if point.states[-1] != OPEN)
+    last = found.points[-1]
+    force = 1e7 * (last.contact[-1, 0] - 2e-3)
+    assert force == pytest.approx(60.0 * (1.0 - met.load_factor), rel=3e-2)  # the stop is stiff
+    assert found.reason == "end of the range" and not found.special
+    assert found.points[0].dissipated < met.dissipated < last.dissipated < 1.1 * met.dissipated
+
+
+def test_tangent_of_contacts_on_a_path_is_the_derivative_of_their_force() -> None:
+    """Points stick and slip; those at the corner of the law are left out."""
+    body = solid(pulled(60.0, 0.3))
+    joint, moved = body.let_rub(), 1e-7 * np.random.default_rng(0).standard_normal(body.local)
+    u = body.equilibrium + moved
+    assert {*joint.states(u)} == {OPEN, SLIP, STICK}
+    matrix = joint.tangent(u, symmetric=False)
+    assert_tangent(joint.force, lambda u: joint.tangent(u, False).toarray(), u, step=1e-10)
+    with_limits = joint.tangent(u, symmetric=True)
+    assert abs(with_limits - with_limits.T).max() < 1e-9 * abs(matrix).max()
+    assert abs(with_limits - matrix).max() > 1e-3 * abs(matrix).max()
