@@ -155,7 +155,12 @@ def run_disk(
     """
     from fenicsrom.assess.rotation.disk_run import disk_run
 
-    return written(disk_run(disk, watch or Stopwatch(), stop), folder)
+    found = written(disk_run(disk, watch or Stopwatch(), stop), folder)
+    if folder is not None and disk.scene.output.motion:
+        from fenicsrom.post.paraview.disk_motion import write_disk_motion
+
+        found.files += write_disk_motion(found, folder)
+    return found
 
 
 def offline(

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.spatial import cKDTree
 
 pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
+pytest.importorskip("pyvista")
+import pyvista
 from mpi4py import MPI
 
 from fenicsrom import (
@@ -29,12 +32,14 @@ from fenicsrom import (
 )
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.deck import scene_deck
+from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
 from fenicsrom.notes import NoteKind
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
 from tests.support import refusal
@@ -97,6 +102,42 @@ def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     assert found.motion.relative_imbalance < 1e-6 and found.disk.wave_error[1] < 1e-5
     # diameter 2 and, by friction, its odd multiples only
     assert found.shares[2] > 0.98 and found.shares[[1, 3]].max() < 1e-10
+
+
+def test_stresses_and_displacements_of_sectors_are_those_of_the_whole_disk(tmp_path: Path) -> None:
+    """The file for ParaView at the last instant, its contents beside the full model."""
+    folder = tmp_path / "out"
+    output = {"stresses": "cauchy", "motion": True, "pictures": False}
+    more = {"loads": tables(2, range(1))["loads"], "contacts": [], "damping": {"stiffness": 5e-6}}
+    more |= {"probe": {"nearest": RIM[0, :2].tolist()}, "output": output, "basis": {"modes": 24}}
+    found = run(sector_scene(tmp_path, 2, **more), MPI.COMM_SELF, folder=folder)
+    assert all(
+        any(file.match(name) for name in RESULTS) for file in found.files if file.parent == folder
+    )
+    given = tables(2, range(N)) | {"contacts": [], "probe": more["probe"]}
+    whole = scene_of(tmp_path, *copied(*ring(), N), rotation=spinning(2), **given)
+    body = build_solid(whole, MPI.COMM_SELF)
+    motion = simulate(full_model(body), whole, keep_coordinates=True)
+    table = stress_table(body, whole, body.equilibrium + motion.coordinates[-1], np.zeros((0, 0)))
+    wanted = von_mises(table.stress(np.zeros(0), "cauchy"))
+    assert found.motion.coordinates is not None and found.disk.table is not None
+    q = found.model.sector_coordinates(found.motion.coordinates[-1:])[:, 0]
+    stress = von_mises(found.disk.table.stress(q, "cauchy"))
+    np.testing.assert_allclose(np.sort(stress.ravel()), np.sort(wanted), atol=2e-3 * wanted.max())
+    last = pyvista.read(sorted((folder / "motion").glob("*.vtu"))[-1])
+    near = cKDTree(table.vertex_position).query(last.points[:, :2])
+    moved, size = table.vertex_displacement[0], abs(table.vertex_displacement[0]).max()
+    assert near[0].max() < 1e-6
+    np.testing.assert_allclose(last["displacement_m"][:, :2], moved[near[1]], atol=1e-3 * size)
+    rows = np.genfromtxt(folder / "stresses.csv", delimiter=",", names=True, dtype=None)
+    assert len(rows) == N + 1 and rows["von_mises_Pa"].max() >= last["von_mises_Pa"].max() * 0.999
+    named = found.disk.with_overrides({"output.sectors": [4]})
+    again = run_disk(named, folder=tmp_path / "one")
+    assert [peak.state for peak in again.peaks_of_stress] == ["equilibrium", "sector 4"]
+    few = pyvista.read(sorted((tmp_path / "one" / "motion").glob("*.vtu"))[-1])
+    assert few.n_cells == last.n_cells // N and set(few["sector"]) == {4}
+    with refusal(ErrorKind.RANGE, key="output.sectors", names="below 6"):
+        found.disk.with_overrides({"output.sectors": [6]})
 
 
 @pytest.mark.slow
@@ -233,7 +274,7 @@ def test_mistuned_run_reports_amplification_and_shares(
     ("key", "more"),
     [
         ("damping.ratios", {"damping": {"ratios": 0.01}}),
-        ("output.stresses", {"output": {"stresses": "cauchy"}}),
+        ("output.animation", {"output": {"animation": True}}),
     ],
 )
 def test_run_of_a_disk_refuses_what_it_cannot_do(

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.plausibility import strain_warnings
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
 from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
 from fenicsrom.online.motion.motion import Interrupted, Motion, attempted, check_energy
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.stress.reactions import Peak, equilibrium_peak, largest_row, peak
+from fenicsrom.online.stress.stress import StressTable, deformation_at, extremes
 from fenicsrom.progress import working_time
 from fenicsrom.scene.keys.schema import Deviation, Scene
 from fenicsrom.words import brief, counted
@@ -45,6 +48,8 @@ class DiskRun:
         mistuning: (N,) relative changes of the stiffness of the sectors.
         motion: the motion; up to a failure if there was one.
         tuned: the motion of the disk of equal sectors; None if the sectors are equal.
+        peaks_of_stress: largest stresses in the equilibrium, and of each chosen sector over the
+            last period, at places of the first sector.
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the motion; None without one.
@@ -57,6 +62,7 @@ class DiskRun:
     mistuning: Array
     motion: Motion
     tuned: Motion | None = None
+    peaks_of_stress: list[Peak] = field(default_factory=list)
     seconds: float = 0.0
     warnings: list[Note] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
@@ -67,6 +73,12 @@ class DiskRun:
     def scene(self) -> Scene:
         """The scene of a sector."""
         return self.disk.scene
+
+    @property
+    def chosen(self) -> list[int]:
+        """The sectors whose stresses and displacements are wanted."""
+        wanted = self.scene.output.sectors
+        return [*range(self.mistuning.size)] if isinstance(wanted, str) else sorted(set(wanted))
 
     @cached_property
     def displacement(self) -> Array:
@@ -106,6 +118,21 @@ class DiskRun:
         return np.asarray(folded / max(float(parts.sum()), 1e-300))
 
 
+def _peaks(table: StressTable, scene: Scene, model: DiskModel, motion: Motion) -> list[Peak]:
+    """The largest stresses in the equilibrium, and of the chosen sectors over the last period."""
+    time, coordinates = motion.coordinate_time, motion.coordinates
+    assert coordinates is not None and time is not None
+    measure, wanted = scene.output.stresses, scene.output.sectors
+    found, every = [equilibrium_peak(table, measure)], model.sector_coordinates(coordinates)
+    for j in range(len(every)):
+        q: Array = every[j]
+        if wanted == "all" or j in wanted:
+            row = largest_row(table, q, measure)
+            stress = table.stress(q[row], measure)
+            found.append(peak(table, stress, f"sector {j}", q[row], float(time[row])))
+    return found
+
+
 def deviations(scene: Scene) -> Array:
     """The relative changes (N,) of the stiffness of the sectors."""
     assert scene.cyclic is not None
@@ -138,6 +165,17 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
             equal = disk_model(sector, whole, np.zeros_like(delta))
             tuned = _motion(equal, whole, stop, ended)
     warnings = disk.warnings
+    table, peaks = disk.table, list[Peak]()
+    if table is not None and scene.output.stresses != "none":
+        with timed("stresses"):
+            peaks = _peaks(table, scene, model, motion)
+        deformed = extremes([deformation_at(table, each.coordinates) for each in peaks])
+        warnings += strain_warnings([("the motion", deformed)])
+    elif scene.output.stresses != "none" or (scene.output.motion and table is None):
+        key = "output.motion" if scene.output.stresses == "none" else "output.stresses"
+        text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
+        text += "the scene again, without --from"
+        warnings.append(Note(NoteKind.LEFT_OUT, text, key))
     if error > WAVE_ERROR:
         text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
         text += f"{100.0 * error:.2g} %: raise basis.modes"
@@ -154,6 +192,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         mistuning=delta,
         motion=motion,
         tuned=tuned,
+        peaks_of_stress=peaks,
         seconds=working_time() - begin,
         warnings=warnings,
         **ended,

@@ -16,7 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.fem.body.cyclic import Complex
+from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import Mesh
 from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid, solid_of
 from fenicsrom.fem.solid.wave import wave
@@ -56,9 +58,13 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
     with timed("solid"):
         body = solid_of(scene, mesh)
     assert body.cut is not None
-    sector = reduced_sector(body, scene, timed)
+    sector, vectors = _reduced(body, scene, timed)
     with timed("waves of the mesh"):
         checked = wave_error(body, scene, sector)
+    table = None
+    if scene.output.stresses != "none" or scene.output.motion:
+        with timed("stress points"):
+            table = stress_table(body, scene, body.equilibrium, vectors)
     return StoredDisk(
         sector=sector,
         scene=scene,
@@ -67,6 +73,7 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
         wave_error=checked,
         highest_hz=body.excitation,
         sentence=body.cut.sentence,
+        table=table,
         notes=packed(body.warnings),
         provenance=provenance(),
     )
@@ -84,6 +91,11 @@ def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
         SceneError: the cut faces meet on the axis.
         ConvergenceError, AccuracyError: the modes were not found.
     """
+    return _reduced(sector, scene, timed)[0]
+
+
+def _reduced(sector: Solid, scene: Scene, timed: Timer) -> tuple[Sector, Array]:
+    """The reduced sector, and the displacements (local, n) of its coordinates. Collective."""
     cut, cyclic = sector.cut, scene.cyclic
     assert cut is not None and cyclic is not None
     with timed("waves"):
@@ -106,7 +118,7 @@ def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
         whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
         model = project(sector, whole, nonlinear=False)
     interior.destroy()
-    return Sector(model, own, shapes.shape[1], cut.neighbour)
+    return Sector(model, own, shapes.shape[1], cut.neighbour), whole.vectors
 
 
 def wave_error(body: Solid, scene: Scene, sector: Sector) -> tuple[int, float]:

@@ -109,6 +109,11 @@ class DiskModel(DenseModel):
         stiffness: Any = tangent.matrix  # a CyclicMatrix
         return int(negative_eigenvalues(stiffness.toarray()))
 
+    def sector_coordinates(self, coordinates: Array) -> Array:
+        """Coordinates q (N, k, n) of the sectors, for coordinates (k, size) of the disk."""
+        mass: Any = self.mass  # a CyclicMatrix
+        return np.asarray(mass.of_sectors(coordinates.T).transpose(0, 2, 1))
+
     def displacements(self, coordinates: Array) -> Array:
         """Displacements (k, N, d) of the probes in the frames of their sectors, m."""
         moved = coordinates @ self.probes.T

@@ -490,12 +490,6 @@ def load_disk(path: Path) -> StoredDisk:
 
     Raises:
         SceneError: the file is missing, damaged or of another format, or holds no disk.
-
-    Example:
-        >>> import fenicsrom as fr
-        >>> disk = fr.load_disk("out/disk.npz").with_overrides("loads.0.force=2.0")
-        >>> fr.run_disk(disk).peaks.shape
-        (24,)
     """
     found = load_stored(path)
     if isinstance(found, StoredModel):

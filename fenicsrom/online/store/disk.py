@@ -8,6 +8,7 @@ from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.scene_changes import changed_scene, require_same_model
+from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.scene import Overrides, Scene
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.scene.keys.excitation import highest_frequency
@@ -30,6 +31,8 @@ class StoredDisk:
         wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
         highest_hz: the highest frequency for which the modes were chosen.
         sentence: what was found of the cut faces.
+        table: the stresses and displacements of the sector by its coordinates; None if the scene
+            asks for neither.
         notes: notes on the sector, as `fenicsrom.notes.packed` gives them.
         provenance: versions of the programs that made it, by name.
         file: the file from which it was read, for messages; "" if there is none.
@@ -42,6 +45,7 @@ class StoredDisk:
     wave_error: tuple[int, float]
     highest_hz: float
     sentence: str
+    table: StressTable | None = None
     notes: list[list[str]] = field(default_factory=list)
     provenance: dict[str, str] = field(default_factory=dict)
     file: str = ""

@@ -370,7 +370,7 @@ def motion_peaks(table: StressTable, motion: Motion, measure: str) -> tuple[Peak
     assert q is not None and time is not None
     recorded = slice(motion.time.size - time.size, motion.time.size)
     state = LAST_PERIOD if motion.period is not None else WHOLE_MOTION
-    rows = {state: _largest_row(table, q, measure)}
+    rows = {state: largest_row(table, q, measure)}
     moved = np.linalg.norm(motion.displacement[recorded, 0], axis=1)
     rows["largest displacement"] = int(np.argmax(moved))
     if has_contact(motion) and np.any(motion.force[recorded, :, 0] > 0.0):
@@ -381,7 +381,7 @@ def motion_peaks(table: StressTable, motion: Motion, measure: str) -> tuple[Peak
     )
 
 
-def _largest_row(table: StressTable, q: Array, measure: str) -> int:
+def largest_row(table: StressTable, q: Array, measure: str) -> int:
     """The row of the coordinates (k, n) with the largest von Mises stress at a vertex."""
     size = table.gradients[0].nbytes
     rows = max(1, int(CHUNK_BYTES / size))

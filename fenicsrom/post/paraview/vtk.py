@@ -317,16 +317,18 @@ LINEAR_CELLS: dict[tuple[int, int], tuple[int, tuple[int, ...]]] = {
     (1, 2): (3, (0, 1)),
     (2, 3): (5, (0, 1, 2)),
     (2, 4): (9, (0, 1, 3, 2)),
+    (3, 4): (10, (0, 1, 2, 3)),
+    (3, 8): (12, (0, 1, 3, 2, 4, 5, 7, 6)),
 }
 
 
 def linear_grid(points: Values, cells: Values, dimension: int) -> Grid:
-    """The grid of lines or faces whose corners are in the order of dolfinx.
+    """The grid of lines, faces or cells whose corners are in the order of dolfinx.
 
     Args:
         points: (n_points, d) m.
         cells: (n_cells, corners) point numbers.
-        dimension: dimension of the cells, 1 or 2.
+        dimension: dimension of the cells.
     """
     cell_type, order = LINEAR_CELLS[dimension, cells.shape[1]]
     return Grid(in_space(points), cells[:, order], cell_type)

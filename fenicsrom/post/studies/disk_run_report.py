@@ -6,17 +6,22 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.disk_run import DiskRun
-from fenicsrom.notes import AMPLITUDES, DISSIPATION, FREQUENCIES
+from fenicsrom.notes import AMPLITUDES, DISSIPATION, FREQUENCIES, STRESSES
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
 from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
+from fenicsrom.post.body.body_figures import shape_figure
+from fenicsrom.post.paraview.disk_motion import moved_disk
+from fenicsrom.post.run.summary import RECOVERY_NOTE, STRESSES_FILE, stress_rows, stress_table
 from fenicsrom.words import counted
 
 NAMED = 14
 """Most sectors whose curves have names."""
+
+NO_REACTIONS = "The reactions of the supports of a disk are not found."
 
 STYLES = ("-", "--")
 
@@ -75,7 +80,18 @@ def sentences(found: DiskRun) -> list[str]:
             f"all sectors together. On average a contact point is open for {parts['open']} of the "
             f"time, slips for {parts['slip']} and sticks for {parts['stick']}."
         )
+    if found.peaks_of_stress:
+        worst = max(found.peaks_of_stress, key=lambda each: each.von_mises)
+        lines.append(
+            f"The largest von Mises stress is {1e-6 * worst.von_mises:.4g} MPa, in {worst.state}."
+        )
     return lines
+
+
+def shape_of(found: DiskRun) -> Plot:
+    """The disk at the instant at which a probe moves most."""
+    name = "displacement"
+    return shape_figure(moved_disk(found, name), {name: "largest displacement of a probe"})
 
 
 def report(found: DiskRun) -> Report:
@@ -101,6 +117,8 @@ def report(found: DiskRun) -> Report:
     if touching:
         summary["contact_fractions"] = contact_fractions(motion)
         summary["friction_dissipation_per_period_J"] = friction_dissipation_per_period(motion)
+    stresses = {STRESSES_FILE: stress_rows(found.peaks_of_stress)} if found.peaks_of_stress else {}
+    shape = Picture("Disk", "shapes.png", lambda: shape_of(found), in_space=True)
     return Report(
         "disk",
         "disk in time",
@@ -109,6 +127,13 @@ def report(found: DiskRun) -> Report:
         [
             Section("Amplitudes by sector", [table_of(sectors(found), by_sector)]),
             Section("Shares of nodal diameters", [table_of(told, DIAMETERS)]),
+            Section(
+                "Stresses at places of sector 0",
+                [stress_table(found.peaks_of_stress), RECOVERY_NOTE, NO_REACTIONS]
+                if found.peaks_of_stress
+                else [],
+                terminal=False,
+            ),
         ],
         rows_of(sectors(found), SECTORS),
         summary,
@@ -120,11 +145,16 @@ def report(found: DiskRun) -> Report:
                 "Amplitudes by sector, shares of nodal diameters, and the last period of each "
                 "sector.",
                 "disk.csv",
-            )
+            ),
+            *([shape] if found.disk.table is not None else []),
         ],
-        more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS)},
+        more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS)} | stresses,
         quantities=[FREQUENCIES],
-        unjudged=[AMPLITUDES, *([DISSIPATION] if touching else [])],
+        unjudged=[
+            AMPLITUDES,
+            *([DISSIPATION] if touching else []),
+            *([STRESSES] if found.peaks_of_stress else []),
+        ],
     )
 
 

@@ -50,6 +50,10 @@ def cyclic_problems(scene: Scene) -> Problems:
             yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
     if scene.bolts:
         yield Problem("bolts", "not allowed with [cyclic]", value="tables")
+    chosen = scene.output.sectors
+    if not isinstance(chosen, str) and max(chosen, default=0) >= cyclic.sectors:
+        allowed = f'must be "all", or numbers below {cyclic.sectors}'
+        yield Problem("output.sectors", allowed, ErrorKind.RANGE)
     given = cyclic.mistuning
     if isinstance(given, tuple) and len(given) != cyclic.sectors:
         allowed = f"must hold a number for each of the {cyclic.sectors} sectors, not {len(given)}"
@@ -95,7 +99,7 @@ def _disk_run_problems(scene: Scene) -> Problems:
         "basis.elastic_force": scene.basis.elastic_force == "projection",
         "damping.ratios": any(scene.damping.modal),
         "reference.full": scene.reference.full,
-        "output.stresses": scene.output.stresses != "none",
+        "output.animation": scene.output.animation,
         **{f"loads[{k}].follower": True for k in scene.followers},
     }
     for k, load in enumerate(scene.loads):
@@ -155,7 +159,7 @@ def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Pr
         "basis.method": basis.method != "rubin",
         "basis.derivatives": basis.derivatives != "principal",
         "basis.elastic_force": basis.elastic_force != "polynomial",
-        "output.stresses": scene.output.stresses != "none",
+        "output.animation": scene.output.animation,
         "reference.full": scene.reference.full,
     }
     for key in filter(unusual.get, unusual):

@@ -460,6 +460,7 @@ class Output:
         animation: a moving picture of the last period.
         stresses: elastic stresses and reactions, in tables, pictures and the stored model. Viscous
             forces are in the reactions, not in the stresses.
+        sectors: sectors of a disk, from 0, whose stresses and motion are written.
     """
 
     pictures: Annotated[bool, flag] = True
@@ -467,6 +468,9 @@ class Output:
     motion: Annotated[bool, flag] = False
     animation: Annotated[bool, flag] = False
     stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
+    sectors: Annotated[str | tuple[int, ...], either(choice("all"), list_of(integer(0, 999)))] = (
+        "all"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
