@@ -70,6 +70,9 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
         if found.to is not None:
             reason = "not allowed in fenicsrom export, whose deck has springs to the ground only"
             raise refuse(scene.source, reason, ErrorKind.CONFLICT, f"attachments[{k}].to")
+    if scene.ties:
+        reason = "not allowed in fenicsrom export, whose deck cannot tie meshes that do not match"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "ties")
     if frequencies:
         scene = replace(scene, loads=tuple(load for load in scene.loads if load.static))
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)

@@ -1,7 +1,7 @@
 """Why parts of finite-element models are not read, by their names in Abaqus, Nastran and ANSYS."""
 
 _REASONS: dict[str, tuple[str, ...]] = {
-    "join the meshes, so that they share nodes": ("TIE", "BGSET", "CEINTF"),
+    "give [[ties]]": ("TIE", "BGSET", "CEINTF"),
     "give [[contacts]] with against": (
         *("CONTACT PAIR", "CONTACT", "SURFACE INTERACTION", "BCTABLE", "BCTSET", "BSURF", "BSURFS"),
         *("BCONP", "BCBODY", "CGAP"),

@@ -60,6 +60,7 @@ from fenicsrom.scene.keys.schema import (
     Rotation,
     Scene,
     Surface,
+    Tie,
 )
 from fenicsrom.scene.keys.times import (
     Duration,

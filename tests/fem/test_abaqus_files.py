@@ -161,7 +161,7 @@ def test_shells_on_facets_are_groups_and_others_are_named(tmp_path: Path) -> Non
         "1 S4R element",
         "1 B31 element",
         "1 SPRINGA element",
-        "*TIE (join the meshes, so that they share nodes)",
+        "*TIE (give [[ties]])",
     }
 
 

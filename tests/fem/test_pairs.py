@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -32,48 +30,10 @@ from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training
 from fenicsrom.scene import Families, Response, Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
+from tests.boxes import blocks, stacked
 
 Array = NDArray[np.float64]
 STEEL = {"young": 210e9, "poisson": 0.3, "density": 7800.0}
-AXES = "xyz"
-
-
-def blocks(path: Path, *parts: tuple[Any, Any, Any], tetrahedra: bool = False) -> Path:
-    """Write a mesh of boxes without common nodes, each of (low, high, numbers of cells).
-
-    The groups are the sides of each box: "0 low x", "1 high y" and so on.
-    """
-    points, cells, sides = np.zeros((0, 3)), [], {}
-    for number, (low, high, counts) in enumerate(parts):
-        d, first = len(low), len(points)
-        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
-        x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, d)
-        at = first + np.arange(len(x)).reshape([n + 1 for n in counts])
-        corner = {
-            key: at[tuple(slice(k, n + k) for k, n in zip(key, counts, strict=True))].ravel()
-            for key in itertools.product((0, 1), repeat=d)
-        }
-        ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
-        order = ring if d == 2 else [(*xy, z) for z in (0, 1) for xy in ring]
-        box = np.stack([corner[key] for key in order], axis=1)
-        paths = [(1, 2), (2, 3), (3, 7), (7, 4), (4, 5), (5, 1)]  # around the diagonal 0-6
-        cells += [box[:, (0, a, b, 6)] for a, b in paths] if tetrahedra else [box]
-        points = np.concatenate([points, np.pad(x, ((0, 0), (0, 3 - d)))])
-        for axis in range(d):
-            for name, end in (("low", low), ("high", high)):
-                nodes = first + np.flatnonzero(x[:, axis] == end[axis])
-                sides[f"{number} {name} {AXES[axis]}"] = nodes
-    marks = {name: np.isin(np.arange(len(points)), on).astype(int) for name, on in sides.items()}
-    kind = "tetra" if tetrahedra else "quad" if d == 2 else "hexahedron"
-    meshio.Mesh(points, [(kind, np.concatenate(cells))], point_data=marks).write(path)
-    return path
-
-
-def stacked(path: Path, d: int, upper: int, lower: int, **options: Any) -> Path:
-    """Two blocks of 0.1 x 0.05 (x 0.06) m on one another with these cells along x."""
-    size, widths = (0.1, 0.05, 0.06)[:d], ((), (upper - 1,), (lower - 1,))
-    top = (0.0, 0.05, 0.0)[:d], (0.1, 0.1, 0.06)[:d], (upper, 3, *widths[1])[:d]
-    return blocks(path, ((0.0,) * d, size, (lower, 3, *widths[2])[:d]), top, **options)
 
 
 def scene_of(mesh: Path, d: int, contact: dict[str, Any], degree: int = 1, **more: Any) -> Scene:

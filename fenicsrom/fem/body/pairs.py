@@ -28,7 +28,7 @@ from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, points_on
 from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.scene.keys.places import Region
-from fenicsrom.scene.keys.schema import Contact
+from fenicsrom.scene.keys.schema import Contact, Tie
 from fenicsrom.words import counted
 
 GAUSS_POINTS = 8
@@ -80,6 +80,7 @@ class Side:
     """Some facets (F,), all of one kind, with their nodes.
 
     Attributes:
+        cells: (F,) the cell of each facet.
         kind: the kind of the facets, of basix.
         element: their element.
         nodes: (F, k) the nodes of each facet.
@@ -95,6 +96,7 @@ class Side:
         self.kind = basix.cell.subentity_types(body.mesh.domain.basix_cell())[below][0]
         family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
         self.element = basix.create_element(family, self.kind, body.geometry.degree, variant)
+        self.cells = cells
         dofs, places = body.space.dofmap, body.space.tabulate_dof_coordinates()[:, : below + 1]
         layout, ways = dofs.dof_layout, range(int(np.max(numbers, initial=0)) + 1)
         on = np.array([layout.entity_closure_dofs(below, k) for k in ways])[numbers]
@@ -185,7 +187,7 @@ class Side:
         return found
 
 
-def _rows(columns: Ints, values: Array, size: int) -> csr_array:
+def sparse_rows(columns: Ints, values: Array, size: int) -> csr_array:
     """Sparse rows (q, size) with some values (q, k) in these columns (q, k)."""
     starts = np.arange(len(columns) + 1) * columns.shape[1]
     found = csr_array((values.ravel(), columns.ravel(), starts), shape=(len(columns), size))
@@ -193,20 +195,22 @@ def _rows(columns: Ints, values: Array, size: int) -> csr_array:
     return found
 
 
-def _quadrature(side: Side) -> tuple[Ints, Array, Array, Ints, Array]:
+def _quadrature(side: Side, whole: bool) -> tuple[Ints, Array, Array, Ints, Array]:
     """The points of a quadrature on all facets, with the hats of the parts of the facets.
+
+    The only part of a `whole` facet is itself, with the hats of its corners.
 
     Returns:
         Facets (q,), reference points (q, d - 1), weights (q,) with the thickness, in m², and the
         nodes (q, c) at the corners of the part of each point with the values (q, c) of their hats.
     """
     hats = basix.create_element(basix.ElementFamily.P, side.kind, 1)
-    points, weights = basix.make_quadrature(side.kind, 2 * GAUSS_POINTS - 1)
+    points, weights = basix.make_quadrature(side.kind, 2 * GAUSS_POINTS * (1 + whole) - 1)
     values, count = hats.tabulate(1, points)[..., 0], len(side.x)
     facets = np.repeat(np.arange(count), len(points))
-    whole = [[*range(side.nodes.shape[1])]]
+    whole |= side.element.degree == 1
     found: list[tuple[Any, ...]] = []
-    for corners in whole if side.element.degree == 1 else PARTS[side.kind.name]:
+    for corners in [[*range(hats.dim)]] if whole else PARTS[side.kind.name]:
         places = np.asarray(side.element.points)[corners]
         at = np.tile(values[0] @ places, (count, 1))
         change = np.tile(np.einsum("rqk,ks->qrs", values[1:], places), (count, 1, 1))
@@ -219,71 +223,130 @@ def _quadrature(side: Side) -> tuple[Ints, Array, Array, Ints, Array]:
     return facets, at, weight, nodes, hat
 
 
-class _Opposite(NamedTuple):
+class Opposite(NamedTuple):
     """What lies opposite the q points of a quadrature on A.
 
     Attributes:
         hats: sparse (nodes, q) weights of the points times the hats ψ_i, in m².
         seen: (q,) 1 if a facet of B lies opposite, else 0.
-        moved: sparse (q, nodes) u_A(X) - u_B(Y).
+        on: (q,) the facets of B.
+        place: (q, d) the points X.
+        first: sparse (q, nodes) u_A(X).
+        second: sparse (q, nodes) u_B(Y).
         normal: (q, d) n.
         gap: (q,) n · (Y - X), m.
     """
 
     hats: csr_array
     seen: Array
-    moved: csr_array
+    on: Ints
+    place: Array
+    first: csr_array
+    second: csr_array
     normal: Array
     gap: Array
 
 
-def _opposite(body: Any, contact: Contact, key: str, sides: tuple[Side, ...]) -> _Opposite:
-    """Find the closest points of B for a quadrature on A; errors as `pair_rows`."""
+def opposite(
+    body: Any, pair: Contact | Tie, key: str, sides: tuple[Side, ...], whole: bool = False
+) -> Opposite:
+    """Find the closest points of B for a quadrature on A; errors as `pair_rows`.
+
+    Args:
+        body: the body.
+        pair: the contact or tie.
+        key: its key in the scene.
+        sides: both regions and the rest of the surface.
+        whole: take the hats of the corners of the facets of A, and not those of their parts.
+    """
     a, b, others = sides
-    facets, points, weights, corners, hats = _quadrature(a)
+    facets, points, weights, corners, hats = _quadrature(a, whole)
     x, along, shapes = a.at(facets, points)
     on, place, distance = b.closest(x)
     y, along_b, shapes_b = b.at(on, place)
     outer, normal = a.normals(facets, along), -b.normals(on, along_b)
-    seen = distance <= (np.finfo(float).max if contact.reach is None else contact.reach)
+    seen = distance <= (np.finfo(float).max if pair.reach is None else pair.reach)
     if not seen.any():
         far = np.min(np.where(np.isfinite(distance), distance, np.linalg.norm(x - y, axis=1)))
-        reason = f"no facet of {contact.against!r} lies opposite those of the other region"
+        reason = f"no facet of {pair.against!r} lies opposite those of the other region"
         raise _refused(body, f"{reason} within its reach; the nearest is {far:.3g} m away", key)
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
         raise _refused(body, "the outer normals of the two regions are not opposite", key)
     away = np.flatnonzero(seen & (distance > INSIDE * a.size.mean()))
     seen[away] = ~others.crosses(x[away], y[away])
     if not seen.any():
-        raise _refused(body, f"other facets lie between the region and {contact.against!r}", key)
+        raise _refused(body, f"other facets lie between the region and {pair.against!r}", key)
     size = len(body.space.tabulate_dof_coordinates())
-    return _Opposite(
-        csr_array(_rows(corners, weights[:, None] * hats, size).T),
+    return Opposite(
+        csr_array(sparse_rows(corners, weights[:, None] * hats, size).T),
         1.0 * seen,
-        csr_array(_rows(a.nodes[facets], shapes, size) - _rows(b.nodes[on], shapes_b, size)),
+        on,
+        x,
+        sparse_rows(a.nodes[facets], shapes, size),
+        sparse_rows(b.nodes[on], shapes_b, size),
         normal,
         np.einsum("qd,qd->q", normal, y - x),
     )
 
 
-def _sides(body: Any, contact: Contact, number: int, key: str) -> tuple[Side, Side, Side]:
-    """The two regions of a contact, and the rest of the surface; errors as `pair_rows`."""
+def sides_of(body: Any, regions: dict[str, Region], key: str) -> tuple[Side, Side, Side]:
+    """The two regions of a contact or tie by their keys, and the rest of the surface.
+
+    Errors as `pair_rows`.
+    """
     if body.comm.size > 1:
-        raise _refused(body, "contact between bodies runs on one process only", key)
+        raise _refused(body, "bodies that touch or are tied need one process", key)
     if body.slanted is not None:
         raise _refused(body, "supports must hold along the axes (components, not normal)", key)
-    regions = contact.place, Region(group=contact.against)
-    for name, region in zip(("group", "against"), regions, strict=True):
+    for where, region in regions.items():
         if body.mesh.reaches_inside(region):
-            where = f"contacts[{number}].{name}"
             raise _refused(body, "facets of the region lie inside a body; take its surface", where)
-    facets = [*map(body.mesh.facets, regions)]
+    facets = [*map(body.mesh.facets, regions.values())]
     others = np.setdiff1d(body.mesh.outside(), np.concatenate(facets))
     a, b, rest = (Side(body, found) for found in (*facets, others))
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
         reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
         raise _refused(body, f"{reason}and the first region by a group of one body", key)
     return a, b, rest
+
+
+class Averages(NamedTuple):
+    """The averages (1) around P nodes of A.
+
+    Attributes:
+        nodes: (P,) the nodes.
+        area: (P,) a_i, m².
+        whole: area of A, m².
+        mean: sparse (P, q) the averages of values at the points of the quadrature.
+        moved: sparse (P d, local) of the displacement u_A(X) - u_B(Y) in global axes.
+    """
+
+    nodes: Ints
+    area: Array
+    whole: float
+    mean: csr_array
+    moved: csr_array
+
+
+def averages(body: Any, pair: Contact | Tie, key: str, found: Opposite) -> Averages:
+    """The averages around the nodes of A; arguments and errors as `opposite`."""
+    x = body.space.tabulate_dof_coordinates()
+    area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
+    kept = np.flatnonzero(area > LEAST_SHARE * whole)
+    if not kept.size:
+        share = f"{100.0 * LEAST_SHARE:g} % of the area of any node of the first region"
+        reason = f"less than {share} lies opposite {pair.against!r}; refine its facets, or "
+        raise _refused(body, f"{reason}exchange group and against", key)
+    longest_last = np.argsort(-np.ptp(x[kept], axis=0).round(9), kind="stable")[::-1]
+    kept = kept[np.lexsort(x[kept][:, longest_last].round(12).T)]
+    area = area[kept]
+    scale = scipy.sparse.diags_array(1.0 / area), scipy.sparse.diags_array(found.seen)
+    mean = scale[0] @ found.hats[kept] @ scale[1]
+    free = np.ones(body.local)
+    free[body.clamped] = 0.0
+    each = scipy.sparse.kron(mean @ (found.first - found.second), np.eye(body.dimension))
+    moved = csr_array(each @ scipy.sparse.diags_array(free))
+    return Averages(kept, area, float(whole.sum()), mean, moved)
 
 
 def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, ContactPoints]:
@@ -303,61 +366,51 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
             no part of B lies opposite A or near enough, other facets lie between them, or A lies
             inside B and the scene gives no gap.
     """
-    key, d = f"contacts[{number}].against", body.dimension
-    a, b, _ = sides = _sides(body, contact, number, key)
-    found, nodes = _opposite(body, contact, key, sides), body.space.tabulate_dof_coordinates()
-    area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
-    kept = np.flatnonzero(area > LEAST_SHARE * whole)
-    if not kept.size:
-        share = f"{100.0 * LEAST_SHARE:g} % of the area of any node of the first region"
-        reason = f"less than {share} lies opposite {contact.against!r}; refine its facets, or "
-        raise _refused(body, f"{reason}exchange group and against", key)
-    longest_last = np.argsort(-np.ptp(nodes[kept], axis=0).round(9), kind="stable")[::-1]
-    kept = kept[np.lexsort(nodes[kept][:, longest_last].round(12).T)]
-    area = area[kept]
-    scale = scipy.sparse.diags_array(1.0 / area), scipy.sparse.diags_array(found.seen)
-    mean = scale[0] @ found.hats[kept] @ scale[1]
-    frames = np.array([frame(n / np.linalg.norm(n)) for n in mean @ found.normal])
-    gap = mean @ found.gap
+    place, d = f"contacts[{number}]", body.dimension
+    key, second = f"{place}.against", Region(group=contact.against)
+    a, b, _ = sides = sides_of(body, {f"{place}.group": contact.place, key: second}, key)
+    found = opposite(body, contact, key, sides)
+    around = averages(body, contact, key, found)
+    x = body.space.tabulate_dof_coordinates()[around.nodes, :d]
+    frames = np.array([frame(n / np.linalg.norm(n)) for n in around.mean @ found.normal])
+    gap = around.mean @ found.gap
     gap[np.abs(gap) < SHUT * a.size.mean()] = 0.0
     if contact.gap is not None or contact.preload:
-        gap = np.full(len(kept), contact.gap or 0.0)
+        gap = np.full(len(x), contact.gap or 0.0)
     elif (depth := -float(gap.min())) > INSIDE * a.size.mean():
-        worst = nodes[kept][np.argmin(gap), :d].round(6).tolist()
+        worst = x[np.argmin(gap)].round(6).tolist()
         reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
         raise _refused(body, f"{reason}{worst}; correct the mesh, or give contacts.gap", key)
-    free = np.ones(body.local)
-    free[body.clamped] = 0.0
-    turned = scipy.sparse.bsr_array((frames, np.arange(len(kept)), np.arange(len(kept) + 1)))
-    averaged = scipy.sparse.kron(mean @ found.moved, np.eye(d)) @ scipy.sparse.diags_array(free)
-    rows = csr_array(turned @ averaged)
+    turned = scipy.sparse.bsr_array((frames, np.arange(len(x)), np.arange(len(x) + 1)))
+    rows = csr_array(turned @ around.moved)
     rows.data[np.abs(rows.data) < ROUNDING] = 0.0
     rows.eliminate_zeros()
-    _note(body, contact, number, (area, whole, gap), (a, b))
-    return rows, points_on(number, area, nodes[kept][:, :d], frames, gap=gap)
+    tell(body, contact, place, around, gap, (a, b))
+    return rows, points_on(number, around.area, x, frames, gap=gap)
 
 
-def _note(
+def tell(
     body: Any,
-    contact: Contact,
-    number: int,
-    found: tuple[Array, Array, Array],
+    pair: Contact | Tie,
+    place: str,
+    around: Averages,
+    gap: Array,
     sides: tuple[Side, Side],
 ) -> None:
     """Tell the user what lies opposite, and if the second mesh is the finer one."""
-    area, whole, gap = found
+    area = around.area
     a, b = (float(side.size.mean()) for side in sides)
     text = (
-        f"contacts[{number}]: {counted(len(area), 'point')} against {contact.against!r} on "
-        f"{area.sum():.4g} m² of {whole.sum():.4g} m², gaps {gap.min():.3g} to {gap.max():.3g} m"
+        f"{place}: {counted(len(area), 'point')} against {pair.against!r} on "
+        f"{area.sum():.4g} m² of {around.whole:.4g} m², gaps {gap.min():.3g} to {gap.max():.3g} m"
     )
     body.pairs.append(text)
     if a > COARSER * b:
         text = (
-            f"contacts[{number}]: the facets of the region are {a / b:.2g} times as large as those "
-            f"of {contact.against!r}, whose nodes may pass between its points: exchange the two"
+            f"{place}: the facets of the region are {a / b:.2g} times as large as those of "
+            f"{pair.against!r}, whose nodes may pass between its points: exchange the two"
         )
-        body.warnings.append(Note(NoteKind.IMPLAUSIBLE, text, f"contacts[{number}]"))
+        body.warnings.append(Note(NoteKind.IMPLAUSIBLE, text, place))
 
 
 def _refused(body: Any, reason: str, key: str) -> SceneError:

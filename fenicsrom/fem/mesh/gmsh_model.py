@@ -43,8 +43,8 @@ Files with six significant digits place the nodes of a refined edge that accurat
 """
 
 WAYS_OUT = (
-    "give bodies that touch a contact ([[contacts]] with against), or join them (merge their "
-    "nodes, or give both bodies in one .step file)"
+    "give bodies that touch a contact ([[contacts]] with against), or join them (by [[ties]], by "
+    "common nodes, or as both bodies of one .step file)"
 )
 """What to do about bodies that touch and are not joined."""
 

@@ -28,6 +28,7 @@ from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.pairs import pair_rows
 from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.body.supports import free_motions, loose, pieces_apart
+from fenicsrom.fem.body.ties import tie
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.joined import Rubbing, all_closed, bring_together, sticking
@@ -96,7 +97,8 @@ class Solid(ElasticBody):
         points: the contact points.
         interface: (m, k) combinations of contact forces for the static modes, or None.
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
-        pairs: a sentence on each of them.
+        pairs: a sentence on each of them, and on each tie.
+        tied: the nodes of each tie.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
@@ -135,6 +137,11 @@ class Solid(ElasticBody):
         self._unit_length = float(LENGTHS[scene.units.length])
         self._set_attachments(scene.attachments)
         self._set_contacts(scene.contacts)
+        self.tied = []
+        for k, one in enumerate(scene.ties):
+            stiffness, nodes = tie(self, one, k)
+            self.couplings = csr_array(self.couplings + stiffness)
+            self.tied.append(nodes)
         springs = self.couplings
         set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
@@ -144,7 +151,7 @@ class Solid(ElasticBody):
             self._paired = against[self.points.contact]
             self.joint = all_closed(self, self._contacts, self._paired)
             springs = csr_array(springs + self.joint.stiffness)
-        linked = self.joined or any(one.to for one in scene.attachments)
+        linked = self.joined or scene.ties or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
             self.warnings.append(Note(NoteKind.APART, sentence, "geometry"))
         self._find_free_motions(scene, springs)

@@ -56,8 +56,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
-    names = "geometry geometrically_nonlinear materials supports attachments bolts rotation damping"
-    names += " probe basis material cyclic"
+    names = "geometry geometrically_nonlinear materials supports attachments bolts ties rotation"
+    names += " damping probe basis material cyclic"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     contact_key = partial(_changed_contact_key, contact_keys(made.joined))
@@ -162,7 +162,8 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = "geometrically_nonlinear material attachments bolts rotation damping loads contacts"
+    names = "geometrically_nonlinear material attachments bolts ties rotation damping loads"
+    names += " contacts"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
     steps = ("steps_per_period", "steps_per_revolution", "tolerance", "step")

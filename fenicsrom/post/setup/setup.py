@@ -85,7 +85,7 @@ class Mark:
     """One thing in the picture of the set-up.
 
     Attributes:
-        kind: "support", "load", "attachment", "contact", "probe" or "rotation".
+        kind: "support", "load", "attachment", "tie", "contact", "probe" or "rotation".
         label: its name in the legend.
         marker: its marker in the legend, as in matplotlib.
         places: (k, 3) where it is: tips of arrows, contact points, a point of the axis, m.
@@ -151,6 +151,9 @@ def gathered_marks(
         for found in scene.attachments
         for kind, label in _attached(found, scene.units, lengths[found.place])
     ]
+    for one, nodes in zip(scene.ties, solid.tied, strict=True):
+        places = solid.space.tabulate_dof_coordinates()[nodes]
+        marks.append(Mark("tie", f'tie of "{one.group}" and "{one.against}"', "s", places))
     forms = zip(itertools.cycle(CONTACT_FORMS), scene.contacts, strict=False)
     for k, (form, contact) in enumerate(forms):
         mine = solid.points.contact == k
@@ -400,6 +403,7 @@ COLOURS = {
     "support": "#56585A",
     "load": "#D55E00",
     "attachment": "#882255",
+    "tie": "#117733",
     "contact": "#0072B2",
     "probe": "#009E73",
     "rotation": "#332288",
@@ -407,6 +411,9 @@ COLOURS = {
 
 LOADED, HELD, WALL = "#F3C6A5", "#9AA1A8", "#A6CEE4"
 """Colours of regions of loads, of supports that hold some components, and of round walls."""
+
+SYMBOLS = {"attachment": 0.2, "tie": 0.11, "contact": 0.11, "probe": 0.2}
+"""Sizes of symbols at places, relative to the length of the arrow of a load."""
 
 REACH = 0.14
 """Length of the arrow of a load, relative to the size of the body."""
@@ -499,9 +506,8 @@ def symbols(marks: Sequence[Mark], points: Array, length: float) -> list[Part]:
             mesh = _glyphs(ARROW, next(tips), reach, mark.ways)
         elif mark.kind == "support" and len(mark.ways):
             mesh = _cones(mark, points, 0.3 * reach, APART * length)
-        elif mark.kind in ("attachment", "contact", "probe"):
-            size = {"attachment": 0.2, "contact": 0.11, "probe": 0.2}[mark.kind] * reach
-            mesh = _glyphs(mark.marker, mark.places, size)
+        elif mark.kind in SYMBOLS:
+            mesh = _glyphs(mark.marker, mark.places, SYMBOLS[mark.kind] * reach)
             if len(mark.ways):
                 mesh = mesh.append_polydata(_glyphs("-", mark.places, 0.5 * reach, mark.ways))
         else:

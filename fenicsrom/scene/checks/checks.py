@@ -13,6 +13,7 @@ from fenicsrom.scene.checks.contact_checks import (
     abradable_problems,
     contact_problems,
     joined_problems,
+    tie_problems,
 )
 from fenicsrom.scene.checks.curve_checks import (
     backbone_problems,
@@ -228,6 +229,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
             allowed = f"must differ from contacts[{same}]"
             yield Problem(f"contacts[{index}]", allowed, value="the same contact")
     yield from joined_problems(scene)
+    yield from tie_problems(scene)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
         if load.moves_supports:

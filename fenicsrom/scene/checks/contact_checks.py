@@ -82,6 +82,16 @@ def joined_problems(scene: Scene) -> Problems:
         yield Problem("geometry.degree", f"must be 1 or 2 {why}")
 
 
+def tie_problems(scene: Scene) -> Problems:
+    """Yield what is not allowed with ties."""
+    for k, tie in enumerate(scene.ties):
+        if tie.against == tie.group:
+            yield Problem(f"ties[{k}].against", "must be another group than that of the tie")
+        pair = {tie.group, tie.against}
+        if any(pair == {one.place.group, one.against} for one in scene.contacts):
+            yield Problem(f"ties[{k}].against", "these regions have a contact already")
+
+
 def abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
     """Yield what does not agree with an abradable layer."""
     if contact.abradable is None:

@@ -212,6 +212,23 @@ class Bolt:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Tie:
+    """Two regions without common nodes that move as one, as part of the structure.
+
+    The region with the smaller facets comes first.
+
+    Attributes:
+        group: group of the facets of one region.
+        against: group of the facets of the other one.
+        reach: facets at larger distances are not tied. Default: a tenth of a facet.
+    """
+
+    group: Annotated[str, rules.name]
+    against: Annotated[str, rules.name]
+    reach: Annotated[float | None, number(above=0.0, unit="m")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Range:
     """Equally spaced values.
 
@@ -562,6 +579,7 @@ class Scene:
         loads: what acts on the body: one action and one history.
         contacts: contact points.
         bolts: bolts that press parts of the body on one another.
+        ties: regions that are glued although their meshes do not match.
         rotation: without this table the body does not rotate.
         cyclic: without this table the mesh is the whole body.
         damping: damping besides that of the material.
@@ -592,6 +610,7 @@ class Scene:
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     bolts: Annotated[tuple[Bolt, ...], tables_of(Bolt)] = ()
+    ties: Annotated[tuple[Tie, ...], tables_of(Tie)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
     cyclic: Annotated[Cyclic | None, table_of(Cyclic)] = None
     damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)

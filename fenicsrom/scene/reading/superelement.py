@@ -27,6 +27,7 @@ EXCLUDED = (
     "materials",
     "attachments",
     "bolts",
+    "ties",
     "rotation",
     "basis",
     "reference",
