@@ -144,7 +144,7 @@ def campbell(
     return found
 
 
-@starts_from()
+@starts_from(pairs=True)
 def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Comparison:
     """Compare reduced bases of a scene with its full model: error against run time. Collective.
 

@@ -7,6 +7,10 @@ The combinations of a mesh share it and the solid with its factor; those with th
 number of modes share these modes and the snapshots. The offline seconds of a combination are the
 sum of the stages that it needs, as if it were the only combination. The indicator
 (`assess.errors.residual`) needs no full run.
+
+Of bodies that touch, the errors are those of the probe and of the energy that friction dissipates,
+and those that a run would estimate stand beside them. One motion of the scene chooses the interface
+vectors of all combinations of a mesh.
 """
 
 import itertools
@@ -21,9 +25,16 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.errors.comparisons import indicators
-from fenicsrom.assess.errors.estimates import break_even, motion_errors, rank_correlation
+from fenicsrom.assess.errors.estimates import (
+    MotionErrors,
+    break_even,
+    motion_errors,
+    rank_correlation,
+    times_distance,
+)
+from fenicsrom.assess.errors.judge import judge_with_residual
 from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
-from fenicsrom.assess.errors.sizing import sized
+from fenicsrom.assess.errors.sizing import Sized, sized
 from fenicsrom.assess.full.full_motions import full_motion
 from fenicsrom.assess.studies.axes import require_motion
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
@@ -40,8 +51,10 @@ from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
+from fenicsrom.reduction.training import motion_of_scene, train
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.keys.schema import COMPARED
 from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import brief, counted
 
@@ -91,6 +104,7 @@ class Outcome:
             the whole run was timed.
         motion: the motion, without coordinates.
         errors: errors against the full model, in percent; empty without a full model.
+        estimated: the errors due to the basis that a run estimates, of bodies that touch; or None.
         indicator: residual in the energy norm, relative to the loads.
         residual: plain norm of the residual, relative to the loads.
         failure: the reason why there is no motion; empty if there is a motion.
@@ -103,6 +117,7 @@ class Outcome:
     timed_periods: int | None = None
     motion: Motion | None = None
     errors: dict[str, float | None] = field(default_factory=dict)
+    estimated: MotionErrors | None = None
     indicator: float | None = None
     residual: float | None = None
     failure: str = ""
@@ -116,6 +131,11 @@ class Outcome:
     def online_seconds(self) -> float:
         """Median run time of the timed runs, s."""
         return float(np.median(self.online)) if self.online else float("nan")
+
+    @property
+    def error(self) -> float | None:
+        """The error of the tangential amplitude or, of bodies that touch, of the probe, percent."""
+        return self.errors.get("probe", self.errors.get("amplitude_tangential"))
 
 
 @brief()
@@ -146,7 +166,7 @@ class Comparison:
     files: list[Path] = field(default_factory=list)
 
     def rank_correlation(self, name: str = "indicator") -> float | None:
-        """Spearman's correlation of the indicator with the error of the tangential amplitude.
+        """Spearman's correlation of the indicator with the `error` of the combinations.
 
         Args:
             name: "indicator" or "residual".
@@ -154,8 +174,7 @@ class Comparison:
         pairs = [
             (getattr(outcome, name), error)
             for outcome in self.outcomes
-            if (error := outcome.errors.get("amplitude_tangential")) is not None
-            and getattr(outcome, name) is not None
+            if (error := outcome.error) is not None and getattr(outcome, name) is not None
         ]
         return rank_correlation(*zip(*pairs, strict=True)) if len(pairs) > 2 else None
 
@@ -178,9 +197,11 @@ def combinations(scene: Scene) -> list[Combination]:
     table = scene.compare
     schemes = table.schemes or (scene.time.scheme,)
     methods, derivatives, forces = table.methods, table.derivatives, table.elastic_force
-    if scene.joined:  # the default lists have others
+    if scene.joined:  # the default lists have others; "all" has a hundred with interface vectors
         methods = tuple(method for method in methods if method == "rubin")
         derivatives = tuple(one for one in derivatives if one not in ("mmi", "mmi-nls"))
+        if table.derivatives == COMPARED:
+            derivatives = "principal", "none"
     if not scene.geometrically_nonlinear:
         derivatives, forces = ("none",), ("polynomial",)
     choices = itertools.product(methods, table.modes, derivatives, forces, schemes)
@@ -284,7 +305,12 @@ def try_out(
         motion = simulate(model, scene, keep_coordinates=True)
         if scene.basis.adapts:
             with timed(outcome.offline, "size"):
-                basis, model, motion = _sized(workshop.body, scene, reduction, motion)
+                extended, chosen = _sized(workshop.body, scene, reduction, motion)
+            basis = extended.part(chosen.stored.labels, chosen.stored.model.mass)
+            model, motion = chosen.stored.model, chosen.motion
+            if scene.joined and chosen.other is not None:
+                given = workshop.body, reduction.modes, extended, chosen.stored, motion
+                outcome.estimated = judge_with_residual(*given, chosen.other).errors
         outcome.labels = basis.labels
         found = indicators(workshop.body, basis.vectors, motion, scene)
         outcome.indicator, outcome.residual = found
@@ -299,13 +325,17 @@ def try_out(
         return outcome
     if full is not None:
         outcome.errors = motion_errors(motion, full)
+        if scene.joined:
+            distance = times_distance(1.0, motion, full)
+            outcome.errors["probe"] = 100.0 * distance.probe
+            outcome.errors["friction_dissipation"] = 100.0 * distance.dissipation
     return outcome
 
 
 def _sized(
     body: Structure, scene: Scene, found: Reduction, motion: Motion
-) -> tuple[ReducedBasis, Any, Motion]:
-    """The basis, model and motion of the size that a scene asks for.
+) -> tuple[ReducedBasis, Sized]:
+    """The basis with all candidates, and the model and motion of the size that a scene asks for.
 
     Args:
         body: the structure.
@@ -332,10 +362,8 @@ def _sized(
         return simulate(larger.model, scene, near=near, keep_coordinates=True)
 
     chosen = sized(stored, motion, run)
-    if chosen is None or chosen.stored is stored:
-        return found.basis, found.model, motion
-    part = extended.part(chosen.stored.labels, chosen.stored.model.mass)
-    return part, chosen.stored.model, chosen.motion
+    assert chosen is not None
+    return extended, chosen
 
 
 def time_runs(
@@ -416,6 +444,11 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(on_mesh, mesh)
+    if scene.basis.masters == "motion":
+        alone = replace(on_mesh, backbone=None, response=None)
+        move = partial(motion_of_scene, scene=alone, stop=lambda: False)
+        with timed(seconds, "interface_vectors"):
+            train(solid, alone, lambda reduction: move(reduction.model), [alone])
     return Workshop(solid, scene, seconds)
 
 
@@ -445,7 +478,7 @@ def compare_bases(
         mean = {kind: float(np.mean(times)) for kind, times in spent.items()}
         known = max(mean.values())
         left = sum(mean.get(other.elastic_force, known) for other in wanted[k + 1 :])
-        error = outcome.errors.get("amplitude_tangential")
+        error = outcome.error
         result = outcome.failure or counted(len(outcome.labels), "coordinate")
         result += f", {1e3 * outcome.online_seconds:.3g} ms" if outcome.online else ""
         result += f", error {error:.2g} %" if error is not None else ""

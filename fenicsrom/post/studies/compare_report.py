@@ -37,6 +37,8 @@ ERRORS = {
     "friction_dissipation_per_period": "energy per period",
     "state": "wrong state",
 }
+OF_JOINTS = {"probe": "probe", "friction_dissipation": "friction energy"}
+ESTIMATED = [("probe", "probe"), ("friction_dissipation", "dissipation")]
 
 
 def quantities(comparison: Comparison) -> list[Quantity]:
@@ -53,6 +55,9 @@ def quantities(comparison: Comparison) -> list[Quantity]:
 
     def entry(of: str, name: str) -> Callable[[Outcome], float | None]:
         return lambda outcome: getattr(outcome, of).get(name)
+
+    def estimate(name: str) -> Callable[[Outcome], float | None]:
+        return lambda o: None if o.estimated is None else 100.0 * getattr(o.estimated, name)
 
     stages = dict.fromkeys(stage for outcome in outcomes for stage in outcome.offline)
     return [
@@ -79,6 +84,11 @@ def quantities(comparison: Comparison) -> list[Quantity]:
         *(
             Quantity(f"error_{name}_percent", entry("errors", name), f"{head}, %", 3)
             for name, head in error_heads(comparison).items()
+        ),
+        *(
+            Quantity(f"estimated_{name}_percent", estimate(of), f"{OF_JOINTS[name]} estimate, %", 3)
+            for name, of in ESTIMATED
+            if comparison.scene.joined
         ),
         Quantity("indicator", head="indicator", digits=3),
         *map(Quantity, ("residual", "failure")),
@@ -120,6 +130,8 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 def error_heads(comparison: Comparison) -> dict[str, str]:
     """The names of the errors; the errors of the amplitudes name the directions as `run` does."""
     first, others = error_names(comparison.scene, comparison.points)
+    if comparison.scene.joined:
+        return ERRORS | OF_JOINTS
     return ERRORS | {
         "amplitude_normal": f"{first} amplitude",
         "amplitude_tangential": f"{others} amplitude",
@@ -129,7 +141,7 @@ def error_heads(comparison: Comparison) -> dict[str, str]:
 def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
-    amplitude = error_heads(comparison)["amplitude_tangential"]
+    amplitude = _error_name(comparison)
     small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
     if small:
         best = min(small, key=amplitude_error)
@@ -198,14 +210,13 @@ def timing_note(comparison: Comparison) -> list[str]:
 
 def rated(comparison: Comparison) -> list[Outcome]:
     """The outcomes whose error of the amplitude is known."""
-    return [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
+    return [o for o in comparison.outcomes if o.error is not None]
 
 
 def amplitude_error(outcome: Outcome) -> float:
-    """Error of the tangential amplitude of an outcome with a full model, percent."""
-    error = outcome.errors["amplitude_tangential"]
-    assert error is not None
-    return error
+    """Error of the amplitude of an outcome with a full model, percent."""
+    assert outcome.error is not None
+    return outcome.error
 
 
 def _drawn_errors(outcomes: Sequence[Outcome]) -> list[float]:
@@ -215,7 +226,14 @@ def _drawn_errors(outcomes: Sequence[Outcome]) -> list[float]:
 
 def _error_label(comparison: Comparison) -> str:
     """The label of an axis with the errors of the amplitude."""
-    return f"error of the {error_names(comparison.scene, comparison.points)[1]} amplitude, %"
+    return f"error of the {_error_name(comparison)}, %"
+
+
+def _error_name(comparison: Comparison) -> str:
+    """The name of the error by which combinations are compared."""
+    if comparison.scene.joined:
+        return "amplitude of the probe"
+    return error_heads(comparison)["amplitude_tangential"]
 
 
 def _colours(outcomes: Sequence[Outcome]) -> dict[str, str]:
@@ -325,6 +343,23 @@ def indicator_figure(comparison: Comparison) -> Plot:
     return Plot([panel], 6.4, 5.2, legend=_samples(outcomes, DOT, DOTS))
 
 
+def estimate_figure(comparison: Comparison) -> Plot:
+    """The errors that a run estimates against the true ones, one point for each basis."""
+    outcomes = [o for o in rated(comparison) if o.estimated is not None]
+    panels = []
+    for name, of in ESTIMATED:
+        true = [max(o.errors[name] or 0.0, LEAST) for o in outcomes]
+        found = [max(100.0 * getattr(o.estimated, of), LEAST) for o in outcomes]
+        ends = [min(*true, *found), max(*true, *found)]
+        named = [_name(outcome) for outcome in outcomes]
+        items: list[Item] = [
+            Line(ends, ends, "-", FRONT, label="estimate = error"),
+            Line(true, found, color=COLOURS[0], notes=named, label="basis", **DOT),
+        ]
+        panels.append(Panel(items, f"error of the {OF_JOINTS[name]}, %", "estimate, %", log="xy"))
+    return Plot(panels, 10.5, 5.2, 2)
+
+
 def pictures(comparison: Comparison) -> list[Picture]:
     """The pictures of a comparison with a full model."""
     if comparison.full is None or not rated(comparison):
@@ -354,6 +389,16 @@ def pictures(comparison: Comparison) -> list[Picture]:
             "The residual of the full equations at the reduced motion, in the energy norm, "
             "relative to the loads.",
             "comparison.csv",
+        ),
+        *(
+            Picture(
+                "Estimated against true error",
+                "estimate.png",
+                lambda: estimate_figure(comparison),
+                "The estimates are those of a run, for the errors due to the basis.",
+                "comparison.csv",
+            )
+            for _ in range(comparison.scene.joined)
         ),
     ]
 
