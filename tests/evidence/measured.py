@@ -1,4 +1,4 @@
-"""Natural frequencies that others measured, beside those of this program before any fit.
+"""Frequencies and damping that others measured, beside those of this program before any fit.
 
     python3 tests/evidence/measured.py
 
@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+import fenicsrom
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.reduction.modes import component_modes
@@ -46,14 +47,34 @@ BOLTS, WASHER = (-0.03, 0.0, 0.03), 0.01746
 BOLT_FORCE = 12249.0
 """Tension of each bolt in N, an assumption: that of a published model of a beam twice as thick.
 
-Surfaces without gaps close in the same places under any tension: it changes no frequency.
+Surfaces without gaps close in the same places under any tension: it changes no linear frequency.
 """
 
 BOLT_MASS = 0.022
 """Mass of a bolt of 5/16 in with nut and washers in kg, by its size, less the steel of its hole."""
 
-STIFFNESS = 2e13
-"""Normal stiffness of the contact in N/m3, an assumption: a penalty; half of it along the faces."""
+JOINT = {"stiffness": 2e13, "friction": 0.3, "bolt": BOLT_FORCE}
+"""Assumptions: the normal stiffness of the contact in N/m3, a penalty, with half of it along the
+faces; its friction; and the tension of each bolt in N.
+"""
+
+OTHERS: list[dict[str, float]] = [{}, {"bolt": 6000.0}, {"stiffness": 2e12}, {"friction": 0.6}]
+"""What the damping is computed for: `JOINT`, and other values in place of one of it."""
+
+DAMPING = [
+    (0.020, 80.37, 0.149),
+    (0.079, 80.19, 0.195),
+    (0.158, 80.14, 0.302),
+    (0.236, 80.39, 0.455),
+    (0.315, 80.53, 0.634),
+]
+"""Measured at the drive in the first mode: amplitude, mm, frequency, Hz, damping ratio, %."""
+
+STEPS = 50
+"""Time steps in a period."""
+
+DRIVE = 0.0762
+"""Distance of the drive from an end, m."""
 
 ONE_WAY = 0.9
 """A mode bends the beam one way if the motion along this axis has this part of its mass."""
@@ -107,9 +128,14 @@ def bars(refine: int, lap: bool) -> tuple[Array, Any, Array]:
         [(right, below), (right, above), (inner, above)],
     ]
     parts = parts if lap else [[*parts[0], *parts[1]]]
+    return merged([[(x, y, z) for x, y in part] for part in parts])
+
+
+def merged(bodies: Any) -> tuple[Array, Any, Array]:
+    """Points, hexahedra and body of each point of bodies, each of grids (x, y, z) that touch."""
     points, cells, body = [], [], []
-    for k, boxes in enumerate(parts):
-        found = [box(x, y, z) for x, y in boxes]
+    for k, boxes in enumerate(bodies):
+        found = [box(*grid) for grid in boxes]
         sizes = np.cumsum([0, *(len(x) for x, _ in found)])
         every = np.concatenate([x for x, _ in found]).round(9)
         own, of = np.unique(every, axis=0, return_inverse=True)
@@ -126,13 +152,14 @@ def divided(x: Array, parts: int) -> Array:
     return np.append((x[:-1, None] + np.diff(x)[:, None] * steps).ravel(), x[-1])
 
 
-def beam(refine: int, lap: bool = True, stiffness: float = STIFFNESS) -> tuple[Array, Array]:
-    """Frequencies of the beam in Hz that bend it across and along the lap.
+def scene_of(folder: Path, refine: int, lap: bool = True, **joint: float) -> dict[str, Any]:
+    """The scene of the beam, whose mesh is written to a folder.
 
     Args:
+        folder: the folder.
         refine: cells of the lap along the beam, relative to the coarsest mesh.
         lap: False makes the beam of one piece, without bolts.
-        stiffness: normal stiffness of the contact, N/m3.
+        joint: other values than those of `JOINT`.
     """
     points, cells, body = bars(refine, lap)
     x, y, z = points.T
@@ -152,17 +179,40 @@ def beam(refine: int, lap: bool = True, stiffness: float = STIFFNESS) -> tuple[A
         "probe": {"group": "end"},
     }
     if lap:
+        given = JOINT | joint
+        stiffness, friction = given["stiffness"], given["friction"]
         springs = {"normal_stiffness": stiffness, "tangential_stiffness": 0.5 * stiffness}
-        pair = {"group": "upper", "against": "lower", "friction": 0.3, "gap": 0.0}
+        pair = {"group": "upper", "against": "lower", "friction": friction, "gap": 0.0}
         table["contacts"] = [pair | springs]
         table["bolts"] = [
-            {"head": f"head{k}", "nut": f"nut{k}", "force": BOLT_FORCE} for k in range(len(BOLTS))
+            {"head": f"head{k}", "nut": f"nut{k}", "force": given["bolt"]} for k in range(3)
         ]
         table["attachments"] = [{"group": end, "mass": BOLT_MASS / 2} for end in ends]
+    meshio.Mesh(points, [("hexahedron", cells)], point_data=data).write(folder / "beam.vtk")
+    return table
+
+
+def beam(refine: int, lap: bool = True, **joint: float) -> tuple[Array, Array]:
+    """Frequencies of the beam in Hz that bend it across and along the lap; see `scene_of`."""
     with TemporaryDirectory() as folder:
-        meshio.Mesh(points, [("hexahedron", cells)], point_data=data).write(f"{folder}/beam.vtk")
+        table = scene_of(Path(folder), refine, lap, **joint)
         found, shares = frequencies(table, Path(folder), 11)
     return found[shares[:, 1] > ONE_WAY], found[shares[:, 2] > ONE_WAY]
+
+
+def damping(refine: int, **joint: float) -> Array:
+    """Frequency (Hz) and damping ratio (%) of the first mode at the amplitudes of `DAMPING`."""
+    amplitudes = 1e-3 * np.array(DAMPING)[:, 0]
+    with TemporaryDirectory() as folder:
+        drive = {"nearest": [DRIVE - LENGTH / 2, 0.0, 0.0]}
+        load = {**drive, "direction": [0.0, 1.0, 0.0], "force": 1.0, "frequency": 80.0}
+        table = scene_of(Path(folder), refine, **joint) | {"probe": drive, "loads": [load]}
+        table["time"] = {"steps_per_period": STEPS}
+        table["backbone"] = {"first": 0.5 * amplitudes[0], "last": 1.1 * amplitudes[-1]}
+        found = fenicsrom.backbone(parse_scene(table, "measured", Path(folder)))
+    moved = [point.amplitude[1] for point in found.points]
+    curves = [(point.frequency, 100.0 * point.damping_ratio) for point in found.points]
+    return np.array([np.interp(amplitudes, moved, curve) for curve in zip(*curves, strict=True)]).T
 
 
 def printed(measured: list[float], ours: Array, *more: Array) -> None:
@@ -177,10 +227,19 @@ def main() -> None:
     print("panel")
     printed(PANEL, panel(24))
     ours, whole = beam(4), beam(2, lap=False)
-    soft, stiff = beam(2, stiffness=0.1 * STIFFNESS), beam(2, stiffness=10.0 * STIFFNESS)
+    soft, stiff = beam(2, stiffness=2e12), beam(2, stiffness=2e14)
     print("beam: of the lap, of one piece, and of soft and stiff contact on a coarser mesh")
     for measured, *columns in zip(BEAM, ours, whole, soft, stiff, strict=True):
         printed(measured, *columns)
+    print("beam: damping in % and frequency in Hz over the amplitude at the drive")
+    amplitudes, hertz, ratios = np.transpose(DAMPING)
+    found = [damping(2, **other) for other in OTHERS]
+    for name, values in (("mm", amplitudes), ("measured, %", ratios), ("measured, Hz", hertz)):
+        print(f"| {name} | {' | '.join(map(str, values))} |")
+    for other, values in zip(OTHERS, found, strict=True):
+        for column, digits in ((1, 2), (0, 1)):
+            numbers = [f"{value:.{digits}f}" for value in values[:, column]]
+            print(f"| {other or 'nominal'} | {' | '.join(numbers)} |")
 
 
 if __name__ == "__main__":

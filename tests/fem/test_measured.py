@@ -26,6 +26,14 @@ def test_differences_of_the_page_are_those_of_its_frequencies(body: str) -> None
     np.testing.assert_allclose(stated(body, 3), found, atol=0.051)
 
 
+def test_damping_of_the_page_is_that_which_was_measured() -> None:
+    amplitude, _, ratio = np.transpose(measured.DAMPING)
+    page = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    for name, values in (("amplitude, mm", amplitude), ("measured", ratio)):
+        (row,) = re.findall(rf"^\| {name} \| (0.*) \|", page, re.MULTILINE)
+        np.testing.assert_allclose([float(value) for value in row.split("|")], values)
+
+
 def test_panel_has_the_frequencies_of_the_page() -> None:
     """Twelve cells have an error below 1 %; the measured modes are as far away as the page says."""
     found = measured.panel(12)
