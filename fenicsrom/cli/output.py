@@ -108,8 +108,9 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
         if options.name == "run" and not options.stored and _is_of(options, folder / MODEL):
             words = ["fenicsrom", "run", "--from", str(folder / MODEL)]
             words += ["--output", f"{folder}_reduced"]
+            motion = "and what is above" if (folder / "disk.json").exists() else "but no motion"
             return (
-                f"the reduced model was kept, but no motion; to run this model: {shlex.join(words)}"
+                f"the reduced model was kept, {motion}; to run this model: {shlex.join(words)}"
                 "; to compute all, run the command again"
             )
         return "nothing to continue from was kept; run the command again"

@@ -30,6 +30,7 @@ from fenicsrom import (
     run_disk,
     simulate,
 )
+from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body.stress_points import stress_table
@@ -39,6 +40,7 @@ from fenicsrom.notes import NoteKind
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
@@ -89,6 +91,12 @@ def sector_of(scene: Any) -> Sector:
     return reduced_sector(build_solid(scene, MPI.COMM_SELF), scene, lambda stage: nullcontext())
 
 
+def moved(scene: Any) -> Motion:
+    """The motion of the tuned disk, unjudged."""
+    disk, whole = build_disk(scene), disk_scene(scene)
+    return simulate(disk_model(disk.sector, whole, np.zeros(N)), whole)
+
+
 def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     """Order 2 with the Coriolis force: the sign of the lag and of the neighbour counts."""
     found = run(sector_scene(tmp_path, 2), MPI.COMM_SELF)
@@ -97,8 +105,13 @@ def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     motion = simulate(full_model(build_solid(whole, MPI.COMM_SELF)), whole)
     assert 0.5 < np.mean(motion.state == 0) < 0.9  # slip
     last = motion.last_period()
-    moved, wanted = ((m.displacement - m.displacement[0])[last] for m in (found.motion, motion))
-    assert np.linalg.norm(moved - wanted) < 2e-5 * np.linalg.norm(wanted)
+    rubbed, wanted = ((m.displacement - m.displacement[0])[last] for m in (found.motion, motion))
+    assert np.linalg.norm(rubbed - wanted) < 2e-5 * np.linalg.norm(wanted)
+    assert found.errors["time step"].amplitude < 5e-3
+    few = run(sector_scene(tmp_path, 2, basis={"modes": 0}), MPI.COMM_SELF)
+    estimate, true = few.errors["basis"], distances(few.motion, motion)
+    for name in ("amplitude", "peak_force"):
+        assert 1.0 < getattr(estimate, name) / getattr(true, name) < 2.0
     assert found.motion.relative_imbalance < 1e-6 and found.disk.wave_error[1] < 1e-5
     # diameter 2 and, by friction, its odd multiples only
     assert found.shares[2] > 0.98 and found.shares[[1, 3]].max() < 1e-10
@@ -155,13 +168,13 @@ def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None
         return scene_of(tmp_path, points, cells, **(given | more))
 
     one = scene(points, cells, range(1), cyclic=CYCLIC)
-    found, linear = (run(s).motion for s in (one, replace(one, geometrically_nonlinear=False)))
+    found, linear = map(moved, (one, replace(one, geometrically_nonlinear=False)))
     whole = scene(*copied(points, cells, N), range(N))
     motion = simulate(full_model(build_solid(whole, MPI.COMM_SELF)), whole)
-    moved, straight, wanted = (m.displacement - m.displacement[0] for m in (found, linear, motion))
+    swung, straight, wanted = (m.displacement - m.displacement[0] for m in (found, linear, motion))
     assert abs(wanted).max() > 0.039 and 0.3 < np.mean(motion.state == 0) < 0.9
     size = np.linalg.norm(wanted)
-    assert np.linalg.norm(moved - wanted) < 1e-3 * size < 1.2e-3 * np.linalg.norm(straight - wanted)
+    assert np.linalg.norm(swung - wanted) < 1e-3 * size < 1.2e-3 * np.linalg.norm(straight - wanted)
     assert found.relative_imbalance < 1e-6
 
 
@@ -263,6 +276,13 @@ def test_mistuned_run_reports_amplification_and_shares(
     assert "does not repeat after 2 periods" in " ".join(found.warnings)
     stopped = run(scene, stop=lambda: True)
     assert stopped.interrupted and stopped.motion.periods == 1 and stopped.tuned is None
+
+    def interrupt() -> bool:
+        raise KeyboardInterrupt
+
+    cut = run(scene, stop=interrupt)
+    assert cut.interrupted and cut.motion.periods == 1 and not cut.errors
+    np.testing.assert_array_equal(cut.displacement, stopped.displacement[1:])
     monkeypatch.setattr("fenicsrom.online.motion.motion.ENERGY_ERROR", 0.0)
     monkeypatch.setattr("fenicsrom.assess.rotation.disk_run.WAVE_ERROR", 0.0)
     failed = run(scene)
@@ -300,7 +320,7 @@ def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
     """Other loads, friction and mistuning need no mesh; other nodal diameters are told."""
     scene, folder = sector_scene(tmp_path, 1, output={"pictures": False}), tmp_path / "out"
     run(scene, MPI.COMM_SELF, folder=folder)
-    (tmp_path / "disk.vtk").unlink()
+    (tmp_path / "disk.vtk").rename(tmp_path / "kept.vtk")
     changes = {"loads.0.force": 2e3, "contacts.0.friction": 0.1, "contacts.0.preload": 2.0}
     changes |= {"cyclic.mistuning": {"deviation": 0.01}}
     disk = load_disk(folder / "reduced_model.npz")
@@ -309,7 +329,9 @@ def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
     more = {"loads": [tables(1, range(1), force=2e3)["loads"][0]]}
     more["contacts"] = [tables(1, range(1), preload=2.0)["contacts"][0] | {"friction": 0.1}]
     more["cyclic"] = CYCLIC | {"mistuning": {"deviation": 0.01}}
-    wanted = run(sector_scene(tmp_path, 1, **more), MPI.COMM_SELF).motion.displacement
+    scene = sector_scene(tmp_path, 1, **more)
+    sector, whole = build_disk(scene).sector, disk_scene(scene)
+    wanted = simulate(disk_model(sector, whole, found.mistuning), whole).displacement
     np.testing.assert_allclose(found.motion.displacement, wanted, atol=1e-9 * abs(wanted).max())
     for key, value in (("cyclic.sectors", 7), ("rotation.speed_rpm", 1e3)):
         with refusal(ErrorKind.MISMATCH, key=key.split(".")[0], names="cannot change"):

@@ -17,12 +17,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, check_motion
 from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
 from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
 from fenicsrom.online.motion.motion import Interrupted, Motion, attempted, check_energy
+from fenicsrom.online.run.march import motion_of
 from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.stress.reactions import Peak, equilibrium_peak, largest_row, peak
 from fenicsrom.online.stress.stress import StressTable, deformation_at, extremes
 from fenicsrom.progress import working_time
@@ -50,6 +54,8 @@ class DiskRun:
         tuned: the motion of the disk of equal sectors; None if the sectors are equal.
         peaks_of_stress: largest stresses in the equilibrium, and of each chosen sector over the
             last period, at places of the first sector.
+        errors: estimated errors of the motion of the contact points, or of the probe of sector 0,
+            by their causes "time step" and "basis".
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the motion; None without one.
@@ -63,6 +69,7 @@ class DiskRun:
     motion: Motion
     tuned: Motion | None = None
     peaks_of_stress: list[Peak] = field(default_factory=list)
+    errors: dict[str, MotionErrors] = field(default_factory=dict)
     seconds: float = 0.0
     warnings: list[Note] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
@@ -118,6 +125,35 @@ class DiskRun:
         return np.asarray(folded / max(float(parts.sum()), 1e-300))
 
 
+def _estimate(
+    disk: StoredDisk,
+    scene: Scene,
+    mistuning: Array,
+    model: DiskModel,
+    motion: Motion,
+    errors: dict[str, MotionErrors],
+) -> None:
+    """Estimate the errors of a motion by the steps, and by the reduction from a larger sector.
+
+    Args:
+        disk: the disk.
+        scene: the scene with the loads of all sectors.
+        mistuning: (N,) relative changes of the stiffness of the sectors.
+        model: the model that was integrated.
+        motion: its motion.
+        errors: receives the estimates by their causes.
+
+    Raises:
+        AccuracyError: an estimate is above its limit.
+    """
+    larger = disk_model(disk.larger, scene, mistuning)
+    try:
+        other = check_motion(larger, scene, motion)
+    except (ConvergenceError, AccuracyError):
+        other = None
+    estimate_errors(model, None, scene, motion, errors, basis_errors(motion, other))
+
+
 def _peaks(table: StressTable, scene: Scene, model: DiskModel, motion: Motion) -> list[Peak]:
     """The largest stresses in the equilibrium, and of the chosen sectors over the last period."""
     time, coordinates = motion.coordinate_time, motion.coordinates
@@ -160,19 +196,31 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
     with timed("disk motion"):
         motion = _motion(model, whole, stop, ended)
-    if delta.any() and not ended:
-        with timed("motion of the tuned disk"):
-            equal = disk_model(sector, whole, np.zeros_like(delta))
-            tuned = _motion(equal, whole, stop, ended)
+    peaks, errors = list[Peak](), dict[str, MotionErrors]()
     warnings = disk.warnings
-    table, peaks = disk.table, list[Peak]()
-    if table is not None and scene.output.stresses != "none":
-        with timed("stresses"):
-            peaks = _peaks(table, scene, model, motion)
-        deformed = extremes([deformation_at(table, each.coordinates) for each in peaks])
-        warnings += strain_warnings([("the motion", deformed)])
-    elif scene.output.stresses != "none" or (scene.output.motion and table is None):
-        key = "output.motion" if scene.output.stresses == "none" else "output.stresses"
+    try:
+        if delta.any() and not ended:
+            with timed("motion of the tuned disk"):
+                equal = disk_model(sector, whole, np.zeros_like(delta))
+                tuned = _motion(equal, whole, stop, ended)
+        if disk.table is not None and scene.output.stresses != "none":
+            with timed("stresses"):
+                peaks = _peaks(disk.table, scene, model, motion)
+            deformed = extremes([deformation_at(disk.table, each.coordinates) for each in peaks])
+            warnings += strain_warnings([("in the motion", deformed)])
+        if not ended:
+            with timed("errors of the steps and of the reduction"):
+                _estimate(disk, whole, delta, model, motion, errors)
+            warnings += error_notes(whole, errors, motion)
+    except AccuracyError as failure:
+        ended["unfinished"] = failure
+    except KeyboardInterrupt:
+        ended["interrupted"] = True
+    wanted = {
+        "output.stresses": scene.output.stresses != "none",
+        "output.motion": scene.output.motion,
+    }
+    for key in filter(wanted.get, wanted if disk.table is None else ()):
         text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
         text += "the scene again, without --from"
         warnings.append(Note(NoteKind.LEFT_OUT, text, key))
@@ -193,6 +241,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         motion=motion,
         tuned=tuned,
         peaks_of_stress=peaks,
+        errors=errors,
         seconds=working_time() - begin,
         warnings=warnings,
         **ended,
@@ -202,14 +251,28 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
 def _motion(
     model: DiskModel, scene: Scene, stop: Callable[[], bool], ended: dict[str, Any]
 ) -> Motion:
-    """The motion of a disk, checked; `ended` takes the reason if the motion ended early."""
+    """The motion of a disk, checked; `ended` takes the reason if the motion ended early.
+
+    Raises:
+        KeyboardInterrupt: an interrupt in the first period.
+    """
+    kept: list[Checkpoint] = []
+
+    def keep(checkpoint: Checkpoint) -> None:
+        kept[:] = [checkpoint]
+
     try:
         motion, failure = attempted(
-            lambda: simulate(model, scene, keep_coordinates=True, stop=stop)
+            lambda: simulate(model, scene, keep_coordinates=True, stop=stop, checkpoint=keep)
         )
     except Interrupted as error:
         ended["interrupted"] = True
         return error.partial
+    except KeyboardInterrupt:
+        if not kept:
+            raise
+        ended["interrupted"] = True
+        return motion_of(kept[0], scene.period)
     try:
         check_energy(motion)
     except AccuracyError as error:

@@ -12,7 +12,9 @@ with an interface in few modes).
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from fenicsrom.notes import packed
 from fenicsrom.online.model.disk_model import Sector, load_diameters
 from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.store.store import provenance
-from fenicsrom.reduction.basis import project
+from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.derivatives import all_pairs
 from fenicsrom.reduction.stages import Reduction, Timer
 from fenicsrom.scene import Scene, Support
@@ -38,6 +40,12 @@ WAVES = 3
 
 PAIRED = 3
 """Number of normal modes of the sector with clamped faces whose derivatives the basis takes."""
+
+FURTHER = 4
+"""Number of normal modes that the sector has more which judges the reduction.
+
+It has one more mode of each nodal diameter, and derivatives of one more normal mode.
+"""
 
 
 def wave_diameters(scene: Scene) -> list[int]:
@@ -58,7 +66,9 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
     with timed("solid"):
         body = solid_of(scene, mesh)
     assert body.cut is not None
-    sector, vectors = _reduced(body, scene, timed)
+    with _Cut(body, scene, timed) as cut:
+        sector, vectors = cut.reduced(WAVES, cut.basis)
+        larger = cut.reduced(WAVES + 1, cut.larger_basis())[0]
     with timed("waves of the mesh"):
         checked = wave_error(body, scene, sector)
     table = None
@@ -67,6 +77,7 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
             table = stress_table(body, scene, body.equilibrium, vectors)
     return StoredDisk(
         sector=sector,
+        larger=larger,
         scene=scene,
         dofs=body.free,
         diameters=tuple(wave_diameters(scene)),
@@ -91,34 +102,71 @@ def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
         SceneError: the cut faces meet on the axis.
         ConvergenceError, AccuracyError: the modes were not found.
     """
-    return _reduced(sector, scene, timed)[0]
+    with _Cut(sector, scene, timed) as cut:
+        return cut.reduced(WAVES, cut.basis)[0]
 
 
-def _reduced(sector: Solid, scene: Scene, timed: Timer) -> tuple[Sector, Array]:
-    """The reduced sector, and the displacements (local, n) of its coordinates. Collective."""
-    cut, cyclic = sector.cut, scene.cyclic
-    assert cut is not None and cyclic is not None
-    with timed("waves"):
-        fields = [_lowest_waves(sector, h) for h in wave_diameters(scene)]
-        shapes = cut.face_shapes(np.concatenate(fields, axis=1))
-    clamps = Support(group=cyclic.left), Support(group=cyclic.right)
-    options = scene.basis
-    if options.derivatives in BY_MOTION:  # a sector alone moves otherwise
-        most = min(PAIRED, options.modes) if isinstance(options.modes, int) else PAIRED
-        labels = all_pairs([f"{k + 1}V" for k in range(most)])
-        options = replace(options, derivatives=tuple(labels))
-    clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps), basis=options)
-    known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
-    interior = Solid(sector.mesh, clamped, known)
-    basis = Reduction(interior, clamped, timed).basis
-    faces = cut.lifted(shapes)
-    faces -= interior.factor.solve(interior.without_held(sector.stiffness_times(faces)))
-    with timed("reduction"):
-        own = project(interior, basis, scene.geometrically_nonlinear).elastic
-        whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
-        model = project(sector, whole, nonlinear=False)
-    interior.destroy()
-    return Sector(model, own, shapes.shape[1], cut.neighbour), whole.vectors
+class _Cut:
+    """A sector with its waves, and the ordinary body that it is with clamped cut faces.
+
+    Attributes:
+        basis: the basis of this body.
+    """
+
+    def __init__(self, sector: Solid, scene: Scene, timed: Timer):
+        """Compute the waves, and the basis of the body with clamped faces. Collective."""
+        self._sector, self._scene, self._timed = sector, scene, timed
+        cyclic, options = scene.cyclic, scene.basis
+        assert sector.cut is not None and cyclic is not None
+        with timed("waves"):
+            waves = {h: _lowest_waves(sector, h) for h in wave_diameters(scene)}
+        self._shapes = {}
+        for count in (WAVES, WAVES + 1):
+            copies = {h: count * (1 if sector.cut.is_real(h) else 2) for h in waves}
+            fields = [field[:, : copies[h]] for h, field in waves.items()]
+            self._shapes[count] = sector.cut.face_shapes(np.concatenate(fields, axis=1))
+        clamps = Support(group=cyclic.left), Support(group=cyclic.right)
+        self._clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps))
+        known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
+        self._interior = Solid(sector.mesh, self._clamped, known)
+        modes = options.modes if isinstance(options.modes, int) else PAIRED
+        self.basis = self._basis(options.modes, min(PAIRED, modes))
+
+    def __enter__(self) -> Self:
+        """The sector itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Release the memory."""
+        self._interior.destroy()
+
+    def _basis(self, modes: int | str, paired: int) -> ReducedBasis:
+        """The basis of so many normal modes, with derivatives of so many of them."""
+        options = replace(self._scene.basis, modes=modes)
+        if options.derivatives in BY_MOTION:  # a sector alone moves otherwise
+            labels = all_pairs([f"{k + 1}V" for k in range(paired)])
+            options = replace(options, derivatives=tuple(labels))
+        clamped = replace(self._clamped, basis=options)
+        return Reduction(self._interior, clamped, self._timed).basis
+
+    def larger_basis(self) -> ReducedBasis:
+        """The basis of `FURTHER` modes more, which judges the other one."""
+        modes = sum(re.fullmatch(r"\d+V", label) is not None for label in self.basis.labels)
+        most = min(modes + FURTHER, self._interior.free)
+        return self._basis(most, min(PAIRED + 1, most))
+
+    def reduced(self, waves: int, basis: ReducedBasis) -> tuple[Sector, Array]:
+        """The sector with so many waves of each diameter, and its displacements (local, n)."""
+        sector, cut, interior = self._sector, self._sector.cut, self._interior
+        assert cut is not None
+        shapes = self._shapes[waves]
+        faces = cut.lifted(shapes)
+        faces -= interior.factor.solve(interior.without_held(sector.stiffness_times(faces)))
+        with self._timed("reduction"):
+            own = project(interior, basis, self._scene.geometrically_nonlinear).elastic
+            whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
+            model = project(sector, whole, nonlinear=False)
+        return Sector(model, own, shapes.shape[1], cut.neighbour), whole.vectors
 
 
 def wave_error(body: Solid, scene: Scene, sector: Sector) -> tuple[int, float]:
@@ -149,6 +197,6 @@ def _lowest_waves(sector: Solid, h: int) -> Complex:
     """
     assert sector.cut is not None
     with wave(sector, h) as body:
-        count = min(WAVES * (2 if body.double else 1), body.free)
+        count = min((WAVES + 1) * (2 if body.double else 1), body.free)
         modes = body.eigenmodes(body.factor, count)[1]
     return sector.cut.displacements(h, modes.astype(complex))

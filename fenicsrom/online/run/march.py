@@ -568,6 +568,31 @@ def _motion(run: MarchRun) -> Motion:
     )
 
 
+def motion_of(kept: Checkpoint, period: float | None) -> Motion:
+    """The motion of the last period that a checkpoint holds, of a run that was interrupted.
+
+    Args:
+        kept: the checkpoint of a run that keeps its coordinates.
+        period: the period of the loads, s; None without one.
+    """
+    s = kept.state.scalars
+    return Motion.of_rows(
+        kept.last,
+        kept.last.coordinates,
+        period=period,
+        newton_from=None,
+        steady=False,
+        periods=kept.spans,
+        steps=int(s[STEPS]),
+        rejected=int(s[REJECTED]),
+        newton_iterations=int(s[ITERATIONS]),
+        seconds=0.0,
+        end=kept,
+        buckled=kept.buckled,
+        search=kept.search,
+    )
+
+
 def end_of(motion: Motion) -> tuple[Array, Array, Array]:
     """Coordinates and velocity (n,) and sliders (P, d) at the end of a motion."""
     assert motion.end is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters
@@ -25,6 +26,7 @@ class StoredDisk:
 
     Attributes:
         sector: the sector.
+        larger: a sector with more waves and modes, which judges it.
         scene: the scene from which it was made, or under which its disk moves.
         dofs: number of free unknowns of the sector.
         diameters: the nodal diameters that shape its cut faces.
@@ -39,6 +41,7 @@ class StoredDisk:
     """
 
     sector: Sector
+    larger: Sector
     scene: Scene
     dofs: int
     diameters: tuple[int, ...]
@@ -68,8 +71,12 @@ class StoredDisk:
         require_same_model(self.scene, scene, source)
         require_disk_run(scene)
         damping, histories = float(scene.material.mass_damping), load_histories(scene)
-        model = self.sector.model._replace(damping=damping, load_histories=histories)
-        return replace(self, scene=scene, sector=self.sector._replace(model=model))
+        changes: dict[str, Any] = {"damping": damping, "load_histories": histories}
+        sector, larger = (
+            each._replace(model=each.model._replace(**changes))
+            for each in (self.sector, self.larger)
+        )
+        return replace(self, scene=scene, sector=sector, larger=larger)
 
     @property
     def warnings(self) -> list[Note]:

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.verdicts import contact_quantities, in_percent
 from fenicsrom.assess.rotation.disk_run import DiskRun
-from fenicsrom.notes import AMPLITUDES, DISSIPATION, FREQUENCIES, STRESSES
-from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
+from fenicsrom.notes import AMPLITUDES, FREQUENCIES, STRESSES
+from fenicsrom.online.motion.measures import (
+    contact_fractions,
+    friction_dissipation_per_period,
+    peak_normal_force,
+)
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
@@ -16,7 +21,7 @@ from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.post.body.body_figures import shape_figure
 from fenicsrom.post.paraview.disk_motion import moved_disk
 from fenicsrom.post.run.summary import RECOVERY_NOTE, STRESSES_FILE, stress_rows, stress_table
-from fenicsrom.words import counted
+from fenicsrom.words import counted, enumerated
 
 NAMED = 14
 """Most sectors whose curves have names."""
@@ -78,8 +83,13 @@ def sentences(found: DiskRun) -> list[str]:
         lines.append(
             f"Friction dissipates {friction_dissipation_per_period(motion):.4g} J per period in "
             f"all sectors together. On average a contact point is open for {parts['open']} of the "
-            f"time, slips for {parts['slip']} and sticks for {parts['stick']}."
+            f"time, slips for {parts['slip']} and sticks for {parts['stick']}. The largest normal "
+            f"force of a point is {peak_normal_force(motion):.4g} N."
         )
+    if found.errors:
+        where = "contact points" if found.scene.contacts else "probe of sector 0"
+        sizes = [f"{in_percent(each.amplitude)} by the {c}" for c, each in found.errors.items()]
+        lines.append(f"Estimated errors of the amplitudes of the {where}: {enumerated(sizes)}.")
     if found.peaks_of_stress:
         worst = max(found.peaks_of_stress, key=lambda each: each.von_mises)
         lines.append(
@@ -98,7 +108,7 @@ def report(found: DiskRun) -> Report:
     """The report of a disk in time: `disk.csv`, `diameters.csv`, `disk.json` and `disk.png`."""
     motion, told = found.motion, [row for row in diameters(found) if row["share"] >= LEAST]
     by_sector = SECTORS if found.mistuning.any() else SECTORS[:2]
-    touching = bool(found.scene.contacts)
+    touching, moved = bool(found.scene.contacts), [AMPLITUDES, *contact_quantities(found.scene)]
     summary = {
         "sectors": found.mistuning.size,
         "coordinates": found.model.mass.shape[0],
@@ -113,10 +123,12 @@ def report(found: DiskRun) -> Report:
         "amplification": found.amplification,
         "shares_of_diameters": found.shares.tolist(),
         "relative_energy_imbalance": motion.relative_imbalance,
+        "estimated_errors": {cause: each._asdict() for cause, each in found.errors.items()},
     }
     if touching:
         summary["contact_fractions"] = contact_fractions(motion)
         summary["friction_dissipation_per_period_J"] = friction_dissipation_per_period(motion)
+        summary["peak_normal_force_N"] = peak_normal_force(motion)
     stresses = {STRESSES_FILE: stress_rows(found.peaks_of_stress)} if found.peaks_of_stress else {}
     shape = Picture("Disk", "shapes.png", lambda: shape_of(found), in_space=True)
     return Report(
@@ -149,11 +161,11 @@ def report(found: DiskRun) -> Report:
             *([shape] if found.disk.table is not None else []),
         ],
         more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS)} | stresses,
-        quantities=[FREQUENCIES],
+        quantities=[FREQUENCIES, *(moved if found.errors else [])],
         unjudged=[
-            AMPLITUDES,
-            *([DISSIPATION] if touching else []),
+            *([] if found.errors else moved),
             *([STRESSES] if found.peaks_of_stress else []),
+            "errors of the mesh",
         ],
     )
 
