@@ -14,6 +14,8 @@ from fenicsrom import make_scene
 
 N = 6
 CYCLIC = {"sectors": N, "left": "left", "right": "right"}
+SLIT = 1e-4
+"""Angle between the end of a shroud and the cut face, rad."""
 STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0}
 
 
@@ -52,6 +54,46 @@ def bladed() -> tuple[Any, Any]:
     return np.array(at), np.array(cells)
 
 
+def shrouded(gaps: tuple[float, float] = (SLIT, SLIT)) -> tuple[Any, Any, dict[str, Any]]:
+    """The bladed ring with a shroud from each tip to the neighbours', and the sets of its ends.
+
+    `gaps` are the angles from its lower and upper corners to the cut faces, rad.
+    """
+    points, cells = bladed()
+    middle, found, rows, ends = np.pi / N, [*points], [*cells], {}
+    for name, side, inner in (("ahead", 1.0, (13, 15)), ("behind", -1.0, (12, 14))):
+        radii = np.linalg.norm(points[[*inner]], axis=1)
+        for part in (0.5, 1.0):
+            outer = len(found), len(found) + 1
+            angles = [middle + side * part * (middle - gap) for gap in gaps]
+            found += [polar(*place) for place in zip(radii, angles, strict=True)]
+            quad = (*inner, *outer[::-1])
+            rows.append(quad if side > 0.0 else quad[::-1])
+            inner = outer
+        ends[name] = np.array(inner)
+    return np.array(found), np.array(rows), ends
+
+
+def wedged() -> tuple[Any, Any, dict[str, Any]]:
+    """The shrouded disk with a wedge between neighbours, which the rotation presses on both."""
+    gaps = 0.08, 0.04
+    points, cells, ends = shrouded(gaps)
+    radii, first = np.linalg.norm(points[[*ends["ahead"]]], axis=1), len(points)
+    wedge = [
+        polar(radius, 2.0 * np.pi / N + side * (gap - SLIT))
+        for side in (-1.0, 1.0)
+        for radius, gap in zip(radii, gaps, strict=True)
+    ]
+    sides = {"low": np.array([first, first + 1]), "high": np.array([first + 2, first + 3])}
+    more = (first, first + 1, first + 3, first + 2)
+    return np.append(points, wedge, 0), np.append(cells, [more], 0), ends | sides
+
+
+def polar(radius: float, angle: float) -> Any:
+    """A place in the plane."""
+    return radius * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
 def hub() -> tuple[Any, Any]:
     """A sector of a hexagonal plate as three tetrahedra, with nodes on the axis."""
     flat = np.array([(0.0, 0.0), (0.3, 0.0), (0.15, 0.15 * np.sqrt(3.0))])
@@ -59,8 +101,10 @@ def hub() -> tuple[Any, Any]:
     return points, np.array([(0, 1, 2, 5), (0, 4, 1, 5), (0, 3, 4, 5)])
 
 
-def scene_of(path: Path, points: Any, cells: Any, on_right: Any = False, **more: Any) -> Any:
-    """The scene of a mesh with the node sets left, right, bore and rim."""
+def scene_of(
+    path: Path, points: Any, cells: Any, on_right: Any = False, ends: Any = None, **more: Any
+) -> Any:
+    """The scene of a mesh with the node sets left, right, bore, rim, and those of `ends`."""
     d = 2 if cells.shape[1] == 4 and not points[:, 2].any() else 3
     angle = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
     radius = np.hypot(points[:, 0], points[:, 1])
@@ -71,6 +115,7 @@ def scene_of(path: Path, points: Any, cells: Any, on_right: Any = False, **more:
         "bore": radius < 0.11,
         "rim": radius > 0.29,
     }
+    sets |= {name: np.isin(np.arange(len(points)), nodes) for name, nodes in (ends or {}).items()}
     kind = "quad" if d == 2 else "tetra"
     data = {name: marks.astype(int) for name, marks in sets.items()}
     meshio.Mesh(points, [(kind, cells)], point_data=data).write(path / "disk.vtk")

@@ -127,7 +127,10 @@ def master_directions(structure: Structure, masters: str | int) -> tuple[Array, 
         return rows.toarray(), np.zeros((structure.local, 0))
     if structure.interface is not None:
         chosen = structure.interface[:, : VECTORS if masters == "motion" else int(masters)]
-        return np.asarray(chosen.T @ rows), structure.factor.solve(rows.T @ chosen)
+        attachment = structure.factor.solve(rows.T @ chosen)
+        # combinations of their own flexibility: others mix stiff with soft, and lose digits
+        turn = np.linalg.eigh(structure.inner(rows.T @ chosen, attachment))[1]
+        return (chosen @ turn).T @ rows, attachment @ turn
     if masters == "motion":  # the first of its motions
         masters = INTERFACE_MODES
     if masters == "normal":

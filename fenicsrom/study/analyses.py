@@ -75,7 +75,7 @@ def modes(
     return cast("Study", found)
 
 
-@starts_from(sectors=True)
+@starts_from(pairs=True, sectors=True)
 def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Campbell:
     """Compute the modes of a disk by nodal diameter, at the speed of the scene. Collective.
 
@@ -101,7 +101,7 @@ def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = Non
     return campbell(replace(scene, rotation=rotation, campbell=diagram), comm, folder=folder)
 
 
-@starts_from("StoredModel", sectors=True)
+@starts_from("StoredModel", pairs=True, sectors=True)
 def campbell(
     given: Scene | StoredModel, comm: Any = None, *, folder: Path | None = None
 ) -> Campbell:

@@ -106,7 +106,7 @@ def _disk_motion(scene: Scene, comm: Any, folder: Any, stop: Any, mesh: Any) -> 
     return found
 
 
-@starts_from(sectors=True)
+@starts_from(pairs=True, sectors=True)
 def build_disk(
     scene: Scene, mesh: Mesh | None = None, comm: Any = None, watch: Stopwatch | None = None
 ) -> StoredDisk:
@@ -132,7 +132,7 @@ def build_disk(
     return stored_disk(scene, mesh, watch or Stopwatch())
 
 
-@starts_from("StoredDisk", sectors=True)
+@starts_from("StoredDisk", pairs=True, sectors=True)
 def run_disk(
     disk: StoredDisk,
     *,

@@ -178,11 +178,8 @@ def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None
     assert found.relative_imbalance < 1e-6
 
 
-def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
-    """Order N: the disk is the sector whose faces move alike, marched by the compiled loop."""
-    scene = sector_scene(tmp_path, N)
-    sector, whole = sector_of(scene), disk_scene(scene)
-    found = simulate(disk_model(sector, whole, np.zeros(N)), whole).displacement
+def marched_alone(sector: Sector, scene: Any) -> Any:
+    """The motion of a sector whose faces move alike, by the compiled loop."""
     model = sector.model
     p = sector.of_disk(1, model.mass[None]).of_sectors(np.eye(model.size - sector.shapes))[0]
     none = np.zeros((0, 0))
@@ -202,7 +199,15 @@ def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
         model.probe_offset,
         p.T @ model.velocity_matrix @ p,
     )
-    wanted = simulate(one, scene).displacement
+    return simulate(one, scene)
+
+
+def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
+    """Order N: the disk is the sector whose faces move alike."""
+    scene = sector_scene(tmp_path, N)
+    sector, whole = sector_of(scene), disk_scene(scene)
+    found = simulate(disk_model(sector, whole, np.zeros(N)), whole).displacement
+    wanted = marched_alone(sector, scene).displacement
     np.testing.assert_allclose(found, np.repeat(wanted, N, 1), atol=1e-10 * abs(wanted).max())
 
 

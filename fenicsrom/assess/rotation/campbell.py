@@ -95,6 +95,8 @@ class Campbell:
         body: the solid; None with a model for a range of speeds.
         waves: which wave of a disk each mode is; () of a whole body.
         shapes: (local, m) complex amplitudes of these modes in the sector at the last speed.
+        open_squares: (m,) omega^2 by nodal diameter, as `waves`, at the last speed without the
+            contacts between sectors; None without such contacts.
         files: the written files, the one to open first at the head.
     """
 
@@ -115,6 +117,7 @@ class Campbell:
     body: Solid | None
     waves: tuple[WaveMode, ...] = ()
     shapes: NDArray[Any] | None = None
+    open_squares: Array | None = None
     files: list[Path] = field(default_factory=list)
 
     @property
@@ -214,6 +217,9 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         last = [part.shapes[reached.size - 1][:, : part.shown] for part in tracked.parts]
         pairs = list(zip(diameters_of(scene), last, strict=True))
         found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]))
+        if unfinished is None and solid.between.any():
+            released = [part.solved(solid, stuck=False) for part in tracked.parts]
+            found.open_squares = np.concatenate(released)
     found.warnings += [*_warnings(found), *tracked.warnings(scene, reached)]
     _find_critical_speeds(found, tracked)
     found.seconds = clock.perf_counter() - begin
@@ -336,7 +342,7 @@ class _Part:
         shapes: at each speed, the shapes (own, m).
     """
 
-    of: Callable[[Any], AbstractContextManager[TurningBody]]
+    of: Callable[..., AbstractContextManager[TurningBody]]
     modes: Callable[[TurningBody, int], tuple[Array, Shapes, float]]
     shown: int
     name: str = ""
@@ -344,9 +350,9 @@ class _Part:
     mac: list[Array] = field(default_factory=list)
     shapes: list[Shapes] = field(default_factory=list)
 
-    def solved(self, turning: Any) -> Array:
-        """omega^2 (m,) of the modes that are shown, of another solid at the same speed."""
-        with self.of(turning) as body:
+    def solved(self, turning: Any, **more: Any) -> Array:
+        """omega^2 (m,) of the modes that are shown, of another solid or body at the same speed."""
+        with self.of(turning, **more) as body:
             return self.modes(body, self.shown)[0]
 
     def add(self, turning: Any) -> tuple[float, bool]:

@@ -22,7 +22,7 @@ from fenicsrom.assess.errors.plausibility import strain_warnings
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
-from fenicsrom.online.model.disk_model import DiskModel, disk_model, disk_scene
+from fenicsrom.online.model.disk_model import DiskModel, deviations, disk_model, disk_scene
 from fenicsrom.online.motion.motion import Interrupted, Motion, attempted, check_energy
 from fenicsrom.online.run.march import motion_of
 from fenicsrom.online.run.simulate import simulate
@@ -30,7 +30,8 @@ from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.stress.reactions import Peak, equilibrium_peak, largest_row, peak
 from fenicsrom.online.stress.stress import StressTable, deformation_at, extremes
 from fenicsrom.progress import working_time
-from fenicsrom.scene.keys.schema import Deviation, Scene
+from fenicsrom.reduction.training import beyond, probe_amplitude, unsettled
+from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
@@ -169,15 +170,6 @@ def _peaks(table: StressTable, scene: Scene, model: DiskModel, motion: Motion) -
     return found
 
 
-def deviations(scene: Scene) -> Array:
-    """The relative changes (N,) of the stiffness of the sectors."""
-    assert scene.cyclic is not None
-    given, count = scene.cyclic.mistuning, scene.cyclic.sectors
-    if isinstance(given, Deviation):
-        return given.deviation * np.random.default_rng(given.seed).standard_normal(count)
-    return np.zeros(count) if given is None else np.array(given)
-
-
 def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: False) -> DiskRun:
     """Integrate a disk, and the tuned disk beside a mistuned one.
 
@@ -197,7 +189,9 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     with timed("disk motion"):
         motion = _motion(model, whole, stop, ended)
     peaks, errors = list[Peak](), dict[str, MotionErrors]()
-    warnings = disk.warnings
+    warnings = [*disk.warnings, *beyond(disk.trained, scene, probe_amplitude(motion))]
+    if not disk.file:
+        warnings += unsettled(disk.trained, scene, motion)
     try:
         if delta.any() and not ended:
             with timed("motion of the tuned disk"):
@@ -229,9 +223,9 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         text += f"{100.0 * error:.2g} %: raise basis.modes"
         warnings.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
     moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
-    unsettled = [each for each in moving if not each.steady]
-    if scene.time.steady_tolerance and not ended and unsettled:
-        text = f"the motion does not repeat after {counted(unsettled[0].periods, 'period')}: raise "
+    varying = [each for each in moving if not each.steady]
+    if scene.time.steady_tolerance and not ended and varying:
+        text = f"the motion does not repeat after {counted(varying[0].periods, 'period')}: raise "
         text += "time.periods"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return DiskRun(

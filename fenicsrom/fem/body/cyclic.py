@@ -296,8 +296,7 @@ class CutFaces:
         ).tocsr()
         if self.is_real(h):
             return _petsc(csr_array(found.real), count, comm)
-        pair = scipy.sparse.kron(found.real, np.eye(2)) + scipy.sparse.kron(found.imag, IMAGINARY)
-        return _petsc(csr_array(pair), 2 * count, comm)
+        return _petsc(paired(found), 2 * count, comm)
 
     def displacements(self, h: int, z: Complex) -> Complex:
         """Complex amplitudes u (local, k) of Re (u e^{iωt}) of masters (own, k). Collective."""
@@ -327,6 +326,15 @@ class CutFaces:
         return _Masters(block, columns), count
 
 
+def paired(matrix: Any) -> csr_array:
+    """A sparse complex matrix a + ib for real and imaginary parts that follow each other."""
+    real, imaginary = (
+        scipy.sparse.kron(part, pattern)
+        for part, pattern in ((matrix.real, np.eye(2)), (matrix.imag, IMAGINARY))
+    )
+    return csr_array(real + imaginary)
+
+
 def _petsc(local: csr_array, columns: int, comm: Any) -> PETSc.Mat:
     """A PETSc matrix from its rows on this rank, with the columns that this rank owns."""
     local.sort_indices()
@@ -335,15 +343,23 @@ def _petsc(local: csr_array, columns: int, comm: Any) -> PETSc.Mat:
     return PETSc.Mat().createAIJ(sizes, csr=(starts, places, local.data), comm=comm)
 
 
-def wave_matrix(matrix: PETSc.Mat, constraint: PETSc.Mat) -> PETSc.Mat:
-    """The matrix (2) of a wave from a matrix of the sector and P. Collective."""
-    if constraint.getLocalSize()[0] == matrix.getLocalSize()[0]:
+def wave_matrix(
+    matrix: PETSc.Mat, constraint: PETSc.Mat, more: csr_array | None = None
+) -> PETSc.Mat:
+    """The matrix (2) of a wave from a matrix of the sector and P. Collective.
+
+    `more` (rows of P) is added before the product, on one rank.
+    """
+    size = matrix.getLocalSize()[0], matrix.getSize()[1]
+    copies = constraint.getLocalSize()[0] // size[0]
+    if copies == 1 and more is None:
         return matrix.ptap(constraint)
     starts, columns, values = matrix.getValuesCSR()
-    size = matrix.getLocalSize()[0], matrix.getSize()[1]
     rows = csr_array((values, columns, starts), shape=size)
-    double = csr_array(scipy.sparse.kron(rows, np.eye(2)))
-    pair = _petsc(double, 2 * size[0], matrix.comm.tompi4py())
+    double = scipy.sparse.kron(rows, np.eye(copies), format="csr")
+    if more is not None:
+        double = double + more
+    pair = _petsc(csr_array(double), copies * size[0], matrix.comm.tompi4py())
     found = pair.ptap(constraint)
     pair.destroy()
     return found

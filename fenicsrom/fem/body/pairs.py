@@ -11,8 +11,12 @@ their sum is one, so a constant pressure gives constant contact forces per area 
 rows that compare a node with its closest point do not (Puso and Laursen, Comput. Methods Appl.
 Mech. Eng. 193, 2004). The integrals are taken by quadrature on the facets of A. A point X has no
 partner if another facet of the surface crosses the line from X to Y: a body that lies between.
+
+In a disk, B may be a region of the neighbouring sector: turned by T, u_B(Y) is T times what the
+neighbour moves in its own frame.
 """
 
+from copy import copy
 from typing import Any, NamedTuple
 
 import basix
@@ -107,6 +111,14 @@ class Side:
         materials = body.materials
         self.thickness = np.asarray(materials.thickness)[materials.number[cells]]
         self._inwards = places[dofs.list[cells]].mean(axis=1) - self.middle
+
+    def turned(self, cut: Any, rotation: Array) -> "Side":
+        """The facets after a rotation (3, 3) about the axis of `cut`, a `CutFaces`."""
+        found, d = copy(self), self.x.shape[2]
+        x = self.x.reshape(-1, d)
+        found.x = cut.turned(np.pad(x, [(0, 0), (0, 3 - d)]), rotation)[:, :d].reshape(self.x.shape)
+        found.middle, found._inwards = found.x.mean(axis=1), self._inwards @ rotation[:d, :d].T
+        return found
 
     def at(self, facets: Ints, points: Array) -> tuple[Array, Array, Array]:
         """Places (q, d), tangents (q, d - 1, d) and shape functions (q, k) of reference points."""
@@ -259,7 +271,7 @@ def opposite(
         sides: both regions and the rest of the surface.
         whole: take the hats of the corners of the facets of A, and not those of their parts.
     """
-    a, b, others = sides
+    a, b, *others = sides
     facets, points, weights, corners, hats = _quadrature(a, whole)
     x, along, shapes = a.at(facets, points)
     on, place, distance = b.closest(x)
@@ -273,7 +285,7 @@ def opposite(
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
         raise _refused(body, "the outer normals of the two regions are not opposite", key)
     away = np.flatnonzero(seen & (distance > INSIDE * a.size.mean()))
-    seen[away] = ~others.crosses(x[away], y[away])
+    seen[away] = ~np.any([other.crosses(x[away], y[away]) for other in others], axis=0)
     if not seen.any():
         raise _refused(body, f"other facets lie between the region and {pair.against!r}", key)
     size = len(body.space.tabulate_dof_coordinates())
@@ -318,18 +330,30 @@ class Averages(NamedTuple):
         area: (P,) a_i, m².
         whole: area of A, m².
         mean: sparse (P, q) the averages of values at the points of the quadrature.
-        moved: sparse (P d, local) of the displacement u_A(X) - u_B(Y) in global axes.
+        first: sparse (P d, local) of the displacement u_A(X) in global axes.
+        second: the same of u_B(Y).
     """
 
     nodes: Ints
     area: Array
     whole: float
     mean: csr_array
-    moved: csr_array
+    first: csr_array
+    second: csr_array
+
+    @property
+    def moved(self) -> csr_array:
+        """Sparse (P d, local) of u_A(X) - u_B(Y)."""
+        return csr_array(self.first - self.second)
 
 
-def averages(body: Any, pair: Contact | Tie, key: str, found: Opposite) -> Averages:
-    """The averages around the nodes of A; arguments and errors as `opposite`."""
+def averages(
+    body: Any, pair: Contact | Tie, key: str, found: Opposite, turn: Array | None = None
+) -> Averages:
+    """The averages around the nodes of A; arguments and errors as `opposite`.
+
+    `turn` (d, d) is T of a neighbour.
+    """
     x = body.space.tabulate_dof_coordinates()
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
@@ -344,12 +368,39 @@ def averages(body: Any, pair: Contact | Tie, key: str, found: Opposite) -> Avera
     mean = scale[0] @ found.hats[kept] @ scale[1]
     free = np.ones(body.local)
     free[body.clamped] = 0.0
-    each = scipy.sparse.kron(mean @ (found.first - found.second), np.eye(body.dimension))
-    moved = csr_array(each @ scipy.sparse.diags_array(free))
-    return Averages(kept, area, float(whole.sum()), mean, moved)
+    own = np.eye(body.dimension)
+    first, second = (
+        csr_array(scipy.sparse.kron(mean @ part, way) @ scipy.sparse.diags_array(free))
+        for part, way in ((found.first, own), (found.second, own if turn is None else turn))
+    )
+    return Averages(kept, area, float(whole.sum()), mean, first, second)
 
 
-def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, ContactPoints]:
+class PairRows(NamedTuple):
+    """The contact points of a contact between two regions.
+
+    Attributes:
+        own: sparse rows (P d, local) of (1) in the local frames, for the displacements of the body.
+        ahead: the same for those of the next sector, in the sense of counting; else zero.
+        points: the points.
+    """
+
+    own: csr_array
+    ahead: csr_array
+    points: ContactPoints
+
+
+def _of_neighbour(cut: Any, sides: tuple[Side, ...]) -> tuple[tuple[Side, ...], int, Array]:
+    """The sides with B and the rest of a neighbour, the sense in which it follows, and T (3, 3)."""
+    a, b, rest = sides
+    ways = {s: cut.rotation(2.0 * np.pi * s / cut.sectors) for s in (1, -1)}
+    places = {s: b.turned(cut, way).middle.mean(axis=0) for s, way in ways.items()}
+    sense = min(ways, key=lambda s: float(np.linalg.norm(places[s] - a.middle.mean(axis=0))))
+    moved = b.turned(cut, ways[sense]), rest, rest.turned(cut, ways[sense])
+    return (a, *moved), sense, ways[sense]
+
+
+def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     """The contact points of a contact between two regions of a body, at the nodes of the first one.
 
     Args:
@@ -358,8 +409,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
         number: number of the contact in the scene.
 
     Returns:
-        Sparse rows (P d, local) of (1) in the local frames, and the points, whose tributary areas
-        are the a_i, with the gaps (2), or with those of the scene.
+        The rows and the points, whose tributary areas are the a_i, with the gaps (2), or with those
+        of the scene. A sector has the contact between itself and the next one.
 
     Raises:
         SceneError: a region is inside a body, the regions share nodes or do not face each other,
@@ -368,25 +419,31 @@ def pair_rows(body: Any, contact: Contact, number: int) -> tuple[csr_array, Cont
     """
     place, d = f"contacts[{number}]", body.dimension
     key, second = f"{place}.against", Region(group=contact.against)
-    a, b, _ = sides = sides_of(body, {f"{place}.group": contact.place, key: second}, key)
+    sense, turn = 0, np.eye(3)
+    sides: tuple[Side, ...] = sides_of(body, {f"{place}.group": contact.place, key: second}, key)
+    if contact.neighbour:
+        sides, sense, turn = _of_neighbour(body.cut, sides)
     found = opposite(body, contact, key, sides)
-    around = averages(body, contact, key, found)
+    around = averages(body, contact, key, found, turn[:d, :d])
     x = body.space.tabulate_dof_coordinates()[around.nodes, :d]
     frames = np.array([frame(n / np.linalg.norm(n)) for n in around.mean @ found.normal])
     gap = around.mean @ found.gap
-    gap[np.abs(gap) < SHUT * a.size.mean()] = 0.0
+    gap[np.abs(gap) < SHUT * sides[0].size.mean()] = 0.0
     if contact.gap is not None or contact.preload:
         gap = np.full(len(x), contact.gap or 0.0)
-    elif (depth := -float(gap.min())) > INSIDE * a.size.mean():
+    elif (depth := -float(gap.min())) > INSIDE * sides[0].size.mean():
         worst = x[np.argmin(gap)].round(6).tolist()
         reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
         raise _refused(body, f"{reason}{worst}; correct the mesh, or give contacts.gap", key)
     turned = scipy.sparse.bsr_array((frames, np.arange(len(x)), np.arange(len(x) + 1)))
-    rows = csr_array(turned @ around.moved)
-    rows.data[np.abs(rows.data) < ROUNDING] = 0.0
-    rows.eliminate_zeros()
-    tell(body, contact, place, around, gap, (a, b))
-    return rows, points_on(number, around.area, x, frames, gap=gap)
+    parts = [around.moved] if not sense else [around.first, -around.second][::sense]
+    rows = [csr_array(turned @ part) for part in parts]
+    for part in rows:
+        part.data[np.abs(part.data) < ROUNDING] = 0.0
+        part.eliminate_zeros()
+    own, ahead = rows if sense else (rows[0], csr_array(rows[0].shape))
+    tell(body, contact, place, around, gap, sides[:2])
+    return PairRows(own, ahead, points_on(number, around.area, x, frames, gap=gap))
 
 
 def tell(
@@ -395,7 +452,7 @@ def tell(
     place: str,
     around: Averages,
     gap: Array,
-    sides: tuple[Side, Side],
+    sides: tuple[Side, ...],
 ) -> None:
     """Tell the user what lies opposite, and if the second mesh is the finer one."""
     area = around.area

@@ -94,7 +94,11 @@ class FinerSolid(Solid):
         self._restriction.assemble()
         self.points, self.interface = self._coarser.points, self._coarser.interface
         self.pairs: list[str] = []
-        self.contact_rows = csr_array(self.lifted(self._coarser.contact_rows.toarray().T).T)
+        self.between = self._coarser.between
+        self.contact_rows, self.ahead_rows = (
+            csr_array(self.lifted(rows.toarray().T).T)
+            for rows in (self._coarser.contact_rows, self._coarser.ahead_rows)
+        )
 
     def _assembled_loads(self) -> Array:
         """Take the loads at places of the coarser solid, and assemble the others."""

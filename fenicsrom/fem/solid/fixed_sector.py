@@ -8,6 +8,9 @@ face, and the same shapes turned on the following one; K_c is the stiffness K wi
 that Ψ carries the sector along without a force inside. The shapes are those of the lowest waves
 with few nodal diameters, which serve the diameters in between (Craig and Bampton, AIAA J. 6, 1968,
 with an interface in few modes).
+
+A contact between sectors has two sides, which move on their own in the interior: R has the
+responses of both to the forces of the contact.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
+import scipy.sparse
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.body.cyclic import Complex
@@ -24,19 +28,35 @@ from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import Mesh
 from fenicsrom.fem.solid.solid import KnownEquilibrium, Solid, solid_of
 from fenicsrom.fem.solid.wave import wave
+from fenicsrom.formats.mesh_file import Marks
 from fenicsrom.notes import packed
-from fenicsrom.online.model.disk_model import Sector, load_diameters
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.disk_model import (
+    Sector,
+    deviations,
+    disk_model,
+    disk_scene,
+    load_diameters,
+)
+from fenicsrom.online.motion.motion import Motion, attempted
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import Trained
 from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.store.store import provenance
 from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.derivatives import all_pairs
+from fenicsrom.reduction.interface import MORE, VECTORS
 from fenicsrom.reduction.stages import Reduction, Timer
+from fenicsrom.reduction.training import train
 from fenicsrom.scene import Scene, Support
 from fenicsrom.scene.base.rules import BY_MOTION
 from fenicsrom.scene.keys.excitation import HIGHEST_MODE
 
 WAVES = 3
 """Number of modes of each nodal diameter whose shapes the cut faces take."""
+
+INDEPENDENT = 1e-6
+"""A combination of contact forces joins others if its own part is larger."""
 
 PAIRED = 3
 """Number of normal modes of the sector with clamped faces whose derivatives the basis takes."""
@@ -66,9 +86,14 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
     with timed("solid"):
         body = solid_of(scene, mesh)
     assert body.cut is not None
+    trained: Trained | None = None
     with _Cut(body, scene, timed) as cut:
-        sector, vectors = cut.reduced(WAVES, cut.basis)
-        larger = cut.reduced(WAVES + 1, cut.larger_basis())[0]
+        if scene.basis.masters == "motion":
+            with timed("motions that choose interface vectors"):
+                trained = train(body, scene, lambda _: [cut.motion()], [scene])
+        basis = cut.basis()
+        sector, vectors = cut.reduced(WAVES, basis)
+        larger = cut.reduced(WAVES + 1, cut.larger_basis(basis))[0]
     with timed("waves of the mesh"):
         checked = wave_error(body, scene, sector)
     table = None
@@ -85,6 +110,7 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
         highest_hz=body.excitation,
         sentence=body.cut.sentence,
         table=table,
+        trained=trained,
         notes=packed(body.warnings),
         provenance=provenance(),
     )
@@ -103,20 +129,16 @@ def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
         ConvergenceError, AccuracyError: the modes were not found.
     """
     with _Cut(sector, scene, timed) as cut:
-        return cut.reduced(WAVES, cut.basis)[0]
+        return cut.reduced(WAVES, cut.basis())[0]
 
 
 class _Cut:
-    """A sector with its waves, and the ordinary body that it is with clamped cut faces.
-
-    Attributes:
-        basis: the basis of this body.
-    """
+    """A sector with its waves, and the ordinary body that it is with clamped cut faces."""
 
     def __init__(self, sector: Solid, scene: Scene, timed: Timer):
-        """Compute the waves, and the basis of the body with clamped faces. Collective."""
+        """Compute the waves, and clamp the faces. Collective."""
         self._sector, self._scene, self._timed = sector, scene, timed
-        cyclic, options = scene.cyclic, scene.basis
+        cyclic = scene.cyclic
         assert sector.cut is not None and cyclic is not None
         with timed("waves"):
             waves = {h: _lowest_waves(sector, h) for h in wave_diameters(scene)}
@@ -126,11 +148,11 @@ class _Cut:
             fields = [field[:, : copies[h]] for h, field in waves.items()]
             self._shapes[count] = sector.cut.face_shapes(np.concatenate(fields, axis=1))
         clamps = Support(group=cyclic.left), Support(group=cyclic.right)
-        self._clamped = replace(scene, cyclic=None, supports=(*scene.supports, *clamps))
+        self._clamped = replace(scene, supports=(*scene.supports, *clamps))
         known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
         self._interior = Solid(sector.mesh, self._clamped, known)
-        modes = options.modes if isinstance(options.modes, int) else PAIRED
-        self.basis = self._basis(options.modes, min(PAIRED, modes))
+        self._interior.cut = None  # its faces are held: it has no waves
+        self._part_contacts()
 
     def __enter__(self) -> Self:
         """The sector itself."""
@@ -140,20 +162,49 @@ class _Cut:
         """Release the memory."""
         self._interior.destroy()
 
-    def _basis(self, modes: int | str, paired: int) -> ReducedBasis:
+    def _part_contacts(self) -> None:
+        """Let both sides of contacts between sectors move on their own in the interior."""
+        interior, points = self._interior, self._sector.between
+        self._between = np.repeat(points, interior.dimension)
+        rows = interior.contact_rows - interior.ahead_rows, interior.ahead_rows[self._between]
+        interior.contact_rows = scipy.sparse.vstack(rows, format="csr")
+        interior.points = ContactPoints._make(
+            np.concatenate([part, part[points]]) for part in interior.points
+        )
+        if interior.joint is not None:
+            springs = np.where(self._between, 0.0, interior.joint.springs)
+            interior.joint = interior.joint._replace(springs=springs)
+
+    def motion(self) -> Motion:
+        """The motion of the disk of the basis, up to a failure if there is one."""
+        whole = disk_scene(self._scene)
+        model = disk_model(self.reduced(WAVES, self.basis())[0], whole, deviations(whole))
+        return attempted(lambda: simulate(model, whole))[0]
+
+    def basis(self) -> ReducedBasis:
+        """The basis of the interior, with the present `interface` vectors of the sector."""
+        options = self._scene.basis
+        modes = options.modes if isinstance(options.modes, int) else PAIRED
+        return self._basis(options.modes, min(PAIRED, modes), options.masters)
+
+    def _basis(self, modes: int | str, paired: int, masters: int | str | None) -> ReducedBasis:
         """The basis of so many normal modes, with derivatives of so many of them."""
-        options = replace(self._scene.basis, modes=modes)
+        if self._sector.interface is not None:
+            self._interior.interface = both_sides(self._sector.interface, self._between)
+        options = replace(self._scene.basis, modes=modes, masters=masters)
         if options.derivatives in BY_MOTION:  # a sector alone moves otherwise
             labels = all_pairs([f"{k + 1}V" for k in range(paired)])
             options = replace(options, derivatives=tuple(labels))
         clamped = replace(self._clamped, basis=options)
         return Reduction(self._interior, clamped, self._timed).basis
 
-    def larger_basis(self) -> ReducedBasis:
-        """The basis of `FURTHER` modes more, which judges the other one."""
-        modes = sum(re.fullmatch(r"\d+V", label) is not None for label in self.basis.labels)
-        most = min(modes + FURTHER, self._interior.free)
-        return self._basis(most, min(PAIRED + 1, most))
+    def larger_basis(self, basis: ReducedBasis) -> ReducedBasis:
+        """The basis of `FURTHER` modes more than another one, which it judges."""
+        modes = sum(re.fullmatch(r"\d+V", label) is not None for label in basis.labels)
+        most, masters = min(modes + FURTHER, self._interior.free), self._scene.basis.masters
+        if masters == "motion" and self._interior.interface is not None:
+            masters = VECTORS + MORE
+        return self._basis(most, min(PAIRED + 1, most), masters)
 
     def reduced(self, waves: int, basis: ReducedBasis) -> tuple[Sector, Array]:
         """The sector with so many waves of each diameter, and its displacements (local, n)."""
@@ -166,7 +217,27 @@ class _Cut:
             own = project(interior, basis, self._scene.geometrically_nonlinear).elastic
             whole = replace(basis, vectors=np.concatenate([basis.vectors, faces], axis=1))
             model = project(sector, whole, nonlinear=False)
-        return Sector(model, own, shapes.shape[1], cut.neighbour), whole.vectors
+        ahead = sector.comm.allreduce(sector.ahead_rows @ whole.vectors)
+        springs = np.zeros(len(ahead)) if sector.joint is None else sector.joint.springs
+        found = Sector(model, own, shapes.shape[1], cut.neighbour, ahead, springs)
+        return found, whole.vectors
+
+
+def both_sides(vectors: Array, between: Marks) -> Array:
+    """Combinations of contact forces (m, k) of both sides of contacts, one after the other.
+
+    Args:
+        vectors: the combinations.
+        between: (m,) whether the second side moves on its own, with rows behind the m first.
+    """
+    m, b = between.size, int(between.sum())
+    found = np.zeros((m + b, 0))
+    for vector in vectors.T:
+        for column in (np.append(vector, np.zeros(b)), np.append(np.zeros(m), vector[between])):
+            rest = column - found @ np.linalg.lstsq(found, column)[0]
+            if np.linalg.norm(rest) > INDEPENDENT * np.linalg.norm(vector):
+                found = np.column_stack([found, column])
+    return found
 
 
 def wave_error(body: Solid, scene: Scene, sector: Sector) -> tuple[int, float]:

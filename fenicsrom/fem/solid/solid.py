@@ -93,7 +93,9 @@ class Solid(ElasticBody):
             undeformed body is unstable; without contacts the body then is in a stable one nearby.
         equilibrium: (local,) displacement under the static loads, at speed, m.
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
-            tangents], point by point.
+            tangents], point by point; of a sector, if all sectors move alike.
+        ahead_rows: sparse (m, local), the part of them by which the next sector moves.
+        between: (P,) whether each contact point is one between sectors.
         points: the contact points.
         interface: (m, k) combinations of contact forces for the static modes, or None.
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
@@ -338,24 +340,29 @@ class Solid(ElasticBody):
         d = self.dimension
         self.pairs: list[str] = []
         self.interface: Array | None = None
-        rows: list[csr_array] = [csr_array((0, self.local))]
+        rows = [csr_array((0, self.local))]
+        ahead = rows.copy()
         found: list[ContactPoints] = []
         for k, contact in enumerate(contacts):
             key = f"contacts[{k}]"
             if contact.against is not None:
-                pairs, points = pair_rows(self, contact, k)
-                rows.append(pairs)
-                found.append(points)
+                pairs = pair_rows(self, contact, k)
+                rows.append(csr_array(pairs.own + pairs.ahead))
+                ahead.append(pairs.ahead)
+                found.append(pairs.points)
                 continue
             at, position, area = self._places.contact_points(contact.place, key)
             where = f"{self.source}: {key}"
             axes = np.array([frame(surface_normal(contact, x[:d], where)) for x in position])
             blocks = np.arange(area.size + 1)
             rows.append(scipy.sparse.bsr_array((axes, blocks[:-1], blocks)) @ at)
+            ahead.append(csr_array(rows[-1].shape))
             lengths = self.mesh.unit_lengths(contact.place) if contact.place.at == "nodes" else 0
             found.append(points_on(k, area, position[:, :d], axes, lengths))
         self.contact_rows = scipy.sparse.vstack(rows, format="csr")
+        self.ahead_rows = scipy.sparse.vstack(ahead, format="csr")
         self.points = all_points(d, found)
+        self.between = np.array([contacts[k].neighbour for k in self.points.contact], dtype=bool)
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Find the probe: the first of the places, or that of the first load that has a place."""
@@ -592,7 +599,12 @@ class Solid(ElasticBody):
         square = self.rotation.omega_squared
         _ = self.factor, self.gyroscopic  # of the speed so far, if they were not made yet
         self.rotation.set_speed(omega)
-        self._move(self.equilibrium, self.static_load, square)
+        if self.joined:
+            self._spinning = self.rotation.omega_squared > 0.0
+            self.equilibrium = bring_together(self, self._contacts, self._bends)
+            vars(self).pop("stiffness", None)
+        else:
+            self._move(self.equilibrium, self.static_load, square)
         if self.gyroscopic is not None:
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()

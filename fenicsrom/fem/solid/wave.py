@@ -11,17 +11,24 @@ z₊ turns against the sense in which the sectors are counted, z₋ along it. Wi
 
     (Pᴴ K P + λ Pᴴ G P + λ² Pᴴ M P) z = 0,                                                (2)
 
-and the two have different frequencies.
+and the two have different frequencies. The points of contacts between sectors that are closed in
+the equilibrium stick: with the springs k and the rows of the sector and of the next one,
+
+    K + B k Bᴴ,    Bᴴ = B_ownᴴ + e^{ih 2π/N} B_aheadᴴ,                                      (3)
+
+takes the place of K.
 """
 
 from contextlib import closing
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.base.linalg import Factorisation, eigenmodes, multiply
-from fenicsrom.fem.body.cyclic import Complex, wave_matrix
+from fenicsrom.fem.body.cyclic import Complex, paired, wave_matrix
+from fenicsrom.fem.body.elasticity import Joint
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.reduction.protocols import Inverse
 
@@ -38,21 +45,22 @@ class Wave:
         inner: inner products over all ranks of two blocks.
     """
 
-    def __init__(self, sector: Solid, h: int):
+    def __init__(self, sector: Solid, h: int, stuck: bool = True):
         """Make the matrices of a wave. Collective.
 
         Args:
             sector: the sector, in its equilibrium.
             h: nodal diameter, at most half the number of sectors.
+            stuck: whether the closed points between sectors stick; else they are open.
 
         Raises:
             ConvergenceError: the stiffness is singular.
         """
         assert sector.cut is not None
         self.double, self._constraint = not sector.cut.is_real(h), sector.cut.constraint(h)
-        self._stiffness, self._mass = (
-            wave_matrix(matrix, self._constraint) for matrix in (sector.stiffness, sector.mass)
-        )
+        springs = _sticking(sector, h, stuck)
+        self._stiffness = wave_matrix(sector.stiffness, self._constraint, springs)
+        self._mass = wave_matrix(sector.mass, self._constraint)
         self.gyroscopic: PETSc.Mat | None = None
         if sector.gyroscopic is not None:
             self.gyroscopic = wave_matrix(sector.gyroscopic, self._constraint)
@@ -95,6 +103,19 @@ class Wave:
         return 0.5 * (z - turned), 0.5 * (z + turned)
 
 
-def wave(sector: Solid, h: int) -> closing[Wave]:
-    """The wave of a sector with h nodal diameters; its matrices are freed. Errors as `Wave`."""
-    return closing(Wave(sector, h))
+def _sticking(sector: Solid, h: int, stuck: bool) -> csr_array | None:
+    """B k Bᴴ of (3) with the rows of `CutFaces.constraint`; None without contact."""
+    if sector.joint is None:
+        return None
+    assert sector.cut is not None
+    lag = np.exp(2j * np.pi * h / sector.cut.sectors)
+    rows = sector.joint.rows + (lag - 1.0) * sector.ahead_rows
+    rows = rows.real if sector.cut.is_real(h) else paired(rows)
+    springs = sector.joint.springs * (stuck | ~np.repeat(sector.between, sector.dimension))
+    springs = np.repeat(springs, rows.shape[0] // springs.size)
+    return Joint(csr_array(rows), springs, np.zeros(springs.size)).stiffness
+
+
+def wave(sector: Solid, h: int, stuck: bool = True) -> closing[Wave]:
+    """The wave of a sector; its matrices are freed. Arguments and errors as `Wave`."""
+    return closing(Wave(sector, h, stuck))

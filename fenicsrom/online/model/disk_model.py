@@ -9,7 +9,8 @@ neighbour, so that with z = (η_0, y_0, η_1, y_1, ..)
 
 Every sector is described in its own frame, turned by j 360°/N about the axis, so that the matrices
 of all sectors are equal. Mistuning changes the stiffness of sector j to (1 + δ_j) K_s. Contacts,
-loads and probes of a sector are copied to all of them. An engine order k is a pattern that stands
+loads and probes of a sector are copied to all of them. A contact between sectors has the
+displacements x_j = B_own q_j + B_ahead q_{j+1}. An engine order k is a pattern that stands
 still while the disk turns at Ω. Sector j is ahead of sector 0, and meets it earlier:
 
     p_j(t) = p(t + j α/Ω),    α = 360°/N.                                                 (2)
@@ -35,6 +36,7 @@ from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel, Tangent
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with
 from fenicsrom.scene import Load, Scene
+from fenicsrom.scene.keys.schema import Deviation
 
 
 class Sector(NamedTuple):
@@ -45,12 +47,16 @@ class Sector(NamedTuple):
         interior: the nonlinear terms in η; its force and its stiffness do not count.
         shapes: m, the number of shapes of a cut face, the last 2 m coordinates.
         neighbour: 1 or -1: y′ of sector j is y of sector j + neighbour.
+        ahead: (m, n) the part of the contact rows of `model` by which sector j + 1 moves.
+        springs: (m,) those of the contact points that stick in the equilibrium, else 0, N/m.
     """
 
     model: ReducedModel
     interior: ElasticPolynomial
     shapes: int
     neighbour: int
+    ahead: Array
+    springs: Array
 
     def of_disk(self, sectors: int, blocks: Array) -> CyclicMatrix:
         """Pᵀ diag(A_0, A_1, ..) P of (1), of matrices (N or 1, n, n) of the sectors."""
@@ -62,10 +68,9 @@ class Sector(NamedTuple):
         joined = np.eye(n, n - m, dtype=complex)
         phase = np.exp(2j * np.pi * self.neighbour * h / sectors)
         joined[n - m :, n - 2 * m :] = phase * np.eye(m)
-        stiffness, mass = (
-            joined.conj().T @ matrix @ joined
-            for matrix in (self.model.elastic.stiffness, self.model.mass)
-        )
+        rows = self.model.contact_rows + (np.exp(2j * np.pi * h / sectors) - 1.0) * self.ahead
+        held = self.model.elastic.stiffness + rows.conj().T @ (self.springs[:, None] * rows)
+        stiffness, mass = (joined.conj().T @ matrix @ joined for matrix in (held, self.model.mass))
         squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
         return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 
@@ -133,9 +138,9 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     mass = sector.of_disk(count, model.mass[None])
     forces = _Forces(sector, count, factors)
 
-    def rows_of(rows: Array) -> Array:
-        of_all = np.zeros((count, model.size, count, len(rows)))
-        of_all[np.arange(count), :, np.arange(count)] = rows.T
+    def rows_of(rows: Array, ahead: int = 0) -> Array:
+        of_all, every = np.zeros((count, model.size, count, len(rows))), np.arange(count)
+        of_all[(every + ahead) % count, :, every] = rows.T
         return mass.summed(of_all.reshape(count, model.size, -1)).T
 
     points = ContactPoints._make(
@@ -156,7 +161,7 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         loads=rows_of(model.loads.T).T,
         load_histories=histories_of(scene.loads),
         points=points,
-        contact_rows=rows_of(model.contact_rows),
+        contact_rows=rows_of(model.contact_rows - sector.ahead) + rows_of(sector.ahead, 1),
         contact_offset=np.tile(model.contact_offset, count),
         probe=probes[:d],
         probe_offset=model.probe_offset,
@@ -244,6 +249,15 @@ def _add_terms(elastic, columns, factors, eta, weights, levers, forces, tangents
                 for k in range(e):
                     tangents[j, i, k] += lever * tangent[i, k]
     return energy
+
+
+def deviations(scene: Scene) -> Array:
+    """The relative changes (N,) of the stiffness of the sectors."""
+    assert scene.cyclic is not None
+    given, count = scene.cyclic.mistuning, scene.cyclic.sectors
+    if isinstance(given, Deviation):
+        return given.deviation * np.random.default_rng(given.seed).standard_normal(count)
+    return np.zeros(count) if given is None else np.array(given)
 
 
 def load_diameters(scene: Scene) -> set[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters
@@ -14,6 +14,9 @@ from fenicsrom.scene import Overrides, Scene
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.words import brief, counted
+
+if TYPE_CHECKING:
+    from fenicsrom.online.store.archive import Trained
 
 SLACK = 1.001
 """A frequency that is higher by a smaller factor is the same one."""
@@ -36,6 +39,7 @@ class StoredDisk:
         table: the stresses and displacements of the sector by its coordinates; None if the scene
             asks for neither.
         notes: notes on the sector, as `fenicsrom.notes.packed` gives them.
+        trained: what the motion holds that chose the interface vectors; None without such vectors.
         provenance: versions of the programs that made it, by name.
         file: the file from which it was read, for messages; "" if there is none.
     """
@@ -50,6 +54,7 @@ class StoredDisk:
     sentence: str
     table: StressTable | None = None
     notes: list[list[str]] = field(default_factory=list)
+    trained: Trained | None = None
     provenance: dict[str, str] = field(default_factory=dict)
     file: str = ""
 

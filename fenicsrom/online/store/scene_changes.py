@@ -19,7 +19,7 @@ from fenicsrom.scene import (
 from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 
 # keys of a contact and of its surface on which the offline stages depend
-CONTACT_KEYS = ("place", "normal", "against", "surface")
+CONTACT_KEYS = ("place", "normal", "against", "neighbour", "surface")
 REST_KEYS = ("reach", "preload", "gap", "approach", "normal_stiffness", "tangential_stiffness")
 SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
 

@@ -62,11 +62,21 @@ WRITTEN = 2
 
 def wave_table(found: Campbell) -> list[list[Any]]:
     """Frequencies by nodal diameter at the last speed; the first row is the header."""
-    values = found.frequencies_hz[-1]
+    return _by_diameter(found, found.frequencies_hz[-1], True)
+
+
+def open_table(found: Campbell) -> list[list[Any]]:
+    """The same without the contacts between sectors; nothing without such contacts."""
+    squares = found.open_squares
+    return [] if squares is None else _by_diameter(found, hertz(squares), False)
+
+
+def _by_diameter(found: Campbell, values: Array, with_directions: bool) -> list[list[Any]]:
     rows: dict[int, list[Any]] = {wave.diameter: [wave.diameter] for wave in found.waves}
     for k in np.argsort(values, kind="stable"):
         wave = found.waves[k]
-        rows[wave.diameter].append(f"{five_digits(values[k])} {LETTERS[wave.direction]}".rstrip())
+        way = LETTERS[wave.direction] if with_directions else ""
+        rows[wave.diameter].append(f"{five_digits(values[k])} {way}".rstrip())
     most = max(map(len, rows.values()))
     head = ["nodal diameter", *(f"mode {k + 1} Hz" for k in range(most - 1))]
     return [head, *(row + [""] * (most - len(row)) for row in rows.values())]
@@ -259,6 +269,12 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         f"The mesh is {found.body.cut.sentence}." if found.body and found.body.cut else "",
         *sentences(found),
     ]
+    if found.body and found.body.joint:
+        closed = found.body.joint.springs[:: found.body.dimension] > 0.0
+        lines.append(
+            f"Of {counted(closed.size, 'contact point')} in a sector, {closed.sum()} press in the "
+            "equilibrium. These stick in the modes."
+        )
     if any(wave.direction for wave in found.waves):
         lines.append("f: the wave runs with the rotation, b: against it, seen from the disk.")
     diagram = Picture(
@@ -267,6 +283,9 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     over_speed = Picture("Campbell diagram", "campbell.png", lambda: speed_figure(found))
     facts = summary(found) | {
         "sectors": found.waves[0].sectors,
+        "frequencies_without_contact_between_sectors_Hz": None
+        if found.open_squares is None
+        else hertz(found.open_squares),
         "nodal_diameters": [wave.diameter for wave in found.waves],
         "mode_numbers": [wave.number for wave in found.waves],
         "directions": [wave.direction for wave in found.waves],
@@ -278,6 +297,7 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         [line for line in lines if line],
         [
             Section("Frequencies by nodal diameter", [wave_table(found)]),
+            Section("Frequencies with open contacts between sectors", [open_table(found)]),
             Section(
                 "Critical speeds", [table_of(found.critical, critical_quantities(found))], keys=2
             ),

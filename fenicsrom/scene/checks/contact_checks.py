@@ -1,6 +1,7 @@
 """Checks between keys of the contacts: with rigid surfaces and between bodies."""
 
 import math
+from functools import partial
 from operator import mul
 
 from fenicsrom.errors import ErrorKind
@@ -17,8 +18,9 @@ def contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
         yield from _pair_problems(contact, key)
     elif contact.surface is None and contact.normal is None:
         yield Problem(f"{key}.normal", "a normal, a surface or against must be given")
-    elif contact.reach is not None:
-        yield Problem(f"{key}.reach", "only allowed with against")
+    else:
+        for name in filter(partial(getattr, contact), ("reach", "neighbour")):
+            yield Problem(f"{key}.{name}", "only allowed with against")
     if contact.gap and contact.preload:
         allowed = "not allowed with a preload, which is the force at the undeformed position"
         yield Problem(f"{key}.gap", allowed)
@@ -52,14 +54,16 @@ def joined_problems(scene: Scene) -> Problems:
             yield Problem("bolts", "only allowed with a contact against a region", value="a table")
         return
     why = "with a contact against a region of the body"
+    if scene.rotation is not None and scene.cyclic is None:
+        yield Problem("rotation", f"not allowed {why}", value="a table")
     for k, contact in enumerate(scene.contacts):
         pair = {contact.place.group, contact.against}
         if None not in pair and pair in [
             {other.place.group, other.against} for other in scene.contacts[:k]
         ]:
             yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
-    if scene.rotation is not None:
-        yield Problem("rotation", f"not allowed {why}", value="a table")
+        if contact.neighbour and scene.cyclic is None:
+            yield Problem(f"contacts[{k}].neighbour", "only allowed with [cyclic]")
     for k in scene.followers:
         yield Problem(f"loads[{k}].follower", f"must be false {why}")
     basis = scene.basis

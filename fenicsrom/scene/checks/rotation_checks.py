@@ -60,7 +60,7 @@ def cyclic_problems(scene: Scene) -> Problems:
         yield Problem("cyclic.mistuning", allowed, ErrorKind.RANGE)
     for k, contact in enumerate(scene.contacts):
         waves = contact.surface is not None and contact.surface.waves
-        parts = {"against": contact.against, "abradable": contact.abradable, "surface.waves": waves}
+        parts = {"abradable": contact.abradable, "surface.waves": waves}
         for name in filter(parts.get, parts):
             yield Problem(f"contacts[{k}].{name}", "not allowed with [cyclic]")
         if contact.surface is not None:

@@ -158,6 +158,7 @@ class Contact:
         surface: a round rigid surface instead of the plane.
         against: group of the facets of the other region, which share no node with those of the
             first one; not with normal or surface.
+        neighbour: whether `against` is a region of the next sector; only with [cyclic].
         reach: facets at larger distances are not opposite one another; only with `against`.
         abradable: a layer on the surface that the body wears; not with a preload.
         preload: normal force at the undeformed position. With at = "nodes": N/m² on facets, N/m on
@@ -177,6 +178,7 @@ class Contact:
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
     against: Annotated[str | None, rules.name] = None
+    neighbour: Annotated[bool, flag] = False
     reach: Annotated[float | None, number(above=0.0, unit="m")] = None
     abradable: Annotated[Abradable | None, table_of(Abradable)] = None
     preload: Annotated[float, number(least=0.0, unit="N")] = 0.0

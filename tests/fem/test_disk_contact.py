@@ -1,0 +1,219 @@
+"""Neighbouring sectors that touch move as those of the whole disk in finite elements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("meshio")
+pytest.importorskip("dolfinx")
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from fenicsrom import build_solid, run, simulate
+from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
+from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.solid.wave import wave
+from fenicsrom.scene.keys.schema import Rotation
+from fenicsrom.study.analyses import nodal_diameters
+from tests.disks import CYCLIC, N, copied, scene_of, shrouded, spinning, turned, wedged
+from tests.fem.test_disk_run import marched_alone, sector_of
+from tests.support import refusal
+
+MIDDLE = np.pi / N
+ACROSS = np.array([[-np.sin(MIDDLE), np.cos(MIDDLE), 0.0]])
+TIP = 14
+"""A node at the end of the blade."""
+
+PAIR = {"normal_stiffness": 1e10, "tangential_stiffness": 1e10, "friction": 0.1, "preload": 1e7}
+SHROUD = {"group": "ahead", "against": "behind", "neighbour": True}
+SLOW = spinning(2) | {"speed_rpm": 1e3}
+
+
+def tables(points: Any, sectors: range, order: int, force: float, **more: Any) -> dict[str, Any]:
+    """Loads of an engine order at the tips of some sectors; `more` are other tables."""
+    loads = []
+    for j in sectors:
+        place, along = (turned(x, j)[0, :2].tolist() for x in (points[TIP : TIP + 1], ACROSS))
+        phase = {"engine_order": order, "phase": 2.0 * np.pi * order * j / N}
+        loads.append({"nearest": place, "direction": along, "force": force, **phase})
+    given = {
+        "loads": loads,
+        "damping": {"stiffness": 2e-5},
+        "basis": {"modes": 20},
+        "time": {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0},
+        "geometrically_nonlinear": False,
+        "probe": {"nearest": points[TIP, :2].tolist()},
+    }
+    return given | more
+
+
+def sector_scene(
+    path: Path,
+    mesh: Any,
+    contacts: Any = (SHROUD,),
+    order: int = 2,
+    force: float = 1e4,
+    **more: Any,
+) -> Any:
+    """The scene of one sector."""
+    points, cells, ends = mesh
+    given = {"cyclic": CYCLIC, "rotation": SLOW, **tables(points, range(1), order, force)}
+    given["contacts"] = [{**PAIR, **one} for one in contacts]
+    return scene_of(path, points, cells, ends=ends, **(given | more))
+
+
+def whole_scene(
+    path: Path,
+    mesh: Any,
+    contacts: Any = (SHROUD,),
+    order: int = 2,
+    force: float = 1e4,
+    **more: Any,
+) -> Any:
+    """The scene of the whole disk: a rotation with such contacts is not allowed in a file."""
+    points, cells, ends = mesh
+    path = path / "whole"
+    path.mkdir()
+    every, copies = copied(points, cells, N)
+    near, given = cKDTree(every), tables(points, range(N), order, force, **more)
+    sets = {
+        f"{name}{j}": near.query(turned(points[nodes], j))[1]
+        for j in range(N)
+        for name, nodes in ends.items()
+    }
+    given["contacts"] = []
+    for j in range(N):
+        for one in contacts:  # the side at the beginning of a sector is that of the next one
+            later = one.get("neighbour", False) * ("behind",)
+            sides = {k: f"{one[k]}{(j + (one[k] in later)) % N}" for k in ("group", "against")}
+            given["contacts"].append({**PAIR, **one, "neighbour": False, **sides})
+    hertz = SLOW["speed_rpm"] / 60.0
+    for load in given["loads"]:
+        load["frequency"] = hertz * load.pop("engine_order")
+    found = scene_of(path, every, copies, ends=sets, **given)
+    return replace(found, rotation=Rotation(**SLOW, point=(0.0, 0.0)))
+
+
+def by_sector(points: Any, values: Any) -> Any:
+    """Values (ns, P, d) of contact points, those of a contact from the axis outwards."""
+    away = np.linalg.norm(points.position, axis=1)
+    keys = zip(away.reshape(N, -1), points.contact.reshape(N, -1), strict=True)
+    order = np.array([np.lexsort(key) for key in keys])
+    found = values.reshape(len(values), N, -1, values.shape[2])
+    return np.take_along_axis(found, order[None, :, :, None], axis=2)
+
+
+def compared(found: Any, scene: Any) -> tuple[float, float, Any]:
+    """Errors of the contact displacements and forces against the whole disk, and its motion."""
+    body = build_solid(scene, MPI.COMM_SELF)
+    motion = simulate(full_model(body), scene)
+    errors = []
+    for name in ("displacement", "force"):
+        ours, wanted = (
+            by_sector(points, getattr(one, name))
+            for points, one in ((found.model.points, found.motion), (body.points, motion))
+        )
+        wanted = wanted - wanted[0]
+        errors.append(float(np.linalg.norm(ours - ours[0] - wanted) / np.linalg.norm(wanted)))
+    assert found.motion.relative_imbalance < 1e-6
+    return *errors, motion
+
+
+@pytest.mark.parametrize("ends", [("ahead", "behind"), ("behind", "ahead")])
+def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, ends: Any) -> None:
+    """With either end as the first region; the interface vectors are those of the motion."""
+    contacts = [SHROUD | dict(zip(("group", "against"), ends, strict=True))]
+    given: dict[str, Any] = {"contacts": contacts, "force": 2e4}
+    found = run(sector_scene(tmp_path, shrouded(), **given), MPI.COMM_SELF)
+    moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **given))
+    open_, slip = (np.mean(motion.state == state) for state in (-1, 0))
+    assert open_ > 0.1 and slip > 0.2
+    assert moved < 2e-6 and pushed < 2e-6
+    np.testing.assert_allclose(
+        found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=1e-5
+    )
+
+
+def test_wedges_between_blades_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None:
+    """A damper that only contacts hold, one of them to the next sector, pressed by the rotation."""
+    contacts = [
+        {"group": "low", "against": "ahead", "preload": 0.0, "gap": 0.0},
+        {"group": "high", "against": "behind", "preload": 0.0, "gap": 0.0, "neighbour": True},
+    ]
+    found = run(sector_scene(tmp_path, wedged(), contacts), MPI.COMM_SELF)
+    moved, pushed, motion = compared(found, whole_scene(tmp_path, wedged(), contacts))
+    assert 0.1 < np.mean(motion.state == 0) < 0.9
+    assert moved < 2e-5 and pushed < 2e-5
+
+
+@pytest.mark.slow
+def test_shrouded_blades_swing_as_those_of_the_whole_disk(tmp_path: Path) -> None:
+    """A nonlinear motion, of which the linear disk misses a quarter."""
+    more = {"geometrically_nonlinear": True, "basis": {"modes": 6}, "force": 1e5}
+    scene = sector_scene(tmp_path, shrouded(), **more)
+    found, linear = (run(s) for s in (scene, replace(scene, geometrically_nonlinear=False)))
+    moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **more))
+    assert moved < 1e-3 and pushed < 1e-3 and 0.1 < np.mean(motion.state == 0)
+    ours, straight = (one.motion.displacement for one in (found, linear))
+    assert np.linalg.norm(straight - ours) > 0.1 * np.linalg.norm(ours - ours[0])
+
+
+def test_order_of_all_sectors_moves_shrouds_as_those_of_one_sector(tmp_path: Path) -> None:
+    """With a step that does not depend on how stiff a contact point alone is."""
+    time = {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0}
+    more = {"basis": {"modes": 20, "masters": "all"}}
+    more["time"] = time | {"scheme": "average-acceleration"}
+    scene = sector_scene(tmp_path, shrouded(), order=N, **more)
+    found = run(scene, MPI.COMM_SELF).motion
+    wanted = marched_alone(sector_of(scene), scene)
+    assert 0.1 < np.mean(wanted.state == 0)
+    error = np.abs(found.displacement - np.tile(wanted.displacement, (1, N, 1))).max()
+    assert error < 1e-10 * np.abs(wanted.displacement).max()
+
+
+def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path: Path) -> None:
+    scene = sector_scene(tmp_path, shrouded(), basis={"modes": 3})
+    found = nodal_diameters(scene, MPI.COMM_SELF)
+    body = build_solid(whole_scene(tmp_path, shrouded()), MPI.COMM_SELF)
+    assert found.open_squares is not None
+    for squares, times in (
+        (found.squares[-1], body.held_times),
+        (found.open_squares, body.stiffness_times),
+    ):
+        body.stiffness_times = times
+        wanted = modes_at_speed(body, 12)[0]
+        np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=1e-6)
+
+
+def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:
+    """The blades move outwards at speed, away from one another."""
+    scene = sector_scene(tmp_path, shrouded())
+    body = build_solid(scene, MPI.COMM_SELF)
+    for speed, closed in ((5e3, False), (1e3, True)):
+        body.spin(speed * np.pi / 30.0)
+        fresh = build_solid(scene.at_speed(speed), MPI.COMM_SELF)
+        assert np.all((body.joint.springs > 0.0) == closed)
+        np.testing.assert_array_equal(body.joint.springs > 0.0, fresh.joint.springs > 0.0)
+        size = np.abs(fresh.equilibrium).max()
+        np.testing.assert_allclose(body.equilibrium, fresh.equilibrium, atol=1e-8 * size)
+        squares = []
+        for one in (body, fresh):
+            with wave(one, 1) as disk:
+                squares.append(disk.eigenmodes(disk.factor, 2)[0])
+        np.testing.assert_allclose(*squares, rtol=1e-6)
+
+
+def test_neighbour_without_a_disk_or_a_region_is_refused(tmp_path: Path) -> None:
+    with refusal(ErrorKind.CONFLICT, key="contacts[0].neighbour", names="with [cyclic]"):
+        points, cells, ends = shrouded()
+        load = {"nearest": [0.5, 0.3], "direction": [1.0, 0.0], "force": 1.0, "frequency": 1.0}
+        scene_of(tmp_path, points, cells, ends=ends, loads=[load], contacts=[PAIR | SHROUD])
+    wall = {"group": "ahead", "normal": [1.0, 0.0], "neighbour": True}
+    with refusal(ErrorKind.CONFLICT, key="contacts[0].neighbour", names="with against"):
+        sector_scene(tmp_path, shrouded(), [wall])
