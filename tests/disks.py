@@ -89,6 +89,15 @@ def wedged() -> tuple[Any, Any, dict[str, Any]]:
     return np.append(points, wedge, 0), np.append(cells, [more], 0), ends | sides
 
 
+def extruded(mesh: tuple[Any, Any, dict[str, Any]]) -> tuple[Any, Any, dict[str, Any]]:
+    """A plane mesh as hexahedra of 20 mm."""
+    points, cells, ends = mesh
+    n = len(points)
+    both = np.concatenate([points, points + np.array([0.0, 0.0, 0.02])])
+    sets = {name: np.append(nodes, nodes + n) for name, nodes in ends.items()}
+    return both, np.concatenate([cells, cells + n], axis=1), sets
+
+
 def polar(radius: float, angle: float) -> Any:
     """A place in the plane."""
     return radius * np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -116,14 +125,14 @@ def scene_of(
         "rim": radius > 0.29,
     }
     sets |= {name: np.isin(np.arange(len(points)), nodes) for name, nodes in (ends or {}).items()}
-    kind = "quad" if d == 2 else "tetra"
+    kind = "quad" if d == 2 else {4: "tetra", 8: "hexahedron"}[cells.shape[1]]
     data = {name: marks.astype(int) for name, marks in sets.items()}
     meshio.Mesh(points, [(kind, cells)], point_data=data).write(path / "disk.vtk")
     thick = {"thickness": 0.02} if d == 2 else {}
     tables: dict[str, Any] = {
         "geometry": {"mesh": "disk.vtk", "dimension": d, "degree": 2, **thick},
         "material": STEEL,
-        "supports": [{"group": "bore" if d == 2 else "rim"}],
+        "supports": [{"group": "rim" if kind == "tetra" else "bore"}],
         "probe": {"nearest": [0.2, 0.1] if d == 2 else [0.0, 0.0, 0.05]},
     }
     return make_scene(folder=path, **(tables | more))

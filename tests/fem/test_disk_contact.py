@@ -19,9 +19,11 @@ from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.wave import wave
+from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
+from fenicsrom.post.studies.disk_run_report import contacts
 from fenicsrom.scene.keys.schema import Rotation
 from fenicsrom.study.analyses import nodal_diameters
-from tests.disks import CYCLIC, N, copied, scene_of, shrouded, spinning, turned, wedged
+from tests.disks import CYCLIC, N, copied, extruded, scene_of, shrouded, spinning, turned, wedged
 from tests.fem.test_disk_run import marched_alone, sector_of
 from tests.support import refusal
 
@@ -126,10 +128,32 @@ def compared(found: Any, scene: Any) -> tuple[float, float, Any]:
 
 
 @pytest.mark.parametrize("ends", [("ahead", "behind"), ("behind", "ahead")])
+def test_rigid_motions_of_a_disk_move_no_contact(tmp_path: Path, ends: Any) -> None:
+    """In space: a rotation and a translation along the axis, and one across it, a wave of h = 1."""
+    points, cells, sets = extruded(shrouded((2e-6, 2e-6)))  # a gap moves with a rotation
+    axis = {"axis": [0.0, 0.0, 1.0]}
+    contact = PAIR | SHROUD | dict(zip(("group", "against"), ends, strict=True))
+    more: dict[str, Any] = {"cyclic": CYCLIC | axis, "contacts": [contact]}
+    more |= {"time": {"duration": 1.0, "step": 0.1}, "probe": {"nearest": [0.6, 0.3, 0.0]}}
+    body = build_solid(scene_of(tmp_path, points, cells, ends=sets, **more), MPI.COMM_SELF)
+    x = body.space.tabulate_dof_coordinates()
+    lag = np.exp(2j * np.pi / N)
+    for field, factor in (
+        (np.cross([0.0, 0.0, 1.0], x), 1.0),
+        (np.tile([0.0, 0.0, 1.0], (len(x), 1)), 1.0),
+        (np.tile([1.0, 1j, 0.0], (len(x), 1)), lag),
+    ):
+        own, ahead = (rows @ field.ravel() for rows in (body.contact_rows, body.ahead_rows))
+        assert np.abs(ahead).max() > 0.1
+        assert np.abs(own + (factor - 1.0) * ahead).max() < 5e-6
+    assert body.joint.springs.size == 27
+
+
+@pytest.mark.parametrize("ends", [("ahead", "behind"), ("behind", "ahead")])
 def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, ends: Any) -> None:
     """With either end as the first region; the interface vectors are those of the motion."""
-    contacts = [SHROUD | dict(zip(("group", "against"), ends, strict=True))]
-    given: dict[str, Any] = {"contacts": contacts, "force": 2e4}
+    pairs = [SHROUD | dict(zip(("group", "against"), ends, strict=True))]
+    given: dict[str, Any] = {"contacts": pairs, "force": 2e4}
     found = run(sector_scene(tmp_path, shrouded(), **given), MPI.COMM_SELF)
     moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **given))
     open_, slip = (np.mean(motion.state == state) for state in (-1, 0))
@@ -138,6 +162,11 @@ def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, end
     np.testing.assert_allclose(
         found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=1e-5
     )
+    rows, parts = contacts(found), contact_fractions(found.motion)
+    assert [row["sector"] for row in rows] == [*range(N)]
+    assert np.mean([row["slip"] for row in rows]) == pytest.approx(parts["slip"])
+    spent = friction_dissipation_per_period(found.motion)
+    assert sum(row["loss"] for row in rows) == pytest.approx(spent)
 
 
 def test_wedges_between_blades_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None:

@@ -134,6 +134,11 @@ class CutFaces:
         """Points (n, 3) after a rotation about the axis."""
         return np.asarray(self._point + (points - self._point) @ rotation.T)
 
+    def beside(self, points: Array) -> list[Array]:
+        """Points (n, 3) of both neighbouring sectors."""
+        step = 2.0 * np.pi / self.sectors
+        return [self.turned(points, self.rotation(angle)) for angle in (step, -step)]
+
     def _refused(self, key: str, value: object, allowed: str) -> SceneError:
         return Where(self._body.source, f"cyclic.{key}").refuse(value, allowed, ErrorKind.PLACE)
 

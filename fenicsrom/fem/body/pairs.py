@@ -457,8 +457,9 @@ def tell(
     """Tell the user what lies opposite, and if the second mesh is the finer one."""
     area = around.area
     a, b = (float(side.size.mean()) for side in sides)
+    of = " of the next sector" * (isinstance(pair, Contact) and pair.neighbour)
     text = (
-        f"{place}: {counted(len(area), 'point')} against {pair.against!r} on "
+        f"{place}: {counted(len(area), 'point')} against {pair.against!r}{of} on "
         f"{area.sum():.4g} m² of {around.whole:.4g} m², gaps {gap.min():.3g} to {gap.max():.3g} m"
     )
     body.pairs.append(text)

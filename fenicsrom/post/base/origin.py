@@ -65,7 +65,14 @@ RESULTS = (
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json")),
     *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
     *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
-    *("map_wear.csv", "ringdown.csv", "ringdown.json", "ringdown_decays", "diameters.csv"),
+    *(
+        "map_wear.csv",
+        "ringdown.csv",
+        "ringdown.json",
+        "ringdown_decays",
+        "diameters.csv",
+        "contacts.csv",
+    ),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 

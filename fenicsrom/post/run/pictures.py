@@ -154,7 +154,8 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     if found is None:
         return None
     grid, _, marks = found
-    draw = partial(setup_figure, grid, marks, _title(scene))
+    beside = [] if solid.cut is None else solid.cut.beside(grid.points)
+    draw = partial(setup_figure, grid, marks, _title(scene), beside=beside)
     return replace(body_picture("Set-up", "setup", draw), name=name)
 
 

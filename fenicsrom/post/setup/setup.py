@@ -314,19 +314,28 @@ OVERVIEW = 0.32
 """Width of the second panel, relative to the picture of the body."""
 
 
-def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | None = None) -> Plot:
+def setup_figure(
+    grid: Grid,
+    marks: Sequence[Mark],
+    title: str,
+    view: View | None = None,
+    beside: Sequence[Array] = (),
+) -> Plot:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
     Several loads and contact points have numbers. The projection is that of `setup_view` by
-    default.
+    default. The neighbours of a sector, with the points `beside`, are pale.
     """
     surface = surface_of(grid)
     view = view or setup_view(surface, marks)
     drawn = symbols(marks, grid.points, view.length)
     places = [surface.points, *(part.mesh.points for part in drawn)]
-    frame = frame_of(view, places)
+    frame = frame_of(view, [*places, *beside])
     _, low, high = frame
-    body = [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
+    pale = [surface_of(replace(grid, points=points)) for points in beside]
+    body = [painted(near, PALE) for near in pale]
+    body += [drawn_lines(form_edges(near), PALE_LINE) for near in pale]
+    body += [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
     body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]
     around = surroundings(marks, grid.points)
     wide = width_of(frame)
@@ -342,7 +351,8 @@ def setup_figure(grid: Grid, marks: Sequence[Mark], title: str, view: View | Non
         overview = image_of([painted(surface), *around], whole, OVERVIEW * wide)
         panels.append(body_panel([overview]))
         widths.append(OVERVIEW)
-    look: dict[str, Any] = {"columns": len(panels), "widths": widths, "legend": _samples(marks)}
+    samples = [*_samples(marks), *([Bars(color=PALE, label="neighbours")] if pale else [])]
+    look: dict[str, Any] = {"columns": len(panels), "widths": widths, "legend": samples}
     return Plot(panels, wide * sum(widths), 0.0, title=title, **look)
 
 
@@ -408,6 +418,9 @@ COLOURS = {
     "probe": "#009E73",
     "rotation": "#332288",
 }
+
+PALE, PALE_LINE = "#F1F3F4", "#C3C8CC"
+"""Colours of neighbouring sectors and of their edges."""
 
 LOADED, HELD, WALL = "#F3C6A5", "#9AA1A8", "#A6CEE4"
 """Colours of regions of loads, of supports that hold some components, and of round walls."""

@@ -62,23 +62,23 @@ WRITTEN = 2
 
 def wave_table(found: Campbell) -> list[list[Any]]:
     """Frequencies by nodal diameter at the last speed; the first row is the header."""
-    return _by_diameter(found, found.frequencies_hz[-1], True)
+    return _by_diameter(found, found.frequencies_hz[-1], "")
 
 
 def open_table(found: Campbell) -> list[list[Any]]:
     """The same without the contacts between sectors; nothing without such contacts."""
     squares = found.open_squares
-    return [] if squares is None else _by_diameter(found, hertz(squares), False)
+    return [] if squares is None else _by_diameter(found, hertz(squares), "open, ")
 
 
-def _by_diameter(found: Campbell, values: Array, with_directions: bool) -> list[list[Any]]:
+def _by_diameter(found: Campbell, values: Array, state: str) -> list[list[Any]]:
     rows: dict[int, list[Any]] = {wave.diameter: [wave.diameter] for wave in found.waves}
     for k in np.argsort(values, kind="stable"):
         wave = found.waves[k]
-        way = LETTERS[wave.direction] if with_directions else ""
+        way = "" if state else LETTERS[wave.direction]
         rows[wave.diameter].append(f"{five_digits(values[k])} {way}".rstrip())
     most = max(map(len, rows.values()))
-    head = ["nodal diameter", *(f"mode {k + 1} Hz" for k in range(most - 1))]
+    head = ["nodal diameter", *(f"{state}mode {k + 1} Hz" for k in range(most - 1))]
     return [head, *(row + [""] * (most - len(row)) for row in rows.values())]
 
 

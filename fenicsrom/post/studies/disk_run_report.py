@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import Any
+
 import numpy as np
 
 from fenicsrom.arrays import Array
@@ -12,6 +15,7 @@ from fenicsrom.online.motion.measures import (
     contact_fractions,
     friction_dissipation_per_period,
     peak_normal_force,
+    point_summaries,
 )
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
@@ -38,6 +42,14 @@ SECTORS = (
     Quantity("amplitude_m", "amplitude", "amplitude, mm"),
     Quantity("mistuning", "mistuning", "change of stiffness, %", 3),
 )
+CONTACTS = (
+    Quantity("contact", "contact", "contact"),
+    Quantity("sector", "sector", "sector"),
+    *(Quantity(name, name, f"{name}, %", 3) for name in ("open", "slip", "stick")),
+    Quantity("peak_normal_force_N", "peak", "largest normal force of a point, N", 4),
+    Quantity("friction_dissipation_per_period_J", "loss", "friction, J per period", 4),
+)
+BETWEEN = "Sector j has its contacts with sector j + 1."
 DIAMETERS = (
     Quantity("nodal_diameter", "diameter", "nodal diameter"),
     Quantity("share", "share", "share of the motion, %"),
@@ -50,6 +62,20 @@ def sectors(found: DiskRun) -> list[dict[str, float]]:
     return [
         {"sector": j, "amplitude": float(a), "mistuning": float(delta)} for j, (a, delta) in pairs
     ]
+
+
+def contacts(found: DiskRun) -> list[dict[str, float]]:
+    """A row for each contact of the scene in each sector."""
+    points = point_summaries(found.motion)
+    of = found.model.points.contact.reshape(found.mistuning.size, -1)
+    rows = []
+    for k, (j, each) in itertools.product(range(len(found.scene.contacts)), enumerate(of)):
+        mine = [points[j * each.size + p] for p in np.flatnonzero(each == k)]
+        shares = {s: np.mean([one["fraction"][s] for one in mine]) for s in mine[0]["fraction"]}
+        peak = max(one["peak_normal_force_N"] for one in mine)
+        loss = sum(one["friction_dissipation_per_period_J"] for one in mine)
+        rows.append({"contact": k, "sector": j, **shares, "peak": peak, "loss": loss})
+    return rows
 
 
 def diameters(found: DiskRun) -> list[dict[str, float]]:
@@ -129,7 +155,13 @@ def report(found: DiskRun) -> Report:
         summary["contact_fractions"] = contact_fractions(motion)
         summary["friction_dissipation_per_period_J"] = friction_dissipation_per_period(motion)
         summary["peak_normal_force_N"] = peak_normal_force(motion)
-    stresses = {STRESSES_FILE: stress_rows(found.peaks_of_stress)} if found.peaks_of_stress else {}
+    more = {"diameters.csv": rows_of(diameters(found), DIAMETERS)}
+    if found.peaks_of_stress:
+        more[STRESSES_FILE] = stress_rows(found.peaks_of_stress)
+    rows, items = contacts(found) if touching else [], list[Any]()
+    if touching:
+        more["contacts.csv"] = rows_of(rows, CONTACTS)
+        items = [table_of(rows, CONTACTS), BETWEEN * bool(found.disk.sector.ahead.any())]
     shape = Picture("Disk", "shapes.png", lambda: shape_of(found), in_space=True)
     return Report(
         "disk",
@@ -139,6 +171,7 @@ def report(found: DiskRun) -> Report:
         [
             Section("Amplitudes by sector", [table_of(sectors(found), by_sector)]),
             Section("Shares of nodal diameters", [table_of(told, DIAMETERS)]),
+            *([Section("Contacts", items, terminal=False, keys=2)] if touching else []),
             Section(
                 "Stresses at places of sector 0",
                 [stress_table(found.peaks_of_stress), RECOVERY_NOTE, NO_REACTIONS]
@@ -154,13 +187,13 @@ def report(found: DiskRun) -> Report:
                 "Motion of the disk",
                 "disk.png",
                 lambda: figure(found),
-                "Amplitudes by sector, shares of nodal diameters, and the last period of each "
-                "sector.",
+                f"Amplitudes{' and friction' * touching} by sector, shares of nodal diameters, and "
+                "the last period of each sector.",
                 "disk.csv",
             ),
             *([shape] if found.disk.table is not None else []),
         ],
-        more_rows={"diameters.csv": rows_of(diameters(found), DIAMETERS)} | stresses,
+        more_rows=more,
         quantities=[FREQUENCIES, *(moved if found.errors else [])],
         unjudged=[
             *([] if found.errors else moved),
@@ -183,8 +216,13 @@ def figure(found: DiskRun) -> Plot:
         style, colour = STYLES[j // len(COLOURS) % len(STYLES)], COLOURS[j % len(COLOURS)]
         name = f"sector {j}" if len(moved.T) <= NAMED else ""
         lines.append(Line(time, one, style, colour, 0.8, label=name))
+    if found.scene.contacts:
+        loss = np.zeros(peaks.size)
+        for row in contacts(found):
+            loss[int(row["sector"])] += row["loss"]
+        panels.insert(1, Panel([_bars(loss)], "sector", "friction, J per period"))
     label = f"probes along {'xyz'[found.direction]}, mm"
-    return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 8.8)
+    return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 2.2 + 2.2 * (len(panels) + 1))
 
 
 def _bars(values: Array) -> Bars:
