@@ -16,20 +16,9 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.reduction import derivatives as modal
 from fenicsrom.reduction import interface
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project, project_intrusively
-from fenicsrom.reduction.derivatives import (
-    REST,
-    PrincipalDirections,
-    Selection,
-    all_pairs,
-    combinations,
-    enough,
-    modal_coordinates,
-    modal_derivatives,
-    principal_directions,
-    select,
-)
 from fenicsrom.reduction.modes import ComponentModes, LoadVectors, component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
@@ -67,7 +56,7 @@ class Derivatives:
 
 def choose(
     structure: Structure, scene: Scene, modes: ComponentModes, snapshots: Snapshots | None = None
-) -> Selection:
+) -> modal.Selection:
     """Select the modes and derivatives that the scene's [basis] asks for.
 
     Args:
@@ -89,35 +78,35 @@ def choose(
         or modes.rigid
         or (wanted in BY_MOTION and scene.static_only)
     ):
-        return Selection(modes.labels, (), {}, {})
+        return modal.Selection(modes.labels, (), {}, {})
     if wanted == "all":
-        pairs = (*all_pairs(modes.labels), *load_pairs(modes))
-        return Selection(modes.labels, pairs, {}, {})
+        pairs = (*modal.all_pairs(modes.labels), *load_pairs(modes))
+        return modal.Selection(modes.labels, pairs, {}, {})
     if not isinstance(wanted, str):
-        return Selection(modes.labels, wanted, {}, {})
+        return modal.Selection(modes.labels, wanted, {}, {})
     snapshots = snapshots or Snapshots(structure, scene, modes)
     linear = snapshots.linear
     static = linear.vectors[:, :0] if wanted == "mmi" else snapshots.static
     scale = structure.largest(modes.vectors)
-    found = modal_coordinates(
+    found = modal.modal_coordinates(
         modes.vectors, np.concatenate([static, linear.vectors], axis=1), structure.mass_inner, scale
     )
     held, moving = np.split(found, [static.shape[1]], axis=1)
     coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)
     if wanted != "principal":
-        return select(coordinates, modes.labels, wanted, scene.basis.threshold)
+        return modal.select(coordinates, modes.labels, wanted, scene.basis.threshold)
     coordinates = np.concatenate([coordinates, moving @ snapshots.mode], axis=1)
-    selected = select(coordinates, modes.labels, wanted, scene.basis.threshold)
+    selected = modal.select(coordinates, modes.labels, wanted, scene.basis.threshold)
     if not coordinates.any():
         return selected
     rest = _rest(scene.basis)
-    principal = principal_directions(structure, modes.vectors / scale, coordinates, rest)
+    principal = modal.principal_directions(structure, modes.vectors / scale, coordinates, rest)
     return replace(selected, derivatives=(), weights={}, principal=principal)
 
 
 def _rest(options: Basis) -> float:
     """ε of the principal directions and derivatives."""
-    return interface.REST if options.masters == "motion" else REST
+    return interface.REST if options.masters == "motion" else modal.REST
 
 
 def load_pairs(modes: ComponentModes) -> list[str]:
@@ -137,7 +126,7 @@ def derivatives_along(
     options: Basis,
     modes: ComponentModes,
     labels: tuple[str, ...],
-    along: PrincipalDirections | Directions | None = None,
+    along: modal.PrincipalDirections | Directions | None = None,
 ) -> Array:
     """Compute modal derivatives, along modes or along other directions.
 
@@ -154,14 +143,14 @@ def derivatives_along(
     exact = options.differentiation == "exact"
     derivative = structure.tangent_derivative if exact else structure.tangent_difference
     given = along or modes
-    return modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse)
+    return modal.modal_derivatives(given.vectors, given.labels, labels, derivative, modes.inverse)
 
 
 def differentiate(
     structure: Structure,
     options: Basis,
     modes: ComponentModes,
-    selection: Selection | tuple[str, ...],
+    selection: modal.Selection | tuple[str, ...],
 ) -> Derivatives:
     """Compute the derivatives of a basis.
 
@@ -174,8 +163,8 @@ def differentiate(
         modes: component modes of the structure.
         selection: what `choose` selected, or (k,) labels of pairs of modes.
     """
-    if not isinstance(selection, Selection):
-        selection = Selection(modes.labels, selection, {}, {})
+    if not isinstance(selection, modal.Selection):
+        selection = modal.Selection(modes.labels, selection, {}, {})
     principal, labels = selection.principal, selection.derivatives
     if principal is None:
         directions = with_loads(modes, modes.loads)
@@ -184,8 +173,8 @@ def differentiate(
     weights = principal.weights()
     found = derivatives_along(structure, options, modes, tuple(weights), principal)
     found *= list(weights.values())
-    vectors, energies = combinations(structure, modes, linear, found)
-    count = enough(energies, _rest(options) ** 2 * principal.energy)
+    vectors, energies = modal.combinations(structure, modes, linear, found)
+    count = modal.enough(energies, _rest(options) ** 2 * principal.energy)
     vectors, energies = vectors[:, : count + FURTHER], energies[: count + FURTHER]
     labels = tuple(f"{k + 1}D" for k in range(energies.size))
     sizes = dict(zip(labels, np.sqrt(energies / principal.energy).tolist(), strict=True))
@@ -193,7 +182,10 @@ def differentiate(
 
 
 def enrich(
-    structure: Structure, modes: ComponentModes, selection: Selection, derivatives: Derivatives
+    structure: Structure,
+    modes: ComponentModes,
+    selection: modal.Selection,
+    derivatives: Derivatives,
 ) -> ReducedBasis:
     """Build the basis of the selected modes, the responses to loads and the derivatives.
 
@@ -265,7 +257,7 @@ class Reduction:
             return component_modes(self._structure, self._scene.basis)
 
     @cached_property
-    def selection(self) -> Selection:
+    def selection(self) -> modal.Selection:
         """The selected modes and derivatives."""
         modes = self.modes
         with self._timed("selection"):

@@ -25,17 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.notes import Note, NoteKind, has_kind, packed, unpacked
+from fenicsrom.online.store import store
 from fenicsrom.online.store.scene_changes import SURFACE_KEYS, contact_keys
-from fenicsrom.online.store.store import (
-    cache_folder,
-    key_of,
-    mesh_digest,
-    pack,
-    read_results,
-    unpack,
-    without,
-    write_results,
-)
 from fenicsrom.progress import log
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
@@ -123,14 +114,18 @@ def keys_of(scene: Scene) -> tuple[str, str, str] | None:
     Raises:
         OSError: the mesh file cannot be read.
     """
-    mesh = mesh_digest(scene.geometry.mesh)
+    mesh = store.mesh_digest(scene.geometry.mesh)
     if mesh is None:
         return None
     modes = modes_table(scene)
     modes["geometry"] = {**modes["geometry"], "mesh": mesh}
     modes["suffix"] = scene.geometry.mesh.suffix
     model = model_table(scene)
-    return key_of(modes), key_of([modes, model]), key_of([modes, model, motion_table(scene)])
+    return (
+        store.key_of(modes),
+        store.key_of([modes, model]),
+        store.key_of([modes, model, motion_table(scene)]),
+    )
 
 
 def _shape(load: Load) -> Any:
@@ -252,11 +247,11 @@ class OfflineCache:
             take(self._run, header, arrays)
             return True
 
-        return bool(read_results(self._folder, self._keys[which], WHAT, taken))
+        return bool(store.read_results(self._folder, self._keys[which], WHAT, taken))
 
     def _write(self, which: int, contents: Contents) -> None:
         """Write an archive."""
-        write_results(self._folder, self._keys[which], WHAT, *contents)
+        store.write_results(self._folder, self._keys[which], WHAT, *contents)
 
 
 def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
@@ -266,7 +261,7 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
         run: a run up to a reduced model that can be stored; on a mesh of its scene.
         fresh: whether to ignore the results in the cache. The damaged files are written again.
     """
-    folder = cache_folder()
+    folder = store.cache_folder()
     if folder is None or run.comm.size > 1 or run.mesh is not None:
         return None
     try:
@@ -291,7 +286,7 @@ def _modes_contents(run: Run) -> Contents:
         "body": _fingerprint(solid),
         "warnings": packed(notes),
     }
-    tree, arrays = pack(kept, {"ComponentModes": without("inverse")}, named=True)
+    tree, arrays = store.pack(kept, {"ComponentModes": store.without("inverse")}, named=True)
     return {"tree": tree}, arrays
 
 
@@ -303,7 +298,7 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
 
     classes = {kind.__name__: kind for kind in (ContactPoints, Deformation, LoadVectors, Trained)}
-    kept = unpack(header["tree"], arrays, {**classes, "ComponentModes": dict})
+    kept = store.unpack(header["tree"], arrays, {**classes, "ComponentModes": dict})
     scene, body, modes = run.study.scene, kept["body"], kept["modes"]
     solid: Any = Late(
         lambda: _build(run, scene, body),
@@ -336,8 +331,8 @@ def _model_contents(run: Run, warned: int) -> Contents:
         "basis": {key: getattr(study.basis, key) for key in ("masters", "dropped", "condition")},
         "warnings": packed(study.warnings[warned:]),
     }
-    forms = {"Selection": without("principal"), "Derivatives": without("further")}
-    tree, more = pack(kept, forms, named=True)
+    forms = {"Selection": store.without("principal"), "Derivatives": store.without("further")}
+    tree, more = store.pack(kept, forms, named=True)
     return {"model": model, "tree": tree}, arrays | more
 
 
@@ -351,7 +346,7 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
 
     study = run.study
     classes = {kind.__name__: kind for kind in (MeshCheck, ReducedBasis, Selection, Derivatives)}
-    kept = unpack(header["tree"], arrays, classes)
+    kept = store.unpack(header["tree"], arrays, classes)
     open_size = replace(study.scene, basis=replace(study.scene.basis, size=None))
     stored = model_of_contents(Path(study.scene.source), header["model"], arrays)
     stored = stored.with_scene(open_size)  # `restore` checks the size

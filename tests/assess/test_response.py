@@ -437,6 +437,6 @@ def test_start_without_a_motion_exits_1(
     def lost(*arguments: Any, **options: Any) -> None:
         raise ConvergenceError("no periodic motion")
 
-    monkeypatch.setattr(module, "periodic_motion", lost)
+    monkeypatch.setattr(module.shooting, "periodic_motion", lost)
     assert run(model, tmp_path / "out") == 1
     assert not (tmp_path / "out" / "response.json").exists()

@@ -10,8 +10,8 @@ p^2 / 2 of the p^2. The columns give the ranks, the largest error of the force o
 form along the motion, relative to the largest elastic force of each coordinate, the rank that
 this error needs to be below the tolerance, and the time of both forms.
 
-Eleven models of n = 10 to 77 (beam, blades, joint) need 7 to 59 %, 16 to 79 % and 32 to 100 % of p
-at 1e-4, 1e-6 and 1e-9. A low rank saves only below 50 %: a few larger models would at 1e-9, by at
+Thirteen models of n = 10 to 77 (beam, blades, joint) need 9 to 59 %, 16 to 79 % and 32 to 100 % of
+p at 1e-4, 1e-6 and 1e-9. A low rank saves only below 50 %: a few larger models would at 1e-9, by at
 most a third, and only for motions as small as the one by which they were scaled. So the program
 keeps all coefficients.
 """

@@ -17,18 +17,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.curves import results
+from fenicsrom.assess.curves import results, trust
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
-from fenicsrom.assess.curves.trust import (
-    FOLD,
-    LARGEST,
-    Check,
-    Richer,
-    change,
-    march_cost,
-    richer_motion,
-    size_of,
-)
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY, MotionErrors
 from fenicsrom.assess.errors.sizing import candidate_energies, growing, limited, unreached
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
@@ -40,14 +30,7 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.periodic.shooting import (
-    Family,
-    PeriodicMotion,
-    Shooting,
-    motion_of,
-    recorded_motion,
-    solve,
-)
+from fenicsrom.online.periodic import shooting as periodic
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import ask, duration, log
 from fenicsrom.scene import Scene
@@ -76,21 +59,22 @@ class Sample:
 
     stored: StoredModel
     point: CurvePoint
-    whole: PeriodicMotion | None
+    whole: periodic.PeriodicMotion | None
 
     @classmethod
     def of(cls, stored: StoredModel, point: CurvePoint) -> Sample:
         """The sample of a point, for which the motion of all coordinates is sought."""
         return cls(stored, point, _motion(stored, (*stored.labels, *stored.further), point))
 
-    def error(self, near: CurvePoint | PeriodicMotion | None) -> float:
+    def error(self, near: CurvePoint | periodic.PeriodicMotion | None) -> float:
         """Estimated error of a motion of fewer coordinates; infinite without this motion."""
         if near is None or self.whole is None:
             return np.inf
         if not self.stored.scene.joined:
-            return BASIS_SAFETY * change(near.amplitude, self.whole.amplitude)
+            return BASIS_SAFETY * trust.change(near.amplitude, self.whole.amplitude)
         probe, spent = (
-            BASIS_SAFETY * change(*np.atleast_1d(getattr(near, name), getattr(self.whole, name)))
+            BASIS_SAFETY
+            * trust.change(*np.atleast_1d(getattr(near, name), getattr(self.whole, name)))
             for name in ("probe_amplitude", "friction_dissipation")
         )
         errors = MotionErrors(0.0, 0.0, (), probe=probe, dissipation=spent)
@@ -131,7 +115,7 @@ def curve_motions(stored: StoredModel) -> list[Motion]:
     for own in _each_curve(stored):
         family = family_of(own)
         points = _points(own, lambda *_: ask())
-        found += [recorded_motion(family(point.parameter), point.z) for point in points]
+        found += [periodic.recorded_motion(family(point.parameter), point.z) for point in points]
     if not found:
         raise ConvergenceError("response: no periodic motion was found on any curve")
     return found
@@ -196,11 +180,13 @@ def cost_in_words(found: results.Response, larger: StoredModel) -> str:
     """What the curves of a larger model cost, by the time that those of a smaller one took."""
     points = [point for curve in found.curves for point in curve.points]
     sliders = points[0].z.size - 2 * found.size if points else 0
-    ratio = march_cost(larger.size, sliders) / march_cost(found.size, sliders)
+    ratio = trust.march_cost(larger.size, sliders) / trust.march_cost(found.size, sliders)
     return f"about {duration(ratio * found.seconds)}"
 
 
-def worst_checks(found: results.Response, stored: StoredModel) -> list[tuple[StoredModel, Check]]:
+def worst_checks(
+    found: results.Response, stored: StoredModel
+) -> list[tuple[StoredModel, trust.Check]]:
     """The points of each curve with errors above the accuracy, each with the model of its curve."""
     accuracy, families = stored.scene.basis.accuracy, found.table.families
     worst = []
@@ -214,7 +200,7 @@ def worst_checks(found: results.Response, stored: StoredModel) -> list[tuple[Sto
     return worst
 
 
-def _error(check: Check) -> float:
+def _error(check: trust.Check) -> float:
     """The estimated error of an amplitude due to the basis; zero where it is not known."""
     return BASIS_SAFETY * (check.basis_error or 0.0) if check.quantity == "amplitude" else 0.0
 
@@ -253,7 +239,7 @@ def enlarged(stored: StoredModel, samples: Sequence[Sample], spare: int) -> Stor
     for sample in known:
         whole = sample.whole
         assert whole is not None
-        found = candidate_energies(sample.stored, motion_of(whole.record, whole.period))
+        found = candidate_energies(sample.stored, periodic.motion_of(whole.record, whole.period))
         for label, size in found.items():
             energies[label] = max(size, energies.get(label, 0.0))
     labels = sorted(energies, key=lambda label: -energies[label])[: len(energies) - spare]
@@ -268,13 +254,13 @@ def enlarged(stored: StoredModel, samples: Sequence[Sample], spare: int) -> Stor
 
 def _motion(
     stored: StoredModel, labels: tuple[str, ...], point: CurvePoint
-) -> PeriodicMotion | None:
+) -> periodic.PeriodicMotion | None:
     """The motion of a model with more coordinates at a point of the curve of a model."""
-    richer = Richer(family_of(stored.resized(labels)), np.eye(len(labels), stored.size))
-    return richer_motion(point, richer)
+    richer = trust.Richer(family_of(stored.resized(labels)), np.eye(len(labels), stored.size))
+    return trust.richer_motion(point, richer)
 
 
-def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
+def contradictions(curve_checks: Sequence[trust.Check], scene: Scene, parameter: str) -> list[str]:
     """Sentences on the points whose stability half the step or a richer basis judges otherwise.
 
     Args:
@@ -291,7 +277,7 @@ def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) 
             'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.',
         ),
     ):
-        groups: dict[tuple[str, str], list[tuple[Check, float]]] = {}
+        groups: dict[tuple[str, str], list[tuple[trust.Check, float]]] = {}
         verdicts = [getattr(check, f"{name}_verdict") for check in curve_checks]
         for check, verdict in zip(curve_checks, verdicts, strict=True):
             if check.contradicts(verdict):
@@ -313,7 +299,7 @@ def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) 
     return said
 
 
-def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
+def inaccuracies(curve_checks: Sequence[trust.Check], scene: Scene, parameter: str) -> list[str]:
     """Sentences on the largest changes by half the time step and by a richer basis.
 
     The sentences name changes that are larger than the error that a run accepts.
@@ -333,12 +319,12 @@ def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) ->
             "lower basis.threshold or raise basis.modes",
         ),
     ):
-        judged = [c for c in curve_checks if c.quantity == "amplitude" or c.where == FOLD]
+        judged = [c for c in curve_checks if c.quantity == "amplitude" or c.where == trust.FOLD]
         sizes = [getattr(check, name) or 0.0 for check in judged]
         worst = max(sizes, default=0.0)
         if worst > limit:
             check = judged[sizes.index(worst)]
-            changed = "amplitude" if check.where != FOLD else f"{parameter} of a fold"
+            changed = "amplitude" if check.where != trust.FOLD else f"{parameter} of a fold"
             said.append(
                 f"{what} changes the {changed} by {in_percent(worst)} at "
                 f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
@@ -347,7 +333,7 @@ def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) ->
     return said
 
 
-def unknown_errors(curve_checks: Sequence[Check], title: str) -> list[Note]:
+def unknown_errors(curve_checks: Sequence[trust.Check], title: str) -> list[Note]:
     """Notes on errors that are unknown; only that of the largest amplitude casts doubt.
 
     Args:
@@ -355,7 +341,7 @@ def unknown_errors(curve_checks: Sequence[Check], title: str) -> list[Note]:
         title: of the curve.
     """
     compared = [check for check in curve_checks if check.compared]
-    top = next((check for check in curve_checks if check.where == LARGEST), None)
+    top = next((check for check in curve_checks if check.where == trust.LARGEST), None)
     said = []
     if curve_checks and (top is None or top.step_error is None):
         text = (
@@ -364,7 +350,7 @@ def unknown_errors(curve_checks: Sequence[Check], title: str) -> list[Note]:
         )
         said.append(Note(NoteKind.UNCHECKED, text, curve=title, quantity=AMPLITUDES))
     if unknown := sum(check.unknown for check in compared):
-        largest = any(check.unknown and check.where == LARGEST for check in compared)
+        largest = any(check.unknown and check.where == trust.LARGEST for check in compared)
         named = f", {'among them ' * (unknown > 1)}the one of the largest amplitude" * largest
         text = (
             f"the change by a richer basis is unknown at {unknown} of "
@@ -377,7 +363,7 @@ def unknown_errors(curve_checks: Sequence[Check], title: str) -> list[Note]:
     return said
 
 
-def _place(group: Sequence[tuple[Check, float]], scene: Scene, parameter: str) -> str:
+def _place(group: Sequence[tuple[trust.Check, float]], scene: Scene, parameter: str) -> str:
     """Where some checks of a curve are: a value of the parameter, or a range."""
     values = [check.point.parameter for check, _ in group]
     if len(values) == 1:
@@ -386,9 +372,12 @@ def _place(group: Sequence[tuple[Check, float]], scene: Scene, parameter: str) -
     return f"{len(values)} points from {parameter} = {min(values):.6g} to {last}"
 
 
-def _outside(other: str, group: Sequence[tuple[Check, float]]) -> float:
+def _outside(other: str, group: Sequence[tuple[trust.Check, float]]) -> float:
     """How far outside of the unit circle a multiplier is, where the instability is found."""
-    return max(size_of(check.point) if other == "stable" else size for check, size in group) - 1.0
+    return (
+        max(trust.size_of(check.point) if other == "stable" else size for check, size in group)
+        - 1.0
+    )
 
 
 def _in_words(verdict: str) -> str:
@@ -451,8 +440,8 @@ def add_full_points(found: results.Response, stored: StoredModel, solid: Any, ba
 
 
 def _reduced_motion(
-    stored: StoredModel, family: Family, curve: results.ResponseCurve, value: float
-) -> tuple[Shooting, PeriodicMotion]:
+    stored: StoredModel, family: periodic.Family, curve: results.ResponseCurve, value: float
+) -> tuple[periodic.Shooting, periodic.PeriodicMotion]:
     """The equation and the reduced motion of a curve at a value of the parameter.
 
     Raises:
@@ -466,10 +455,10 @@ def _reduced_motion(
         ),
         reverse=True,
     )
-    shooting = Shooting(family(value))
+    shooting = periodic.Shooting(family(value))
     for _, _, near in crossings:
         try:
-            return shooting, solve(shooting, near, REDUCED_TOLERANCE)
+            return shooting, periodic.solve(shooting, near, REDUCED_TOLERANCE)
         except ConvergenceError:
             continue
     key = results.response_table(stored.scene).parameter

@@ -9,18 +9,7 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem
-from fenicsrom.online.periodic.shooting import (
-    FALLBACK_STEPS,
-    Family,
-    PeriodicMotion,
-    Shooting,
-    contact_family,
-    damping_family,
-    force_family,
-    frequency_family,
-    periodic_motion,
-    speed_family,
-)
+from fenicsrom.online.periodic import shooting
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_path
@@ -142,7 +131,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 
 
-def family_of(stored: StoredModel) -> Family:
+def family_of(stored: StoredModel) -> shooting.Family:
     """The periodic problems of a stored model by the parameter of its [response] table.
 
     Raises:
@@ -151,23 +140,25 @@ def family_of(stored: StoredModel) -> Family:
     key, problem = response_table(stored.scene).parameter, _settled(stored)
     table, index, name = parameter_of(key)
     if table == "":
-        return frequency_family(
+        return shooting.frequency_family(
             problem,
             spin=bool(np.any(problem.contacts.height)),
             displaced=displacement_sines(stored.scene.loads),
         )
     if table == "material":
-        return damping_family(problem)
+        return shooting.damping_family(problem)
     if (rotation := stored.scene.rotation) is not None and table == "rotation":
-        return speed_family(problem, rotation.speed_rpm, displacement_sines(stored.scene.loads))
+        return shooting.speed_family(
+            problem, rotation.speed_rpm, displacement_sines(stored.scene.loads)
+        )
     if table == "loads":  # a load of size 1 times the parameter
-        return force_family(_settled(stored.with_values({key: 1.0})), index)
+        return shooting.force_family(_settled(stored.with_values({key: 1.0})), index)
     mine = (stored.model.points.contact == index).astype(float)
     if name == "gap":  # the parameter is added to a gap of zero
         problem = _settled(stored.with_values({key: 0.0}))
     elif name != "friction":  # numbers of a node are those of a unit of its area
         mine = mine * shares(stored.scene, stored.model.points)
-    return contact_family(problem, name, mine)
+    return shooting.contact_family(problem, name, mine)
 
 
 def _settled(stored: StoredModel) -> Problem:
@@ -175,12 +166,16 @@ def _settled(stored: StoredModel) -> Problem:
     return Problem.of(stored.model, stored.scene).settled()
 
 
-def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
+def shooting_of(
+    stored: StoredModel, family: shooting.Family, periods: int = 1
+) -> shooting.Shooting:
     """The equation of motions of some periods; all pieces share the scales of the variables."""
-    return Shooting(family(response_table(stored.scene).high), periods)
+    return shooting.Shooting(family(response_table(stored.scene).high), periods)
 
 
-def start_motion(stored: StoredModel, family: Family, value: float) -> PeriodicMotion:
+def start_motion(
+    stored: StoredModel, family: shooting.Family, value: float
+) -> shooting.PeriodicMotion:
     """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
 
     Raises:
@@ -192,12 +187,12 @@ def start_motion(stored: StoredModel, family: Family, value: float) -> PeriodicM
     settings = Time.of(
         scheme=scene.time.scheme,
         periods=START_PERIODS,
-        steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steps_per_period=scene.time.steps_per_period or shooting.FALLBACK_STEPS,
         steady_tolerance=1e-5,
         **({} if radius is None else {"spectral_radius": radius}),
     )
     try:
-        return periodic_motion(problem, integrate(problem._replace(time=settings)).end)
+        return shooting.periodic_motion(problem, integrate(problem._replace(time=settings)).end)
     except ConvergenceError as error:
         raise ConvergenceError(
             f"response: at {place} no periodic motion was found: {error}",

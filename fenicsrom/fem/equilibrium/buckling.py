@@ -43,12 +43,7 @@ from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenval
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.model.pencil import growing
 from fenicsrom.online.step.statics import Correction, downhill, newton, small_against_load
-from fenicsrom.reduction.basis import (
-    COUPLING,
-    extended_space,
-    projected_gyroscopic,
-    projected_velocity_matrix,
-)
+from fenicsrom.reduction import basis
 from fenicsrom.words import counted
 
 PUSH = 1e-3
@@ -153,11 +148,11 @@ def _whirling(body: Any, negative: int) -> int | None:
     except (ConvergenceError, AccuracyError):
         return None
     moved = body.factor.solve(body.gyroscopic_times(modes))
-    space = extended_space(body.mass_inner, modes, moved)
+    space = basis.extended_space(body.mass_inner, modes, moved)
     mass, stiffness = np.eye(space.shape[1]), body.inner(space, body.stiffness_times(space))
-    if growing(mass, projected_gyroscopic(body, space), stiffness).size:
+    if growing(mass, basis.projected_gyroscopic(body, space), stiffness).size:
         return None
-    damped = body.mass_damping * mass + projected_velocity_matrix(body, space)
+    damped = body.mass_damping * mass + basis.projected_velocity_matrix(body, space)
     found = growing(mass, damped, stiffness)
     if found.size:
         turn = 2.0 * np.pi / abs(body.rotation.omega)
@@ -345,7 +340,7 @@ def check_coupling(body: Any, negative: int) -> int:
         return int(np.sum(coupled[~flutters].real < 0.0))
     squared = np.sort(coupled.real)
     changes = np.abs(np.sqrt(np.abs(squared / squares)) - 1.0)
-    if negative or changes.max() > COUPLING:
+    if negative or changes.max() > basis.COUPLING:
         _warn(
             body,
             "the follower pressure is not conservative, because the loaded surface has a free "

@@ -38,14 +38,7 @@ from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.online.kernels.dense import negative_eigenvalues
-from fenicsrom.online.step.statics import (
-    STATIC_TOLERANCE,
-    Correction,
-    dense_newton,
-    force_and_tangent,
-    in_load_steps,
-    newton,
-)
+from fenicsrom.online.step import statics
 
 CONTRACTION = 0.5
 """Largest ratio of two corrections with one factor.
@@ -164,10 +157,10 @@ class Statics:
             return self._newton(u, start + part * (load - start))
 
         begin = u
-        u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+        u, reached = statics.in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
         if reached < 1.0:  # at a limit load plain Newton jumps to the equilibrium after a snap
             self._plain = True
-            u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+            u, reached = statics.in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
             self._plain = False
         if reached < 1.0:
             what = "of the load"
@@ -197,7 +190,7 @@ class Statics:
         decrement = abs(self._body.dot(residual, self._solve(residual)))
         step = _Step(self._body, load)
         step.note(u, decrement, 0.0)
-        if not decrement <= max(STATIC_TOLERANCE**2 * step.scale, STATIC_LAST_RESORT):
+        if not decrement <= max(statics.STATIC_TOLERANCE**2 * step.scale, STATIC_LAST_RESORT):
             raise ConvergenceError(
                 "static equilibrium: the residual of the full equations has a work of "
                 f"{decrement:.1e} J, which is too large",
@@ -231,7 +224,7 @@ class Statics:
         """The equilibrium (local,) under a load (local,) near a start, or None."""
         step = _Step(self._body, load)
 
-        def correct(u: Array) -> Correction | None:
+        def correct(u: Array) -> statics.Correction | None:
             residual = self._body.residual(u, load)
             change = self._solve(residual)
             decrement = abs(self._body.dot(residual, change))
@@ -249,13 +242,13 @@ class Statics:
 
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:
             step.note(u, decrement, first)
-            small = decrement <= STATIC_TOLERANCE**2 * step.scale
+            small = decrement <= statics.STATIC_TOLERANCE**2 * step.scale
             contracts = 0.0 < last and decrement <= CONTRACTION**2 * last
             coming = decrement * (decrement / last) if contracts else decrement
             return coming <= self._tolerance**2 * step.scale or (small and not contracts)
 
         limits = STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
-        return newton(start, correct, converged, *limits, self._decrements)
+        return statics.newton(start, correct, converged, *limits, self._decrements)
 
     def _solve(self, residual: Array) -> Array:
         """Minus the inverse of the factorised tangent times a residual (local,)."""
@@ -288,7 +281,9 @@ class _Step:
             rate < 1.0 and decrement * rate**LAST_CORRECTIONS <= enough
         )
         far = not decrement <= NEAR**2 * self.scale and np.isfinite(self.decrement)
-        return (slow or far) and not decrement <= max(enough, STATIC_TOLERANCE**2 * self.scale)
+        return (slow or far) and not decrement <= max(
+            enough, statics.STATIC_TOLERANCE**2 * self.scale
+        )
 
     def forget(self) -> None:
         """Forget the earlier corrections with the factor."""
@@ -361,8 +356,8 @@ def predicted_equilibrium(body: Any) -> Array | None:
     q = np.zeros(pushing.size)
     for part in np.arange(1, LOAD_STEPS + 1) / LOAD_STEPS:
         turning = elastic._replace(stiffness=elastic.stiffness - part * softening)
-        forces = partial(force_and_tangent, turning)
-        found = dense_newton(q, forces, part * pushing, ITERATIONS, GROWTH)
+        forces = partial(statics.force_and_tangent, turning)
+        found = statics.dense_newton(q, forces, part * pushing, ITERATIONS, GROWTH)
         if found is None or negative_eigenvalues(forces(found)[1]):
             return None
         q = found

@@ -27,16 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.curves.curve import (
-    BACK,
-    END,
-    LOST,
-    OUT_OF_POINTS,
-    REPEATS,
-    Curve,
-    hermite,
-    norm,
-)
+from fenicsrom.online.curves import curve as curves
 from fenicsrom.online.periodic.shooting import STAYS, hold_sliders
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.05, 1e-7  # along a curve, with the lengths (1)
@@ -135,7 +126,7 @@ class ArcLength:
     def __init__(self, low: float, high: float, s: Array, weights: Array):
         """Set the range of the parameter, the first s (n,), and the weights W (n, n)."""
         self.low, self.high, self.range = low, high, high - low
-        self.size = self.least = FIRST_SIZE * norm(weights @ s) or 1.0
+        self.size = self.least = FIRST_SIZE * curves.norm(weights @ s) or 1.0
         self._weights, self._inverse = weights, np.linalg.inv(weights)
         self._evaluations = [0, 0]
 
@@ -168,7 +159,7 @@ class ArcLength:
     def direction(self, point: Point) -> Array:
         """The unit tangent (n + 1,) at a point, with the lengths (1)."""
         found = self._unknowns(point.tangent[:-1], point.tangent[-1])
-        return np.asarray(found / norm(found))
+        return np.asarray(found / curves.norm(found))
 
     def at_parameter(self, s: Array, value: float, *, exact: bool = True) -> Point:
         """The point at a value of the parameter near s (n,), as `correct` finds it."""
@@ -224,13 +215,13 @@ class ArcLength:
             if factor is None:
                 return None
             step = solved(factor, np.append(-found.residual / self.size, along @ (begin - y)))
-            length = norm(step)
+            length = curves.norm(step)
             if length <= tolerance or (length <= TOLERANCE and length > RATE * last):
                 if exact and not fresh:
                     factor = None
                     continue
-                size = max(norm(y[:-1]), 1e-300)
-                residual = norm(found.residual) / self.size / size
+                size = max(curves.norm(y[:-1]), 1e-300)
+                residual = curves.norm(found.residual) / self.size / size
                 tangent = _null(scaled, along, factor)
                 if tangent is None:
                     return None
@@ -263,19 +254,23 @@ class ArcLength:
         y, ahead = self.place(here), self.direction(here)
         limits = min(TOLERANCE, OF_STEP * step), FAR * step
         found = self._corrected(y + step * ahead, ahead, *limits)
-        if found is not None and norm(found.y - y - step * ahead) < step:
+        if found is not None and curves.norm(found.y - y - step * ahead) < step:
             way, cosine, sense = found.y - y, float(found.tangent @ ahead), here.sense
-            straight = way @ ahead > STRAIGHT * norm(way) and abs(cosine) > STRAIGHT
+            straight = way @ ahead > STRAIGHT * curves.norm(way) and abs(cosine) > STRAIGHT
             if straight and found.corrections <= EASY:
                 sense = float(np.sign(cosine))
-            if norm(way) < FAR * step and (sense * cosine > BEND or step <= SHORT):
+            if curves.norm(way) < FAR * step and (sense * cosine > BEND or step <= SHORT):
                 return self._oriented(found, sense), found.corrections
         for share in (1.0, 0.5):
             far = self._beyond(y + share * step * ahead, ahead, here.sense)
             if far is None or far @ ahead > SMOOTH:
                 continue
             found = self._corrected(y + step * far, far, *limits)
-            if found is None or self._goes_back(here, found) or norm(found.y - y) >= FAR * step:
+            if (
+                found is None
+                or self._goes_back(here, found)
+                or curves.norm(found.y - y) >= FAR * step
+            ):
                 continue
             if here.sense * (found.tangent @ far) > TURN:
                 return self._oriented(found, here.sense), found.corrections
@@ -291,7 +286,7 @@ class ArcLength:
         rests = self.sliders[np.abs(here.tangent[self.sliders]) <= STAYS]
         rests = rests[np.abs(found.tangent[rests]) <= STAYS]
         back = way[-1] * here.tangent[-1] < 0.0
-        return bool(back and norm(way[rests]) > DRAGGED * norm(way))
+        return bool(back and curves.norm(way[rests]) > DRAGGED * curves.norm(way))
 
     def _oriented(self, found: Place, sense: float) -> Point:
         return oriented(self._made(found), sense)
@@ -325,12 +320,12 @@ class ArcLength:
         start: Point,
         direction: float | None,
         *,
-        curve: Curve | None = None,
+        curve: curves.Curve | None = None,
         largest_step: float = LARGEST_STEP,
         points: int = 1000,
         locate: bool = True,
         progress: Callable[[Point], None] | None = None,
-    ) -> Curve:
+    ) -> curves.Curve:
         """Follow the curve.
 
         Args:
@@ -346,7 +341,7 @@ class ArcLength:
         here, self.step, self._repeated = start, FIRST_STEP, 0
         if direction is not None and start.tangent[-1] * direction < 0.0:
             here = oriented(start, -start.sense)
-        curve = Curve([here]) if curve is None else curve
+        curve = curves.Curve([here]) if curve is None else curve
         curve.reason = "interrupted"
         while len(curve.points) < points:
             self.measure(here)
@@ -359,7 +354,7 @@ class ArcLength:
             if made is None or found is None:
                 self.step = SHORTER * step
                 if self.step < SMALLEST_STEP:
-                    curve.reason = END if ends else LOST
+                    curve.reason = curves.END if ends else curves.LOST
                     return curve
                 continue
             if not ends and (reason := self.arrival(curve, here, found)):
@@ -370,22 +365,22 @@ class ArcLength:
             curve.points.extend([*unseen, found])
             if ends:
                 apart = abs(found.parameter - curve.points[0].parameter)
-                curve.reason = END if apart > 1e-9 * self.range else BACK
+                curve.reason = curves.END if apart > 1e-9 * self.range else curves.BACK
                 return curve
             here = found
             self.step = step * next((f for n, f in GROWTH if made[1] <= n), SLOW)
             if progress is not None:
                 progress(found)
-        curve.reason = OUT_OF_POINTS
+        curve.reason = curves.OUT_OF_POINTS
         return curve
 
-    def haste(self, curve: Curve) -> float:
+    def haste(self, curve: curves.Curve) -> float:
         """Factor on the largest step from the last point of a curve."""
         return 1.0
 
     def measure(self, here: Point) -> None:
         """Measure lengths by the size of a point, where it has changed."""
-        now = max(norm(self._weights @ here.s), self.least)
+        now = max(curves.norm(self._weights @ here.s), self.least)
         if not 1.0 / REMEASURED <= now / self.size <= REMEASURED:
             self.size = now
 
@@ -395,7 +390,7 @@ class ArcLength:
 
         places = np.array([self.place(point) for point in points])
         arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-        chord = (places[2] - places[0]) / norm(places[2] - places[0])
+        chord = (places[2] - places[0]) / curves.norm(places[2] - places[0])
         best = points[1], height(points[1])
 
         def depth(arc: float) -> float:
@@ -421,7 +416,7 @@ class ArcLength:
         """More points between two points, and the special points there."""
         return [], []
 
-    def arrival(self, curve: Curve, before: Point, found: Point) -> str:
+    def arrival(self, curve: curves.Curve, before: Point, found: Point) -> str:
         """Why the curve ends between two points; its last point is then added. Else ""."""
         if len(curve.points) > 2 and self._passes(curve.points[:2], before, found):
             curve.points.append(curve.points[0])
@@ -433,19 +428,19 @@ class ArcLength:
             if low <= point.parameter <= high
         )
         self._repeated = max(self._repeated + (passed or -1), 0)
-        return REPEATS if self._repeated >= REPEATED else ""
+        return curves.REPEATS if self._repeated >= REPEATED else ""
 
     def _passes(self, home: list[Point], before: Point, found: Point) -> bool:
         """Whether the curve passes the first of two points in their direction."""
         first, last, y = self.place(before), self.place(found), self.place(home[0])
         chord, way = last - first, self.place(home[1]) - y
-        length = norm(chord)
+        length = curves.norm(chord)
         share = float(chord @ (y - first)) / length**2
-        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * norm(way):
+        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * curves.norm(way):
             return False
         ahead, there = self.direction(before), self.direction(found)
-        near = hermite(first, last, ahead, there, length, share)
-        return norm(near - y) < CLOSED * length
+        near = curves.hermite(first, last, ahead, there, length, share)
+        return curves.norm(near - y) < CLOSED * length
 
 
 def oriented(point: Point, sense: float) -> Point:
@@ -477,12 +472,12 @@ def _null(jacobian: Array, border: Array, factor: Factor | None) -> Array | None
             right = np.zeros(border.size)
             right[-1] = 1.0
             found = solved(factor, right)
-            length = norm(found)
+            length = curves.norm(found)
             if length < FLAT:
                 lu, pivots = factor
                 swaps = np.count_nonzero(pivots != np.arange(pivots.size))
                 negative = np.count_nonzero(np.diag(lu) < 0.0)
                 return np.asarray(found / length * (-1.0) ** (swaps + negative))
         border = np.random.default_rng(0).standard_normal(border.size)
-        factor = factorised(jacobian, np.asarray(border / norm(border)))
+        factor = factorised(jacobian, np.asarray(border / curves.norm(border)))
     return None

@@ -35,17 +35,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves import arc, events
-from fenicsrom.online.curves.curve import (
-    END,
-    LOST,
-    Curve,
-    CurvePoint,
-    half_range,
-    harmonics,
-    norm,
-    occurrences,
-    states_over_period,
-)
+from fenicsrom.online.curves import curve as curves
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import (
     Family,
@@ -62,7 +52,7 @@ HASTE = 2.0  # so that the largest step is multiplied by this,
 HURRIES = " for many points: longer steps, no search between them"  # and the progress says so
 
 
-def hurries(curve: Curve) -> bool:
+def hurries(curve: curves.Curve) -> bool:
     """Whether the last points of a curve are unstable, so that the next ones are worth less."""
     last = curve.points[-STRETCH:]
     return len(last) == STRETCH and not any(point.stable for point in last)
@@ -112,7 +102,7 @@ class Continuation(arc.ArcLength):
         """Variables z (N,) at the start of the period."""
         return self.shooting.unscaled(s)
 
-    def point(self, place: arc.Place, evaluations: tuple[int, int]) -> CurvePoint:
+    def point(self, place: arc.Place, evaluations: tuple[int, int]) -> curves.CurvePoint:
         """The motion of a solution; arguments as `ArcLength.point`."""
         s, parameter = self.variables(place.y)
         problem, record, m = self.problem_at(s, parameter), place.detail.record, self.shooting.m
@@ -122,9 +112,9 @@ class Continuation(arc.ArcLength):
         seen = self._spectrum(place.jacobian, place.free, problem)
         z = self.unscaled(s, parameter)
         drift = np.linalg.norm(self.shooting.map.sliders(place.detail.z - z), axis=1)
-        states, extremes = occurrences(record, problem.contacts, drift)
+        states, extremes = curves.occurrences(record, problem.contacts, drift)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
-        return CurvePoint(
+        return curves.CurvePoint(
             parameter=parameter,
             z=z,
             s=s,
@@ -138,8 +128,8 @@ class Continuation(arc.ArcLength):
             extremes=extremes,
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
-            harmonics=harmonics(record, problem.model.load_histories, problem.period),
-            period_states=states_over_period(record, states),
+            harmonics=curves.harmonics(record, problem.model.load_histories, problem.period),
+            period_states=curves.states_over_period(record, states),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
             multipliers=seen.multipliers,
             verdict=seen.verdict,
@@ -147,7 +137,7 @@ class Continuation(arc.ArcLength):
             turning=seen.turning,
             turn_rates=seen.turn_rates,
             period=m * problem.period,
-            probe_amplitude=half_range(record.time, record.probe),
+            probe_amplitude=curves.half_range(record.time, record.probe),
         )
 
     def glance(self, y: Array, along: Array) -> tuple[events.Spectrum, float] | None:
@@ -164,7 +154,7 @@ class Continuation(arc.ArcLength):
         factor = arc.factorised(scaled, along)
         if factor is None:
             return None
-        length = norm(arc.solved(factor, np.append(-found.residual / self.size, 0.0)))
+        length = curves.norm(arc.solved(factor, np.append(-found.residual / self.size, 0.0)))
         return self._spectrum(found.jacobian, free, self.problem_at(*self.variables(y))), length
 
     def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> events.Spectrum:
@@ -182,19 +172,19 @@ class Continuation(arc.ArcLength):
         """The derivative (N, N) of P by s, from that (N, N + 1) of the equations."""
         return jacobian[:, :-1] + np.eye(len(jacobian))
 
-    def monodromy(self, point: CurvePoint) -> Array | None:
+    def monodromy(self, point: curves.CurvePoint) -> Array | None:
         """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
         found = self.values(point.s, point.parameter, derive=True)
         return None if found is None else self._monodromy(found.jacobian)
 
-    def haste(self, curve: Curve) -> float:
+    def haste(self, curve: curves.Curve) -> float:
         """Factor on the largest step, which is longer where no test can see the motions."""
         self._hurries = hurries(curve)
         return HASTE if self._hurries else 1.0
 
     def between(
-        self, before: CurvePoint, found: CurvePoint
-    ) -> tuple[list[CurvePoint], list[CurvePoint]]:
+        self, before: curves.CurvePoint, found: curves.CurvePoint
+    ) -> tuple[list[curves.CurvePoint], list[curves.CurvePoint]]:
         """Points that a step missed between two points, and the special points there."""
         guess = self.shooting.guess
         points, special = [before], []
@@ -207,7 +197,9 @@ class Continuation(arc.ArcLength):
         self.shooting.guess = guess  # the curve goes on as if nothing had been sought
         return points[1:-1], special
 
-    def arrival(self, curve: Curve, before: CurvePoint, found: CurvePoint) -> str:
+    def arrival(
+        self, curve: curves.Curve, before: curves.CurvePoint, found: curves.CurvePoint
+    ) -> str:
         """Why the curve ends between two points; arguments as `ArcLength.arrival`."""
         here, there = before.alternation, found.alternation
         if found.periods > 1 and float(here @ there) < 0.0:
@@ -221,13 +213,13 @@ class Continuation(arc.ArcLength):
 
 def follow(
     family: Family,
-    start: PeriodicMotion | CurvePoint,
+    start: PeriodicMotion | curves.CurvePoint,
     value: float,
     bounds: tuple[float, float],
     *,
     direction: float = 1.0,
     **options: Any,
-) -> Curve:
+) -> curves.Curve:
     """Follow the periodic motions of a family from one motion.
 
     Args:
@@ -244,7 +236,9 @@ def follow(
     s = shooting.scaled(start.z)
     path = Continuation(shooting, family, *bounds, s)
     first = path.at_parameter(s, value)
-    return Curve(reason=LOST) if first is None else path.run(first, direction, **options)
+    return (
+        curves.Curve(reason=curves.LOST) if first is None else path.run(first, direction, **options)
+    )
 
 
 SWITCH = (0.02, 0.05, 0.1)  # distances from the curve at which a branch is sought
@@ -255,8 +249,8 @@ LOAD_POINTS = 1000  # largest number of points over the load
 
 
 def branch(
-    path: Continuation, point: CurvePoint, shooting: Shooting, sense: float = 1.0
-) -> tuple[Continuation, CurvePoint] | None:
+    path: Continuation, point: curves.CurvePoint, shooting: Shooting, sense: float = 1.0
+) -> tuple[Continuation, curves.CurvePoint] | None:
     """The first point of the branch that leaves a curve at a period doubling or branch point.
 
     Args:
@@ -279,14 +273,14 @@ def branch(
         if start is None or not path.low <= start.parameter <= path.high:
             continue
         same = path.at_parameter(point.s, start.parameter)
-        apart = np.inf if same is None else norm(other.place(same) - other.place(start))
+        apart = np.inf if same is None else curves.norm(other.place(same) - other.place(start))
         if apart > APART * distance:
             turn = float(np.sign(start.tangent @ along)) or 1.0
             return other, arc.oriented(start, turn * start.sense)
     return None
 
 
-def _eigenvector(path: Continuation, point: CurvePoint) -> Array | None:
+def _eigenvector(path: Continuation, point: curves.CurvePoint) -> Array | None:
     """The real eigenvector (N,) of the multiplier at -1 or 1; None if the march fails."""
     monodromy = path.monodromy(point)
     if monodromy is None:
@@ -298,7 +292,7 @@ def _eigenvector(path: Continuation, point: CurvePoint) -> Array | None:
     return np.asarray(real)
 
 
-def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list[CurvePoint]:
+def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list[curves.CurvePoint]:
     """The motions of a problem that are connected with one of them through the size of the loads.
 
     Args:
@@ -313,14 +307,14 @@ def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list
     family = force_family(problem)
     if not np.any(family(1.0).varied.model.load_histories.sines.imag):
         return []
-    found: list[CurvePoint] = []
+    found: list[curves.CurvePoint] = []
     for direction in (1.0, -1.0):
         path = Continuation(shooting, family, LEAST_LOAD, LARGEST_LOAD, s)
         start = path.at_parameter(s, 1.0)
         if start is None:
             return found
         curve = path.run(start, direction, points=LOAD_POINTS, locate=False)
-        for _, _, near in Curve(curve.points[1:]).crossings(1.0):
+        for _, _, near in curves.Curve(curve.points[1:]).crossings(1.0):
             point = path.at_parameter(near, 1.0)
             if point is not None and not any(_same(point, other) for other in [start, *found]):
                 found.append(point)
@@ -329,12 +323,12 @@ def motions_through_load(shooting: Shooting, problem: Problem, s: Array) -> list
     return found
 
 
-def _same(a: CurvePoint, b: CurvePoint) -> bool:
+def _same(a: curves.CurvePoint, b: curves.CurvePoint) -> bool:
     """Whether two motions at the same parameter are the same."""
     return float(np.linalg.norm(a.s - b.s)) < SAME * float(np.linalg.norm(b.s))
 
 
-def passes_through(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
+def passes_through(path: Continuation, curve: curves.Curve, point: curves.CurvePoint) -> bool:
     """Whether a curve passes a point, or ends there, within a part of its steps."""
     y = path.place(point)
     for a, b in pairwise(curve.points):
@@ -348,7 +342,7 @@ def passes_through(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
     return False
 
 
-def lies_on(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
+def lies_on(path: Continuation, curve: curves.Curve, point: curves.CurvePoint) -> bool:
     """Whether a motion belongs to a curve.
 
     The motions of the curve at the parameter of the point are computed and compared with it.
@@ -382,7 +376,7 @@ class ForcedPeak:
     value: float
     frequency: float
     amplitude: float
-    point: CurvePoint
+    point: curves.CurvePoint
     ends: tuple[str, str]
 
 
@@ -395,7 +389,7 @@ def forced_peaks(
     rest: tuple[Array, Array],
     frequency: float,
     factors: Sequence[float],
-    amplitude: Callable[[CurvePoint], float],
+    amplitude: Callable[[curves.CurvePoint], float],
     displaced: NDArray[np.bool_] | None = None,
 ) -> Iterator[ForcedPeak]:
     """Find the peaks at ascending factors on the loads, each from the one before.
@@ -466,10 +460,10 @@ def _at_larger_force(
     """
     path = Continuation(shooting, family, before, factor, s)
     first = path.at_parameter(s, before)
-    curve = Curve(reason=LOST)
+    curve = curves.Curve(reason=curves.LOST)
     if first is not None:
         curve = path.run(first, 1.0, points=POINTS, locate=False)
-    if curve.reason != END:
+    if curve.reason != curves.END:
         raise ConvergenceError(
             f"the forced motion was lost between {before:g} and {factor:g} times the loads: "
             f"{curve.reason}"
@@ -479,10 +473,10 @@ def _at_larger_force(
 
 def climb(
     path: Continuation,
-    start: CurvePoint,
-    height: Callable[[CurvePoint], float],
+    start: curves.CurvePoint,
+    height: Callable[[curves.CurvePoint], float],
     largest_step: float = arc.LARGEST_STEP,
-) -> tuple[CurvePoint | None, tuple[str, ...]]:
+) -> tuple[curves.CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.
 
     The curve is followed in both directions until the height has fallen below `FALLEN` of the
@@ -492,7 +486,7 @@ def climb(
     points, heights, ends = [start], [height(start)], []
     for direction in (1.0, -1.0):
 
-        def keep(point: CurvePoint) -> None:
+        def keep(point: curves.CurvePoint) -> None:
             points.append(point)
             heights.append(height(point))
             if heights[-1] < FALLEN * max(heights):

@@ -11,19 +11,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.plot import (
-    Bars,
-    Dots,
-    Image,
-    Item,
-    Limits,
-    Line,
-    Map,
-    Panel,
-    Plot,
-    Text,
-    sizes,
-)
+from fenicsrom.post.base import plot as plots
 from fenicsrom.post.base.style import DPI, EDGE, SOFT, STYLE, Axes, Figure
 
 LINE, LETTER = 0.19, 0.082
@@ -41,7 +29,7 @@ SIDES = (0, 1, 2, 0, 1)
 LEGEND_ROWS = 9  # of a column of a legend beside a panel
 
 
-def figure_of(plot: Plot, dpi: int = DPI) -> Figure:
+def figure_of(plot: plots.Plot, dpi: int = DPI) -> Figure:
     """Draw a plot with so many pixels per inch, in the common style."""
     import matplotlib
 
@@ -49,7 +37,7 @@ def figure_of(plot: Plot, dpi: int = DPI) -> Figure:
         return _figure(plot, dpi)
 
 
-def _figure(plot: Plot, dpi: int) -> Figure:
+def _figure(plot: plots.Plot, dpi: int) -> Figure:
     from matplotlib.figure import Figure
 
     figure, axes = Figure((plot.width, plot.height or 5.0), dpi=dpi), []
@@ -64,7 +52,7 @@ def _figure(plot: Plot, dpi: int) -> Figure:
     return figure
 
 
-def _draw(axis: Axes, panel: Panel, ends: Limits) -> None:
+def _draw(axis: Axes, panel: plots.Panel, ends: plots.Limits) -> None:
     """Draw the items and the axes of a panel."""
     for name in "xy":
         if name in panel.log:
@@ -85,38 +73,38 @@ def _draw(axis: Axes, panel: Panel, ends: Limits) -> None:
         axis.spines[:].set_visible(False)
         if not (panel.xticks or panel.yticks or panel.ylabel):
             axis.set(xticks=[], yticks=[])
-    if panel.plain or any(isinstance(item, Map) for item in panel.items):
+    if panel.plain or any(isinstance(item, plots.Map) for item in panel.items):
         axis.grid(visible=False)
     if panel.legend:
         place: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "ncols": _columns(panel)}
         axis.legend(handles=[*map(_sample, panel.legend)], **place)
 
 
-def _columns(panel: Panel) -> int:
+def _columns(panel: plots.Panel) -> int:
     """The number of columns of the legend beside a panel."""
     return -(-len(panel.legend) // LEGEND_ROWS)
 
 
-def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
+def _add(axis: Axes, item: plots.Item, ends: plots.Limits, log: str) -> None:
     """Draw an item."""
-    if isinstance(item, Line):
+    if isinstance(item, plots.Line):
         _add_line(axis, item, ends)
-    elif isinstance(item, Bars):
+    elif isinstance(item, plots.Bars):
         from matplotlib.collections import PolyCollection
 
         corners = (item.left, item.low, item.left, item.high, item.right, item.high)
         places = np.array([*corners, item.right, item.low], dtype=np.float64).T.reshape(-1, 4, 2)
         look: dict[str, Any] = {"facecolor": item.color, "edgecolor": "none"}
         axis.add_collection(PolyCollection(list(places), zorder=1.0, **look))
-    elif isinstance(item, Text):
+    elif isinstance(item, plots.Text):
         _add_text(axis, item, ends, log)
-    elif isinstance(item, Image):
+    elif isinstance(item, plots.Image):
         (left, low), (right, high) = item.low, item.high
         extent = (left, right, low, high)
         axis.imshow(item.pixels, extent=extent, interpolation="bilinear", aspect="auto")
     else:
         look = {"cmap": _colour_map(item.cmap), "vmin": item.vmin, "vmax": item.vmax}
-        if isinstance(item, Map):
+        if isinstance(item, plots.Map):
             look |= {"rasterized": True, "zorder": 1.5}
             axis.pcolormesh(item.x, item.y, item.values, **look)
         else:
@@ -124,7 +112,7 @@ def _add(axis: Axes, item: Item, ends: Limits, log: str) -> None:
             axis.scatter(item.x, item.y, c=item.values, zorder=3, **look)
 
 
-def _add_line(axis: Axes, item: Line, ends: Limits) -> None:
+def _add_line(axis: Axes, item: plots.Line, ends: plots.Limits) -> None:
     """Draw a line."""
     look = _look(item) | {"clip_on": item.y is not None}
     if item.spread is None:
@@ -133,7 +121,7 @@ def _add_line(axis: Axes, item: Line, ends: Limits) -> None:
         axis.errorbar(*item.places(ends), item.spread, capsize=2, elinewidth=1.0, **look)
 
 
-def _look(item: Line) -> dict[str, Any]:
+def _look(item: plots.Line) -> dict[str, Any]:
     """How matplotlib draws a line."""
     names = ("color", "linewidth", "markersize", "zorder")
     look: dict[str, Any] = {name: getattr(item, name) for name in names} | {"label": item.label}
@@ -141,7 +129,7 @@ def _look(item: Line) -> dict[str, Any]:
     return look | ({"markerfacecolor": "white"} if item.hollow else {})
 
 
-def _add_text(axis: Axes, item: Text, ends: Limits, log: str) -> None:
+def _add_text(axis: Axes, item: plots.Text, ends: plots.Limits, log: str) -> None:
     """Write a text."""
     look: dict[str, Any] = {name: getattr(item, name) for name in ("color", "fontsize", "ha", "va")}
     look |= {"rotation": item.rotation, "zorder": 7, "annotation_clip": False}
@@ -166,14 +154,14 @@ def _sample(item: Any) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    if isinstance(item, Line):
+    if isinstance(item, plots.Line):
         return Line2D([], [], **_look(item))
-    if isinstance(item, Dots):
+    if isinstance(item, plots.Dots):
         return Line2D([], [], linestyle="none", marker=item.marker, color=SOFT, label=item.label)
     return Patch(facecolor=item.color, edgecolor=EDGE, linewidth=0.5, label=item.label)
 
 
-def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
+def _lay_out(figure: Figure, plot: plots.Plot, axes: Sequence[Axes]) -> None:
     """Place the panels, the colour bars, the legend and the title."""
     rows = plot.rows
     columns = max(sum(panel.place[1::2]) for panel in plot.panels)
@@ -184,7 +172,7 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
         cells += [(after, row), (after, row + down - 1)]
         for (space, at), side, size in zip(cells, SIDES, _spaces(axis, panel), strict=True):
             space[side, at] = max(space[side, at], size)
-    wide_of = sizes(plot.width - before.sum(), plot.widths, columns)
+    wide_of = plots.sizes(plot.width - before.sum(), plot.widths, columns)
     head, height = _head_of(plot), plot.height
     if not height:  # that of the tallest panel to scale
         across = [wide_of[panel.place[1]] for panel in plot.panels]
@@ -193,7 +181,7 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
         height = head + float(after.sum() + tall)
         figure.set_figheight(height)
     _write_head(figure, plot, height)
-    tall_of = sizes(height - head - after.sum(), plot.heights, rows)
+    tall_of = plots.sizes(height - head - after.sum(), plot.heights, rows)
     lefts = np.cumsum(before.sum(axis=0) + wide_of) - wide_of - before[2]
     lows = height - head - np.cumsum(after.sum(axis=0) + tall_of) + after[1]
     for axis, panel in zip(axes, plot.panels, strict=True):
@@ -209,7 +197,7 @@ def _lay_out(figure: Figure, plot: Plot, axes: Sequence[Axes]) -> None:
                 _add_bar(figure, item, np.array([x, y, *extent]), whole, panel)
 
 
-def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float]:
+def _spaces(axis: Axes, panel: plots.Panel) -> tuple[float, float, float, float, float]:
     """The space around axes: label and marks on the left, right, top and bottom, inches."""
     marks = LETTER * max(map(_width, _marks(axis.yaxis)), default=0) + MARK_SPACE
     label = 0.06 + LINE * (1 + panel.ylabel.count("\n")) if panel.ylabel else 0.0
@@ -224,7 +212,12 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     marks, right = max(marks, first), max(EDGE_SPACE, last, _beside(panel))
     item: Any
     for item in panel.items:
-        if isinstance(item, Text) and "y" in item.part and item.y >= 1.0 and item.va == "bottom":
+        if (
+            isinstance(item, plots.Text)
+            and "y" in item.part
+            and item.y >= 1.0
+            and item.va == "bottom"
+        ):
             top = max(top, EDGE_SPACE + LINE * (1.0 + 1.3 * bool(panel.title)))
         if getattr(item, "bar", "") and panel.plain:
             bottom += BAR_BELOW + LINE * item.bar.count("\n")
@@ -237,9 +230,9 @@ def _spaces(axis: Axes, panel: Panel) -> tuple[float, float, float, float, float
     return label, marks, right, top, bottom
 
 
-def _beside(panel: Panel) -> float:
+def _beside(panel: plots.Panel) -> float:
     """The space of texts beside axes on the right, inches."""
-    texts = [item for item in panel.items if isinstance(item, Text)]
+    texts = [item for item in panel.items if isinstance(item, plots.Text)]
     lengths = [len(item.text) for item in texts if "x" in item.part and item.x > 1.0]
     return LETTER * max(lengths, default=0) + EDGE_SPACE * bool(lengths)
 
@@ -259,12 +252,12 @@ def _width(text: str) -> int:
     return len(re.sub(r"\\mathdefault|[${}^]", "", text))
 
 
-def _title_of(plot: Plot) -> float:
+def _title_of(plot: plots.Plot) -> float:
     """The height of the title, inches."""
     return 0.12 + LINE * (1 + plot.title.count("\n")) if plot.title else 0.0
 
 
-def _rows_of(plot: Plot) -> int:
+def _rows_of(plot: plots.Plot) -> int:
     """The number of rows of the legend, as few as fit; a column is as wide as its longest name."""
     widths = [SAMPLE + LETTER * len(item.label) for item in plot.samples]
     for rows in range(1, len(widths)):
@@ -273,13 +266,13 @@ def _rows_of(plot: Plot) -> int:
     return len(widths)
 
 
-def _head_of(plot: Plot) -> float:
+def _head_of(plot: plots.Plot) -> float:
     """The height of title and legend, inches."""
     rows = _rows_of(plot)
     return _title_of(plot) + (0.14 + ROW * rows if rows else 0.0)
 
 
-def _write_head(figure: Figure, plot: Plot, height: float) -> None:
+def _write_head(figure: Figure, plot: plots.Plot, height: float) -> None:
     """Write the title and the legend."""
     if plot.title:
         place: dict[str, Any] = {"ha": "left", "va": "top", "fontsize": 11}
@@ -291,7 +284,7 @@ def _write_head(figure: Figure, plot: Plot, height: float) -> None:
         figure.legend(handles=handles, ncols=columns, borderaxespad=0.2, **at)
 
 
-def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, panel: Panel) -> None:
+def _add_bar(figure: Figure, item: Any, box: Array, whole: Array, panel: plots.Panel) -> None:
     """Draw the colour bar of an item of a panel, whose box is (x, y, width, height), inches."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

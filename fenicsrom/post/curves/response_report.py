@@ -9,21 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fenicsrom import notes
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.response_problem import family_of
 from fenicsrom.assess.curves.results import Response, ResponseCurve, curve_title
 from fenicsrom.assess.curves.stability_search import lengths_along
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.notes import (
-    AMPLITUDES,
-    DISSIPATION,
-    EVENTS,
-    PEAK_FORCE,
-    PEAKS,
-    STABILITY,
-    Note,
-    NoteKind,
-)
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
@@ -34,20 +25,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Detail, Dots, Item, Line, Panel, Plot, Text
 from fenicsrom.post.base.style import COLOURS, missing_module
 from fenicsrom.post.base.tables import rows_of, table_of, write_arrays
-from fenicsrom.post.curves import response_tables
-from fenicsrom.post.curves.response_figures import (
-    curve_items,
-    curve_name,
-    direction_name,
-    figure,
-    height_of,
-    largest_component,
-    largest_point,
-    parameter_label,
-    shown_curves,
-    state_names,
-    style_samples,
-)
+from fenicsrom.post.curves import response_figures, response_tables
 from fenicsrom.post.curves.response_tables import peak_figure
 from fenicsrom.post.paraview.paraview import write_last_period
 from fenicsrom.post.run.motion_figures import state_map, state_samples
@@ -63,7 +41,7 @@ FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
 
 def multiplier_figure(found: Response) -> Plot:
     """The Floquet multipliers of some curves, coloured by the parameter."""
-    curves = shown_curves(found)
+    curves = response_figures.shown_curves(found)
     places = [point.parameter for curve in curves for point in curve.points]
     shades: dict[str, Any] = {"vmin": min(places), "vmax": max(places)}
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
@@ -77,7 +55,7 @@ def multiplier_figure(found: Response) -> Plot:
         size = np.abs(values)
         far = size > FARTHEST
         drawn = np.where(far, values / np.maximum(size, 1e-300) * FARTHEST, values)
-        shades["bar"] = parameter_label(found) if curve is curves[-1] else ""
+        shades["bar"] = response_figures.parameter_label(found) if curve is curves[-1] else ""
         label = "Floquet multipliers, a colour for each motion"
         near = drawn[~far].real, drawn[~far].imag, parameters[~far]
         items: list[Item] = [circle, Dots(*near, markersize=3.0, label=label, **shades)]
@@ -87,7 +65,7 @@ def multiplier_figure(found: Response) -> Plot:
             text = f"diamonds: farther out, up to {size.max():.3g}"
             items.append(Text(0.5, 0.03, text, "xy", ha="center", fontsize=8.0))
         ends = (-reach, reach)
-        title = curve_name(found, curve)
+        title = response_figures.curve_name(found, curve)
         panels.append(Panel(items, title=title, xlim=ends, ylim=ends, square=True))
     labels: dict[str, Any] = {"xlabel": "real part", "ylabel": "imaginary part"}
     return Plot(panels, 3.2 * len(curves) + 1.8, 0.0, len(curves), share="xy", **labels)
@@ -102,8 +80,8 @@ def multipliers_of(curve: ResponseCurve) -> tuple[NDArray[np.complex128], Array]
 
 def harmonics_figure(found: Response) -> Plot:
     """The amplitudes of the first harmonics along some curves."""
-    curves = shown_curves(found)
-    place, direction = largest_component(found)
+    curves = response_figures.shown_curves(found)
+    place, direction = response_figures.largest_component(found)
 
     def sizes(points: list[CurvePoint]) -> Array:
         """Amplitudes (H, points) of the harmonics, mm."""
@@ -115,13 +93,21 @@ def harmonics_figure(found: Response) -> Plot:
     ends: Any = (FLOOR * highest.max(), 2.0 * highest.max())
     panels = []
     for curve in curves:
-        items = curve_items(found, [curve], lambda points: sizes(points)[drawable], names)
-        panels.append(Panel(items, title=curve_name(found, curve), log="y", ylim=ends))
+        items = response_figures.curve_items(
+            found, [curve], lambda points: sizes(points)[drawable], names
+        )
+        panels.append(
+            Panel(items, title=response_figures.curve_name(found, curve), log="y", ylim=ends)
+        )
     samples = [Line(color=color, label=name) for name, color in names.items()]
     width = max(3.1 * len(curves), 6.4) + 0.8
-    legend = [*samples, *style_samples(found)]
-    look: dict[str, Any] = {"share": "y", "xlabel": parameter_label(found), "legend": legend}
-    ylabel = f"{direction_name(found)} harmonics, mm"
+    legend = [*samples, *response_figures.style_samples(found)]
+    look: dict[str, Any] = {
+        "share": "y",
+        "xlabel": response_figures.parameter_label(found),
+        "legend": legend,
+    }
+    ylabel = f"{response_figures.direction_name(found)} harmonics, mm"
     return Plot(panels, width, 4.2, len(curves), ylabel=ylabel, **look)
 
 
@@ -198,9 +184,9 @@ def _marks(
 
 def contact_map(found: Response) -> Plot:
     """The contact states: the period upwards, a row of maps for each contact point."""
-    curves, contacts = shown_curves(found), shown_points(found)
+    curves, contacts = response_figures.shown_curves(found), shown_points(found)
     wide = max(4.6 if len(curves) == 1 else 3.2, 9.6 / max(len(curves), 2))
-    label, panels = parameter_label(found), []
+    label, panels = response_figures.parameter_label(found), []
     for contact in contacts:
         for curve in curves:
             look, folded = dict[str, str](), folds_back(curve)
@@ -208,7 +194,7 @@ def contact_map(found: Response) -> Plot:
                 point = f"point {contact + 1}: " if found.contacts > 1 else ""
                 look["ylabel"] = f"{point}time / period"
             if contact == contacts[0]:
-                look["title"] = curve_name(found, curve)
+                look["title"] = response_figures.curve_name(found, curve)
             if contact == contacts[-1]:
                 look["xlabel"] = f"{label} (along the curve)" if folded else label
             panels.append(map_panel(curve, int(contact), folded, **look))
@@ -247,7 +233,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         Picture(
             "Response curves",
             "response.png",
-            lambda: figure(found, clicked),
+            lambda: response_figures.figure(found, clicked),
             "Amplitude, phase and energies over the parameter. Stable parts are solid, unstable "
             "ones dashed.",
             "response.csv",
@@ -273,11 +259,11 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
         quantities=[
-            *(AMPLITUDES, STABILITY),
-            *([EVENTS] if found.contacts else []),
-            *([PEAKS] if peaks[0] else []),
+            *(notes.AMPLITUDES, notes.STABILITY),
+            *([notes.EVENTS] if found.contacts else []),
+            *([notes.PEAKS] if peaks[0] else []),
         ],
-        unjudged=[PEAK_FORCE, DISSIPATION] if found.contacts else [],
+        unjudged=[notes.PEAK_FORCE, notes.DISSIPATION] if found.contacts else [],
     )
 
 
@@ -379,7 +365,7 @@ def marked_points(found: Response) -> dict[str, tuple[ResponseCurve, CurvePoint]
     marked = {}
     for number, curve in enumerate(found.curves, 1):
         prefix = f"curve_{number}_" if len(found.curves) > 1 else ""
-        marked[f"{prefix}largest"] = (curve, largest_point(found, curve))
+        marked[f"{prefix}largest"] = (curve, response_figures.largest_point(found, curve))
         for kind in BIFURCATIONS:
             mine = [point for point in curve.special if point.kind == kind]
             for k, point in enumerate(mine, 1):
@@ -395,7 +381,7 @@ def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMoti
             motions[name] = _motion(found, stored, curve, point)
         except ConvergenceError as error:
             text = f"the motion {name} was not written: {error}"
-            found.warnings.append(Note(NoteKind.NOT_DRAWN, text, name))
+            found.warnings.append(notes.Note(notes.NoteKind.NOT_DRAWN, text, name))
     return motions
 
 
@@ -438,16 +424,16 @@ def clicked_motions(
 def _detail(found: Response, curve: ResponseCurve, point: CurvePoint, motion: Motion) -> Detail:
     """What a click on a point shows: a period of its motion at the contact point."""
     where = in_words(found.scene, found.table.parameter, point.parameter)
-    states = f", {', '.join(state_names(point))}" if found.contacts else ""
+    states = f", {', '.join(response_figures.state_names(point))}" if found.contacts else ""
     begin = f"The motion at {curve_title(found.scene, curve.value)}{where}"
     title = f"{begin}: {point.known_stability}{states}"
-    place, direction = largest_component(found)
+    place, direction = response_figures.largest_component(found)
     some = slice(None, None, max(1, motion.time.size // MOST_SAMPLES))
     moved = 1e3 * motion.displacement[some, place]
     lines = [(motion.time[some] - motion.time[0], moved[:, direction])]
     if found.contacts:
         lines.append((moved[:, 1], motion.force[some, place, 1]))
-    return Detail(title, (point.parameter, height_of(found)(point)), lines)
+    return Detail(title, (point.parameter, response_figures.height_of(found)(point)), lines)
 
 
 def write_motion_arrays(motions: dict[str, MarkedMotion], folder: Path) -> Path:

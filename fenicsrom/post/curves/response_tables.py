@@ -7,15 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curves import results
 from fenicsrom.assess.curves.peaks import largest_peaks
-from fenicsrom.assess.curves.results import (
-    Response,
-    ResponseCurve,
-    curve_title,
-    is_wide,
-    joined_titles,
-    judged_multiplier,
-)
 from fenicsrom.assess.curves.trust import Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.continuation import ForcedPeak
@@ -48,13 +41,15 @@ class Told(NamedTuple):
         piece: number of the piece.
     """
 
-    curve: ResponseCurve
+    curve: results.ResponseCurve
     item: Any
     piece: int = 0
 
 
 def each(
-    found: Response, items: Callable[[ResponseCurve], Iterable[Any]], quantities: Iterable[Quantity]
+    found: results.Response,
+    items: Callable[[results.ResponseCurve], Iterable[Any]],
+    quantities: Iterable[Quantity],
 ) -> tuple[list[Told], list[Quantity]]:
     """The items of all curves, and their quantities after the second number of the curves."""
     families, told = found.table.families, [one.inside("item") for one in quantities]
@@ -63,17 +58,17 @@ def each(
     return [Told(curve, one) for curve in found.curves for one in items(curve)], told
 
 
-def scene_number(found: Response, key: str, of: str, digits: int = 7) -> Quantity:
+def scene_number(found: results.Response, key: str, of: str, digits: int = 7) -> Quantity:
     """A number of the scene, as an attribute."""
     return Quantity(column_name(found.scene, key), of, key_label(found, key), digits)
 
 
-def parameter(found: Response, of: str = "parameter", digits: int = 7) -> Quantity:
+def parameter(found: results.Response, of: str = "parameter", digits: int = 7) -> Quantity:
     """The parameter of the curves, as an attribute."""
     return scene_number(found, found.table.parameter, of, digits)
 
 
-def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:
+def optimum_sentences(found: results.Response, curve: results.ResponseCurve) -> list[str]:
     """The sentences on the smallest peak of a curve over the second number, and its errors."""
     best, over, scene = curve.optimum, found.table.peak_over, found.scene
     listed = largest_peaks(curve.peaks)
@@ -109,7 +104,7 @@ def optimum_sentences(found: Response, curve: ResponseCurve) -> list[str]:
     return lines
 
 
-def _with_optimum(curve: ResponseCurve) -> list[ForcedPeak]:
+def _with_optimum(curve: results.ResponseCurve) -> list[ForcedPeak]:
     """The largest peaks of a curve with the optimum, in the order of their values."""
     peaks = {peak.value: peak for peak in largest_peaks(curve.peaks)}
     if curve.optimum is not None:
@@ -117,14 +112,14 @@ def _with_optimum(curve: ResponseCurve) -> list[ForcedPeak]:
     return [peaks[value] for value in sorted(peaks)]
 
 
-def peaks_of(found: Response) -> tuple[list[Told], list[Quantity]]:
+def peaks_of(found: results.Response) -> tuple[list[Told], list[Quantity]]:
     """The largest peaks of all curves over the second number; none without `peak_over`."""
     best = [curve.optimum.peak for curve in found.curves if curve.optimum is not None]
     smallest = Quantity("smallest", lambda peak: any(peak is one for one in best), "smallest")
     return each(found, _with_optimum, [*peak_quantities(found), smallest])
 
 
-def peak_quantities(found: Response) -> list[Quantity]:
+def peak_quantities(found: results.Response) -> list[Quantity]:
     """What is told of a peak."""
     return [
         scene_number(found, str(found.table.peak_over), "value", 5),
@@ -134,7 +129,7 @@ def peak_quantities(found: Response) -> list[Quantity]:
     ]
 
 
-def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | None:
+def optimum_summary(found: results.Response, curve: results.ResponseCurve) -> dict[str, Any] | None:
     """The smallest peak of a curve for `response.json`."""
     if curve.optimum is None:
         return None
@@ -143,7 +138,7 @@ def optimum_summary(found: Response, curve: ResponseCurve) -> dict[str, Any] | N
     return rows_of([curve.optimum], told)[0]
 
 
-def peak_figure(found: Response) -> Plot:
+def peak_figure(found: results.Response) -> Plot:
     """Amplitude and frequency of the largest peaks, and thin those that were followed."""
     upper: list[Item] = []
     lower: list[Item] = []
@@ -170,7 +165,7 @@ def peak_figure(found: Response) -> Plot:
     return Plot(panels, 8.4, 6.0, share="x")
 
 
-def varied_keys(found: Response) -> list[str]:
+def varied_keys(found: results.Response) -> list[str]:
     """The keys of the scene that change along and between the curves."""
     table = found.table
     loads = [f"loads.{k}.frequency" for k in range(len(found.scene.loads))]
@@ -178,7 +173,7 @@ def varied_keys(found: Response) -> list[str]:
     return along if table.families is None else [*along, table.families.key]
 
 
-def _millimetres(found: Response, amplitude: Array, digits: int = 5) -> str:
+def _millimetres(found: results.Response, amplitude: Array, digits: int = 5) -> str:
     """The largest of amplitudes (P, d) in the direction of the largest motion, as text in mm."""
     return f"{1e3 * float(amplitude[:, largest_direction(found)].max()):.{digits}g}"
 
@@ -191,10 +186,10 @@ def _known(name: str) -> Callable[[Any], Any]:
 BY_STEP, BY_BASIS = "change by half the time step, %", "change by a richer basis, %"
 
 
-def result_table(found: Response) -> list[list[Any]]:
+def result_table(found: results.Response) -> list[list[Any]]:
     """The largest amplitude of each curve, where it is, and how far it can be trusted."""
 
-    def top(curve: ResponseCurve) -> CurvePoint:
+    def top(curve: results.ResponseCurve) -> CurvePoint:
         return largest_point(found, curve)
 
     amplitude, at = f"largest {direction_name(found)} amplitude, mm", parameter(found, digits=6)
@@ -209,7 +204,7 @@ def result_table(found: Response) -> list[list[Any]]:
     return table_of(*each(found, lambda curve: [curve], shown))
 
 
-def sentences(found: Response) -> list[str]:
+def sentences(found: results.Response) -> list[str]:
     """The results in sentences, for the terminal and the report; equal ones of curves are one."""
     name = direction_name(found)
     titles: dict[str, list[str]] = {}
@@ -232,29 +227,29 @@ def sentences(found: Response) -> list[str]:
         lines += optimum_sentences(found, curve)
         lines += [f"The curve is incomplete: {reason}." for reason in _gaps(curve)]
         for line in lines:
-            titles.setdefault(line, []).append(curve_title(found.scene, curve.value))
-    said = [f"{joined_titles(found, begins)}{line}" for line, begins in titles.items()]
+            titles.setdefault(line, []).append(results.curve_title(found.scene, curve.value))
+    said = [f"{results.joined_titles(found, begins)}{line}" for line, begins in titles.items()]
     return [*said, *filter(None, [found.mesh_check.sentence()])]
 
 
-def _gaps(curve: ResponseCurve) -> list[str]:
+def _gaps(curve: results.ResponseCurve) -> list[str]:
     """The reasons why parts of a curve are not complete."""
     return sorted({piece.reason or "interrupted" for piece in curve.pieces} - set(COMPLETE))
 
 
-def _so_far(curve: ResponseCurve) -> str:
+def _so_far(curve: results.ResponseCurve) -> str:
     """What follows the largest amplitude of an incomplete curve; "" of a complete one."""
     return " so far" if _gaps(curve) else ""
 
 
-def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:
+def _unstable_sentence(found: results.Response, points: list[CurvePoint]) -> str:
     """The sentence on the unstable points of a curve: where they are, and how unstable."""
-    size = max(abs(judged_multiplier(point)) for point in points)
+    size = max(abs(results.judged_multiplier(point)) for point in points)
     where = _places(found, points)
     return f"Unstable points: {len(points)}, {where} (largest multiplier {size:.5g})."
 
 
-def _places(found: Response, points: Sequence[CurvePoint]) -> str:
+def _places(found: results.Response, points: Sequence[CurvePoint]) -> str:
     """Where points of a curve are, in words."""
     values = [point.parameter for point in points]
     ends = sorted({min(values), max(values)})
@@ -262,7 +257,7 @@ def _places(found: Response, points: Sequence[CurvePoint]) -> str:
     return f"{'at' if len(ends) == 1 else 'between'} {place}"
 
 
-def _changes(curve: ResponseCurve) -> list[str]:
+def _changes(curve: results.ResponseCurve) -> list[str]:
     """Sentences on the known changes by half the time step and by a richer basis."""
     lines = []
     for name, what in (("step_error", "Half the time step"), ("basis_error", "A richer basis")):
@@ -287,7 +282,7 @@ def _verdict(point: CurvePoint) -> str:
     return "stable" if point.stable else f"unstable ({point.verdict})"
 
 
-def event_table(found: Response) -> list[list[Any]]:
+def event_table(found: results.Response) -> list[list[Any]]:
     """The bifurcations and contact events of all curves; empty if there are none.
 
     The last column is how far half the time step or a richer basis moves a bifurcation, or the
@@ -308,7 +303,7 @@ def event_table(found: Response) -> list[list[Any]]:
     def shift(point: CurvePoint) -> str | None:
         """How uncertain the place of an event is."""
         by_basis, *by_step = moved.get((point.kind, point.parameter), [0.0])
-        if is_wide(found, point):
+        if results.is_wide(found, point):
             by_step = [point.within]
         return f"{max(by_basis, *by_step):.1g}" if by_step else None
 
@@ -326,12 +321,12 @@ def event_table(found: Response) -> list[list[Any]]:
     return table_of(*each(found, lambda curve: curve.special, shown))
 
 
-def full_of(found: Response) -> tuple[list[Told], list[Quantity]]:
+def full_of(found: results.Response) -> tuple[list[Told], list[Quantity]]:
     """The motions of the full model of all curves; none without `full`."""
     return each(found, lambda curve: curve.full, full_quantities(found))
 
 
-def full_quantities(found: Response) -> list[Quantity]:
+def full_quantities(found: results.Response) -> list[Quantity]:
     """What is told of a motion of the full model beside that of the reduced model."""
     names, shown = directions(found), f"{direction_name(found)} amplitude, mm"
     return [
@@ -348,7 +343,7 @@ def full_quantities(found: Response) -> list[Quantity]:
     ]
 
 
-def run_table(found: Response) -> list[list[Any]]:
+def run_table(found: results.Response) -> list[list[Any]]:
     """The points, the marched periods and the run time of each curve."""
     shown = [
         Quantity("", lambda curve: len(curve.points), "points"),
@@ -361,7 +356,7 @@ def run_table(found: Response) -> list[list[Any]]:
     return table_of(*each(found, lambda curve: [curve], shown))
 
 
-def check_quantities(found: Response) -> list[Quantity]:
+def check_quantities(found: results.Response) -> list[Quantity]:
     """What is told of a point at which errors are estimated."""
 
     def of_basis(check: Check, known: Any) -> Any:
@@ -382,7 +377,7 @@ def check_quantities(found: Response) -> list[Quantity]:
     ]
 
 
-def rows(found: Response) -> list[dict[str, Any]]:
+def rows(found: results.Response) -> list[dict[str, Any]]:
     """The rows of `response.csv`: every point and event in the order along its curve."""
     numbered = [
         Told(curve, point, number)
@@ -394,7 +389,7 @@ def rows(found: Response) -> list[dict[str, Any]]:
     return rows_of(numbered, [*told, Quantity("piece")])
 
 
-def quantities(found: Response) -> list[Quantity]:
+def quantities(found: results.Response) -> list[Quantity]:
     """What is told of a point. Of several contact points, amplitudes and force are the largest.
 
     Harmonics and phase are those of the contact point and direction of the largest amplitude; the
@@ -407,7 +402,7 @@ def quantities(found: Response) -> list[Quantity]:
         return point.harmonics[:, place, direction]
 
     def multiplier(part: Callable[[complex], float]) -> Callable[[CurvePoint], float]:
-        return lambda point: float(part(judged_multiplier(point)))
+        return lambda point: float(part(results.judged_multiplier(point)))
 
     return [
         parameter(found),
@@ -429,7 +424,7 @@ def quantities(found: Response) -> list[Quantity]:
     ]
 
 
-def summary(found: Response) -> dict[str, Any]:
+def summary(found: results.Response) -> dict[str, Any]:
     """What `response.json` has of the curves."""
     table = found.table
     return {
@@ -443,7 +438,7 @@ def summary(found: Response) -> dict[str, Any]:
     }
 
 
-def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
+def _curve_summary(found: results.Response, curve: results.ResponseCurve) -> dict[str, Any]:
     """The part of `response.json` about one curve."""
     told = quantities(found)
     return {

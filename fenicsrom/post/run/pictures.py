@@ -18,16 +18,8 @@ from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.post.base.page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.base.plot import Plot
-from fenicsrom.post.body import body_view
+from fenicsrom.post.body import body_figures, body_view
 from fenicsrom.post.body import turning_view as turning
-from fenicsrom.post.body.body_figures import (
-    SIZE,
-    Film,
-    deflection_figure,
-    shape_figure,
-    stress_figure,
-    write_film,
-)
 from fenicsrom.post.paraview import paraview
 from fenicsrom.post.paraview.vtk import Grid, in_space, refined_grid
 from fenicsrom.post.run.figures import HISTORY, plot_modes, plot_sizes
@@ -40,14 +32,7 @@ from fenicsrom.post.run.motion_figures import (
     run_up_pictures,
 )
 from fenicsrom.post.run.summary import STRESSES_FILE, SUMMARY, agreement_plot
-from fenicsrom.post.setup.setup import (
-    Mark,
-    gathered_marks,
-    held_points,
-    setup_figure,
-    setup_view,
-    symbols,
-)
+from fenicsrom.post.setup import setup as scene_setup
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene, scene_heading
 
@@ -82,7 +67,7 @@ class Body:
 
     grid: Grid
     values: dict[str, Array]
-    marks: list[Mark]
+    marks: list[scene_setup.Mark]
     titles: dict[str, str]
 
     @cached_property
@@ -97,7 +82,7 @@ class Body:
         moved = self.values[EQUILIBRIUM]
         if not moved.any() and self.titles:
             moved = self.values[next(iter(self.titles))]
-        return setup_view(
+        return scene_setup.setup_view(
             self.surface, self.marks, body_view.largest_of(moved) if moved.any() else None
         )
 
@@ -118,7 +103,7 @@ def body_of(study: Study) -> Body | None:
         if "reduced" in study.motions:
             moving = paraview.moving_field(study)
             fields |= {f"{k}": moving(row) for k, row in enumerate(_film_rows(study))}
-        found = gathered_marks(solid, study.scene, fields)
+        found = scene_setup.gathered_marks(solid, study.scene, fields)
         study.body = (None if found is None else Body(*found, shape_titles(study, named)),)
     return study.body[0]
 
@@ -137,25 +122,25 @@ def body_pictures(study: Study) -> list[Picture]:
     largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
     title = f"equilibrium: largest displacement {largest:.4g} mm"
     seen = body.view
-    setup = partial(setup_figure, body.grid, body.marks, _title(scene), seen)
+    setup = partial(scene_setup.setup_figure, body.grid, body.marks, _title(scene), seen)
     listed = [body_picture("Set-up", "setup", setup)]
     if body.titles:
-        draw = partial(shape_figure, body.surface, body.titles, modes, seen)
+        draw = partial(body_figures.shape_figure, body.surface, body.titles, modes, seen)
         listed.append(body_picture("Shapes", "shapes", draw))
     if study.solid.loaded:
-        draw = partial(deflection_figure, body.surface, EQUILIBRIUM, title, seen)
+        draw = partial(body_figures.deflection_figure, body.surface, EQUILIBRIUM, title, seen)
         listed.append(body_picture("Equilibrium", EQUILIBRIUM, draw))
     return listed
 
 
 def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     """The picture of the set-up to a file; None on ranks other than the first. Collective."""
-    found = gathered_marks(solid, scene, {})
+    found = scene_setup.gathered_marks(solid, scene, {})
     if found is None:
         return None
     grid, _, marks = found
     beside = [] if solid.cut is None else solid.cut.beside(grid.points)
-    draw = partial(setup_figure, grid, marks, _title(scene), beside=beside)
+    draw = partial(scene_setup.setup_figure, grid, marks, _title(scene), beside=beside)
     return replace(body_picture("Set-up", "setup", draw), name=name)
 
 
@@ -167,7 +152,7 @@ def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
     return [] if picture is None else [picture]
 
 
-def film_of(study: Study) -> Film | None:
+def film_of(study: Study) -> body_figures.Film | None:
     """The last period of the reduced model about its equilibrium, to be animated. Collective.
 
     Returns:
@@ -188,7 +173,9 @@ def film_of(study: Study) -> Film | None:
         motion.time[paraview.frame_rows(motion)][rows],
     )
     moved = body.frames_at(rest, len(rows))
-    return Film(rest, times, moved, body.view, study.solid.loaded, dots, places, states)
+    return body_figures.Film(
+        rest, times, moved, body.view, study.solid.loaded, dots, places, states
+    )
 
 
 def view(study: Study) -> Any:
@@ -236,8 +223,8 @@ def _turning(study: Study) -> tuple[Any, list[dict[str, Any]]] | None:
     stresses = study.stresses
     if stresses is not None and study.recovery is not None and stresses.largest.von_mises:
         shown.append(_stressed(study.recovery.stress, stresses, surface, length))
-    parts = symbols(body.marks, body.grid.points, length)
-    parts += held_points(body.surface, body.marks)
+    parts = scene_setup.symbols(body.marks, body.grid.points, length)
+    parts += scene_setup.held_points(body.surface, body.marks)
     return turning.turning_plot(surface, shown, parts, body.view)
 
 
@@ -249,11 +236,11 @@ def _stressed(
 
     grid, values = stress_state(table, found.largest, found.measure)
     _, nearest = cKDTree(grid.points).query(surface.points)
-    peak = float(values[SIZE].max()) or 1.0
+    peak = float(values[body_figures.SIZE].max()) or 1.0
     name = f"von Mises stress, {found.largest.state}"
     entry = turning.loaded(name, values["displacement"][nearest], length)
     note = f"colour: 0 to {1e-6 * peak:.4g} MPa"
-    return replace(entry, colours=values[SIZE][nearest] / peak, note=note)
+    return replace(entry, colours=values[body_figures.SIZE][nearest] / peak, note=note)
 
 
 def stress_state(table: StressTable, peak: Peak, measure: str) -> tuple[Grid, dict[str, Array]]:
@@ -261,7 +248,7 @@ def stress_state(table: StressTable, peak: Peak, measure: str) -> tuple[Grid, di
     grid, mean = refined_grid(table.vertex_position, table.cells)
     stress = table.at_vertices(table.stress(peak.coordinates, measure))
     moved = in_space(mean @ table.displacement(peak.coordinates))
-    return grid, {"displacement": moved, SIZE: von_mises(mean @ stress)}
+    return grid, {"displacement": moved, body_figures.SIZE: von_mises(mean @ stress)}
 
 
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
@@ -279,7 +266,7 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     state = stress_state(table, peak, measure)
 
     def draw() -> Plot:
-        return stress_figure(body_view.surface_of(*state), "displacement", title)
+        return body_figures.stress_figure(body_view.surface_of(*state), "displacement", title)
 
     return body_picture("Von Mises stress", "stress", draw, STRESSES_FILE)
 
@@ -390,7 +377,7 @@ def write_animation(study: Study, folder: Path) -> list[Drawn]:
     if film is None:
         return []
     with softly("motion.gif", study.warnings):
-        file = write_film(folder / "motion.gif", film)
+        file = body_figures.write_film(folder / "motion.gif", film)
         return [Drawn("Animation", file, CAPTIONS[file.name], HISTORY)]
     return []
 

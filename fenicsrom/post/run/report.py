@@ -14,12 +14,7 @@ from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities, multiplicity_warnings
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.motion.measures import (
-    has_settled,
-    misses_motion,
-    out_of_reach,
-    search_summary,
-)
+from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.stress.reactions import Stresses
@@ -146,7 +141,7 @@ def estimate_rows(
         motion: the motion of the reduced model.
         names: names of the directions.
     """
-    what = "amplitude" if has_settled(motion) else "root mean square displacement"
+    what = "amplitude" if measures.has_settled(motion) else "root mean square displacement"
     found: list[list[Any]] = [
         ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
         [f"{what}, all directions together", *_ranges(errors, lambda e: e.amplitude)],
@@ -260,7 +255,7 @@ def periodic_sentence(motion: Motion) -> str | None:
     if search.verdict == "not found":
         after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
         return f"Periodic motion: not found {tried}: {after}."
-    found = search_summary(search)
+    found = measures.search_summary(search)
     several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
     end = REJECTED.get(search.verdict, "; the march went on")
     if search.accepted:
@@ -365,7 +360,7 @@ def run_sentences(found: Study | Rerun) -> list[str]:
         told += motion_figures.run_up_sentences(found.run_up)
     told += [] if found.sized is None else [size_sentence(found.sized)]
     if reduced is not None:
-        told += [f"{note.key}: {note}" for note in out_of_reach(reduced, found.points)]
+        told += [f"{note.key}: {note}" for note in measures.out_of_reach(reduced, found.points)]
     return [sentence for sentence in told if sentence]
 
 
@@ -387,7 +382,7 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[Note]:
             )
             found.append(Note(NoteKind.UNSETTLED, text, f"contacts.{number}.approach"))
     asked = scene.period is not None and scene.time.steady_tolerance
-    if not motion.steady and asked and not misses_motion(motion):  # the error says so
+    if not motion.steady and asked and not measures.misses_motion(motion):  # the error says so
         text = unsteady_sentence(name, motion, scene)
         found.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     return found
@@ -415,7 +410,7 @@ def rerun_left_out(stored: StoredModel, motion: Motion) -> list[Note]:
             Note(NoteKind.LEFT_OUT, f"{key} has no effect on a run of a stored model", stage)
             for stage, key in _without_effect(stored.scene).items()
         ),
-        *out_of_reach(motion, stored.model.points),
+        *measures.out_of_reach(motion, stored.model.points),
     ]
 
 

@@ -16,14 +16,7 @@ from fenicsrom.notes import AMPLITUDES, DEFLECTION, FREQUENCIES, STABILITY, STRE
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.model.loads import moves_supports, support_displacement
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.motion.measures import (
-    absolute_displacement,
-    amplitudes,
-    errors_percent,
-    point_summaries,
-    response_summary,
-    worn_under_points,
-)
+from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import HISTORY_ARRAYS, JUMP, Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.store import provenance, save_end
@@ -444,14 +437,14 @@ def size_summary(found: Sized | None) -> dict[str, Any]:
 
 def motions_summary(found: Study | Rerun) -> dict[str, Any]:
     """Collect the responses of all models, and the errors of the reduced against the full model."""
-    response = {name: response_summary(motion) for name, motion in found.motions.items()}
+    response = {name: measures.response_summary(motion) for name, motion in found.motions.items()}
     for name, motion in found.motions.items():
         if motion.state.shape[1] > 1:
-            pairs = zip(contact_places(found.points), point_summaries(motion), strict=True)
+            pairs = zip(contact_places(found.points), measures.point_summaries(motion), strict=True)
             listed = [{"position_m": position, **point} for position, point in pairs]
             response[name]["points"] = listed
     for name, motion in probe_motions(found).items():
-        response[name]["probe_amplitude_m"] = tables.in_order(amplitudes(motion))
+        response[name]["probe_amplitude_m"] = tables.in_order(measures.amplitudes(motion))
     errors = errors_of(found.motions)
     return {"response": response} | ({"error_percent": errors} if errors else {})
 
@@ -468,10 +461,12 @@ def support_summary(run: Study | Rerun) -> dict[str, Any]:
         return {}
     for name, motion in run.motions.items():
         moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
-        absolute = replace(motion, displacement=absolute_displacement(scene, run.points, motion))
+        absolute = replace(
+            motion, displacement=measures.absolute_displacement(scene, run.points, motion)
+        )
         found[name] = {
             "support_amplitude_m": 0.5 * np.ptp(moved[motion.last_period()], axis=0),
-            "absolute_amplitude_m": amplitudes(absolute),
+            "absolute_amplitude_m": measures.amplitudes(absolute),
         }
     return {"support_motion": found}
 
@@ -479,7 +474,7 @@ def support_summary(run: Study | Rerun) -> dict[str, Any]:
 def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
     """Errors of the reduced model against the full one, percent; empty unless both ran."""
     if "reduced" in motions and "full" in motions:
-        return errors_percent(motions["reduced"], motions["full"])
+        return measures.errors_percent(motions["reduced"], motions["full"])
     return {}
 
 
@@ -515,9 +510,11 @@ def write_history(
             d = scene.geometry.dimension
             moved = support_displacement(scene.loads, motion.time, d)
             arrays[f"{name}_support_displacement"] = moved
-            arrays[f"{name}_absolute_displacement"] = absolute_displacement(scene, points, motion)
+            arrays[f"{name}_absolute_displacement"] = measures.absolute_displacement(
+                scene, points, motion
+            )
         if scene is not None and points is not None and scene.wears:
-            worn = worn_under_points(motion, contacts_of(scene, points))
+            worn = measures.worn_under_points(motion, contacts_of(scene, points))
             arrays[f"{name}_worn_depth"] = worn
     return tables.write_arrays(path, arrays)
 

@@ -9,16 +9,12 @@ from typing import Any
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule, Where
 from fenicsrom.scene.base.tables import entries
+from fenicsrom.scene.checks import curve_checks
 from fenicsrom.scene.checks.contact_checks import (
     abradable_problems,
     contact_problems,
     joined_problems,
     tie_problems,
-)
-from fenicsrom.scene.checks.curve_checks import (
-    backbone_problems,
-    response_problems,
-    statics_problems,
 )
 from fenicsrom.scene.checks.rotation_checks import cyclic_problems, rotation_problems
 from fenicsrom.scene.keys import times
@@ -241,9 +237,9 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from _basis_problems(scene)
     if not unloaded:
         yield from _time_problems(scene)
-    yield from response_problems(scene)
-    yield from backbone_problems(scene)
-    yield from statics_problems(scene)
+    yield from curve_checks.response_problems(scene)
+    yield from curve_checks.backbone_problems(scene)
+    yield from curve_checks.statics_problems(scene)
 
 
 def _places(scene: Scene) -> list[tuple[str, Place]]:

@@ -13,16 +13,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from fenicsrom.scene.keys.loads import (
-    Harmonic,
-    Harmonics,
-    Load,
-    OrderFrequency,
-    Pulse,
-    Static,
-    Sweep,
-    Table,
-)
+from fenicsrom.scene.keys import loads
 from fenicsrom.scene.keys.schema import Rotation, Scene, Surface, surface_spin
 
 SMALL_SWING = 1e-3
@@ -68,10 +59,14 @@ def excitations(scene: Scene) -> Iterator[Excitation]:
         by_angle = scene.time.steps_per_revolution is not None
         scene = scene.at_speed(min(speeds) if by_angle else max(speeds))
     for index, load in enumerate(scene.loads):
-        if isinstance(load.history, Table) and step and _at_ends_of_steps(load.history.rows, step):
+        if (
+            isinstance(load.history, loads.Table)
+            and step
+            and _at_ends_of_steps(load.history.rows, step)
+        ):
             continue
-        if load.size != 0.0 and not isinstance(load.history, Static):
-            key = f"loads[{index}]{'.table' if isinstance(load.history, Table) else ''}"
+        if load.size != 0.0 and not isinstance(load.history, loads.Static):
+            key = f"loads[{index}]{'.table' if isinstance(load.history, loads.Table) else ''}"
             yield Excitation(key, shortest_period(load))
     for index, contact in enumerate(scene.contacts):
         key = f"contacts[{index}]"
@@ -87,22 +82,22 @@ def _at_ends_of_steps(rows: Rows, step: float) -> bool:
     return all(abs(math.remainder(time, step)) < ON_STEP * step for time, _ in rows)
 
 
-def shortest_period(load: Load, small: float = SMALL_SWING) -> float:
+def shortest_period(load: loads.Load, small: float = SMALL_SWING) -> float:
     """The shortest period of a load in s: twice an impact, or twice the shortest swing of a table.
 
     It is infinite for a load that does not swing.
     """
     match load.history:
-        case Harmonic(frequency=frequency):
+        case loads.Harmonic(frequency=frequency):
             return 1.0 / frequency
-        case Harmonics(frequency=frequency, harmonics=terms):
+        case loads.Harmonics(frequency=frequency, harmonics=terms):
             orders = [order for order, amplitude, _ in terms if amplitude != 0.0]
             return 1.0 / (frequency * max(orders)) if orders else math.inf
-        case Sweep(frequency=frequency, sweep=sweep):
+        case loads.Sweep(frequency=frequency, sweep=sweep):
             return 1.0 / max(frequency, sweep.to)
-        case Pulse(pulse=pulse):
+        case loads.Pulse(pulse=pulse):
             return 2.0 * pulse.duration
-        case Table() as history:
+        case loads.Table() as history:
             return 2.0 * shortest_swing(history.rows, small)
     return math.inf
 
@@ -118,7 +113,7 @@ def highest_frequency(scene: Scene) -> float:
     found = [0.0]
     for load in scene.loads:
         if load.size != 0.0:
-            faster = 2.0 if isinstance(load.history, Pulse) else 1.0
+            faster = 2.0 if isinstance(load.history, loads.Pulse) else 1.0
             found.append(faster / shortest_period(load, LARGE_SWING))
     for contact in scene.contacts:
         if contact.approach:
@@ -200,7 +195,7 @@ def excited_orders(scene: Scene) -> tuple[int, ...]:
         for multiple in range(int(order), top + 1, int(order))
     }
     for load in scene.loads:
-        if isinstance(load.frequency, OrderFrequency):
+        if isinstance(load.frequency, loads.OrderFrequency):
             terms = getattr(load.history, "harmonics", ((1, 1.0, 0.0),))
             found |= {load.frequency.order * order for order, part, _ in terms if part}
     return tuple(sorted(order for order in found if order <= top))

@@ -30,17 +30,9 @@ from fenicsrom.scene.base.rules import (
     rows_of,
 )
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
+from fenicsrom.scene.keys import places
 from fenicsrom.scene.keys.curves import Backbone, Response, Ringdown, Statics
 from fenicsrom.scene.keys.loads import Load
-from fenicsrom.scene.keys.places import (
-    Attachment,
-    Damping,
-    GroupMaterial,
-    Material,
-    Meshing,
-    Place,
-    Support,
-)
 from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief
@@ -75,7 +67,9 @@ class Geometry:
     curved: Annotated[bool, flag] = False
     parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
-    meshing: Annotated[Meshing, table_of(Meshing)] = field(default_factory=Meshing)
+    meshing: Annotated[places.Meshing, table_of(places.Meshing)] = field(
+        default_factory=places.Meshing
+    )
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
 
     @property
@@ -174,7 +168,7 @@ class Contact:
         friction: coefficient of friction.
     """
 
-    place: Annotated[Place, Place]
+    place: Annotated[places.Place, places.Place]
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
     against: Annotated[str | None, rules.name] = None
@@ -605,18 +599,20 @@ class Scene:
     title: Annotated[str, rules.text] = ""
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]
-    material: Annotated[Material, table_of(Material)]
-    materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
-    supports: Annotated[tuple[Support, ...], tables_of(Support)]
-    attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
+    material: Annotated[places.Material, table_of(places.Material)]
+    materials: Annotated[tuple[places.GroupMaterial, ...], tables_of(places.GroupMaterial)] = ()
+    supports: Annotated[tuple[places.Support, ...], tables_of(places.Support)]
+    attachments: Annotated[tuple[places.Attachment, ...], tables_of(places.Attachment)] = ()
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     bolts: Annotated[tuple[Bolt, ...], tables_of(Bolt)] = ()
     ties: Annotated[tuple[Tie, ...], tables_of(Tie)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
     cyclic: Annotated[Cyclic | None, table_of(Cyclic)] = None
-    damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)
-    probe: Annotated[Place | None, table_of(Place)] = None
+    damping: Annotated[places.Damping, table_of(places.Damping)] = field(
+        default_factory=places.Damping
+    )
+    probe: Annotated[places.Place | None, table_of(places.Place)] = None
     basis: Annotated[Basis, table_of(Basis)] = Basis()
     time: Annotated[Time, table_of(Time)] = field(default_factory=Time)
     reference: Annotated[Reference, Rule(_read_reference, {"kind": ReferenceTable}, "table")] = (
