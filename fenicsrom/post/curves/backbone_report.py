@@ -112,28 +112,16 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 def report(found: Backbone) -> Report:
     """The report of a nonlinear mode: `backbone.csv`, `backbone.json` and `backbone.png`."""
-    return Report(
-        "backbone",
-        f"nonlinear mode {found.table.mode}",
-        found,
-        sentences(found),
-        [Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])],
-        rows_of(found.points, quantities(found)),
-        summary(found),
-        [
-            Picture(
-                "Nonlinear mode",
-                "backbone.png",
-                lambda: figure(found),
-                "Frequency and damping of the mode over its amplitude.",
-                "backbone.csv",
-            )
-        ],
-        [AMPLITUDES_NOTE],
-        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])],
-    )
+    title, said = f"nonlinear mode {found.table.mode}", sentences(found)
+    sections = [Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])]
+    rows, numbers = rows_of(found.points, quantities(found)), summary(found)
+    drawn = [Picture("Nonlinear mode", "backbone.png", lambda: figure(found), CAPTION, NUMBERS)]
+    judged = [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])]
+    first = "backbone", title, found, said, sections, rows, numbers, drawn
+    return Report(*first, notes=[AMPLITUDES_NOTE], quantities=judged)
 
 
+NUMBERS, CAPTION = "backbone.csv", "Frequency and damping of the mode over its amplitude."
 WIDE = 20.0  # a range of amplitudes with this ratio of its ends needs a logarithmic axis
 NO_DAMPING = 1e-9  # a largest damping ratio below this is rounding
 

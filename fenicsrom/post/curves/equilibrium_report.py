@@ -109,27 +109,13 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         found: the path.
         more: other pictures.
     """
-    return Report(
-        "equilibria",
-        "equilibria",
-        found,
-        sentences(found),
-        [Section("Limit points and bifurcations", [table_of(found.special, quantities(found))])],
-        rows_of(found.points, quantities(found)),
-        summary(found),
-        [
-            Picture(
-                "Equilibrium path",
-                "equilibria.png",
-                lambda: figure(found),
-                "Stable equilibria are solid, unstable ones dashed.",
-                "equilibria.csv",
-            ),
-            *more,
-        ],
-        quantities=[STABILITY] if found.scene.joined else [DEFLECTION, STABILITY],
-        unjudged=[DEFLECTION] if found.scene.joined else [],
-    )
+    name, told, joined = "equilibria", quantities(found), found.scene.joined
+    sections = [Section("Limit points and bifurcations", [table_of(found.special, told)])]
+    path = Picture("Equilibrium path", f"{name}.png", lambda: figure(found), CAPTION, f"{name}.csv")
+    numbers = rows_of(found.points, told), summary(found), [path, *more]
+    judged, unjudged = ([STABILITY], [DEFLECTION]) if joined else ([DEFLECTION, STABILITY], [])
+    first = name, name, found, sentences(found), sections, *numbers
+    return Report(*first, quantities=judged, unjudged=unjudged)
 
 
 def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
@@ -152,6 +138,7 @@ def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
     return [write_fields(folder, "equilibria", space, fields, Attached(notes=notes))]
 
 
+CAPTION = "Stable equilibria are solid, unstable ones dashed."
 MARKERS = {"limit point": ("o", COLOURS[1]), "bifurcation": ("D", COLOURS[2])}
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -212,6 +213,17 @@ CHECKS_NOTE = (
 )
 """What the table of estimated errors holds."""
 PEAKS_HEADING = "Peaks over a second number"
+NUMBERS = "response.csv"
+CURVES_NOTE = (
+    "Amplitude, phase and energies over the parameter. Stable parts are solid, unstable ones "
+    "dashed."
+)
+PEAKS_NOTE = (
+    "The largest amplitude of the probe over the frequency, and its frequency, over a second "
+    "number. Thin lines are the peaks that were followed; the diamond marks the smallest."
+)
+STATES_NOTE = "The state of contact over the period, along the curve."
+HARMONICS_NOTE = "Amplitudes of the harmonics along the curve."
 
 
 def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
@@ -229,33 +241,20 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
     told = response_tables.check_quantities(found)
     checks = response_tables.each(found, lambda curve: curve.checks, told)
     more = {"response_full.csv": rows_of(*full), "response_peaks.csv": rows_of(*peaks)}
-    pictures = [
-        Picture(
-            "Response curves",
-            "response.png",
-            lambda: response_figures.figure(found, clicked),
-            "Amplitude, phase and energies over the parameter. Stable parts are solid, unstable "
-            "ones dashed.",
-            "response.csv",
-        )
-    ]
+    draw = partial(response_figures.figure, found, clicked)
+    pictures = [Picture("Response curves", "response.png", draw, CURVES_NOTE, NUMBERS)]
     pictures += [] if found.interrupted else _more_pictures(found, bool(peaks[0]))
+    sections = [
+        Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
+        Section("Special points", [response_tables.event_table(found)], keys=keys),
+        Section(PEAKS_HEADING, [table_of(*peaks)], keys=keys, terminal=False),
+        Section("Full model", [table_of(*full)], keys=keys),
+        Section("Estimated errors", [table_of(*checks), CHECKS_NOTE], terminal=False),
+        Section("Effort", [response_tables.run_table(found)], terminal=False),
+    ]
+    first = "response", "response curves", found, response_tables.sentences(found), sections
     return Report(
-        "response",
-        "response curves",
-        found,
-        response_tables.sentences(found),
-        [
-            Section("Results", [response_tables.result_table(found)], terminal=False, top=True),
-            Section("Special points", [response_tables.event_table(found)], keys=keys),
-            Section(PEAKS_HEADING, [table_of(*peaks)], keys=keys, terminal=False),
-            Section("Full model", [table_of(*full)], keys=keys),
-            Section("Estimated errors", [table_of(*checks), CHECKS_NOTE], terminal=False),
-            Section("Effort", [response_tables.run_table(found)], terminal=False),
-        ],
-        response_tables.rows(found),
-        response_tables.summary(found),
-        pictures,
+        *(*first, response_tables.rows(found), response_tables.summary(found), pictures),
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
         quantities=[
@@ -269,38 +268,17 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
 
 def _more_pictures(found: Response, peaks: bool) -> list[Picture]:
     """The pictures besides that of the curves."""
-    over = Picture(
-        PEAKS_HEADING,
-        "peaks.png",
-        lambda: peak_figure(found),
-        "The largest amplitude of the probe over the frequency, and its frequency, over a second "
-        "number. Thin lines are the peaks that were followed; the diamond marks the smallest.",
-        "response_peaks.csv",
-    )
-    states = Picture(
-        "Contact states over the period",
-        "contact_map.png",
-        lambda: contact_map(found),
-        "The state of contact over the period, along the curve.",
-        "response.csv",
-    )
+    states, files = "Contact states over the period", {"peaks": "response_peaks.csv"}
+    listed = [
+        (peaks, PEAKS_HEADING, "peaks", peak_figure, PEAKS_NOTE),
+        (found.contacts, states, "contact_map", contact_map, STATES_NOTE),
+        (True, "Floquet multipliers", "multipliers", multiplier_figure, MULTIPLIER_NOTE),
+        (True, "Harmonics", "harmonics", harmonics_figure, HARMONICS_NOTE),
+    ]
     return [
-        *([over] if peaks else []),
-        *([states] if found.contacts else []),
-        Picture(
-            "Floquet multipliers",
-            "multipliers.png",
-            lambda: multiplier_figure(found),
-            MULTIPLIER_NOTE,
-            "response.csv",
-        ),
-        Picture(
-            "Harmonics",
-            "harmonics.png",
-            lambda: harmonics_figure(found),
-            "Amplitudes of the harmonics along the curve.",
-            "response.csv",
-        ),
+        Picture(heading, f"{name}.png", partial(draw, found), said, files.get(name, NUMBERS))
+        for shown, heading, name, draw, said in listed
+        if shown
     ]
 
 

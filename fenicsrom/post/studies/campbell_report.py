@@ -206,28 +206,18 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     """
     told, criticals = quantities(found), critical_quantities(found)
     speeds = range(found.speeds_rpm.size)
-    return Report(
-        "campbell",
-        "Campbell diagram",
-        found,
-        sentences(found),
-        [
-            Section("Critical speeds", [table_of(found.critical, criticals)], keys=2),
-            Section("Margins at the speed of operation", [margin_table(found)]),
-            Section("Frequencies", [table_of(speeds, told)]),
-        ],
-        rows_of(speeds, told),
-        summary(found),
-        [
-            Picture(
-                "Campbell diagram",
-                "campbell.png",
-                lambda: figure(found),
-                "Natural frequencies over the speed. Where an engine order crosses a frequency, "
-                "the mode can resonate.",
-                "campbell.csv",
-            ),
-            *more,
-        ],
-        quantities=[FREQUENCIES, CRITICAL],
-    )
+    sections = [
+        Section("Critical speeds", [table_of(found.critical, criticals)], keys=2),
+        Section("Margins at the speed of operation", [margin_table(found)]),
+        Section("Frequencies", [table_of(speeds, told)]),
+    ]
+    title, rows = "Campbell diagram", rows_of(speeds, told)
+    drawn = [Picture(title, "campbell.png", lambda: figure(found), CAPTION, "campbell.csv"), *more]
+    first, judged = ("campbell", title, found, sentences(found)), [FREQUENCIES, CRITICAL]
+    return Report(*first, sections, rows, summary(found), drawn, quantities=judged)
+
+
+CAPTION = (
+    "Natural frequencies over the speed. Where an engine order crosses a frequency, the mode can "
+    "resonate."
+)

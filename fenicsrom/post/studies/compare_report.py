@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,19 @@ DOTS = {method: DOT | {"marker": look["marker"]} for method, look in LINES.items
 INK, FRONT = "#5b636b", "#9AA0A6"
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
 SMALL = 9  # largest number of coordinates of a small basis
+NUMBERS = "comparison.csv"
+FRONT_NOTE = (
+    "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the dot, the "
+    "number of coordinates, after a slash the steps per period, and the value of a change of the "
+    "mesh. The named points on the line are the Pareto front: no other basis is both faster and "
+    "more accurate."
+)
+SIZE_NOTE = "Lines join the bases of one method with one choice of derivatives."
+RESIDUAL_NOTE = (
+    "The residual of the full equations at the reduced motion, in the energy norm, relative to the "
+    "loads."
+)
+ESTIMATE_NOTE = "The estimates are those of a run, for the errors due to the basis."
 ERRORS = {
     "amplitude_normal": "normal amplitude",
     "amplitude_tangential": "tangential amplitude",
@@ -365,57 +379,25 @@ def pictures(comparison: Comparison) -> list[Picture]:
     if comparison.full is None or not rated(comparison):
         return []
     return [
-        Picture(
-            "Error against run time",
-            "pareto.png",
-            lambda: pareto_figure(comparison),
-            "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
-            "dot, the number of coordinates, after a slash the steps per period, and the value of "
-            "a change of the mesh. The named points on the line are the Pareto front: no other "
-            "basis is both faster and more accurate.",
-            "comparison.csv",
-        ),
-        Picture(
-            "Error against the size of the basis",
-            "size.png",
-            lambda: size_figure(comparison),
-            "Lines join the bases of one method with one choice of derivatives.",
-            "comparison.csv",
-        ),
-        Picture(
-            "Error against the residual",
-            "indicator.png",
-            lambda: indicator_figure(comparison),
-            "The residual of the full equations at the reduced motion, in the energy norm, "
-            "relative to the loads.",
-            "comparison.csv",
-        ),
-        *(
-            Picture(
-                "Estimated against true error",
-                "estimate.png",
-                lambda: estimate_figure(comparison),
-                "The estimates are those of a run, for the errors due to the basis.",
-                "comparison.csv",
-            )
-            for _ in range(comparison.scene.joined)
-        ),
+        Picture(heading, f"{name}.png", partial(draw, comparison), said, NUMBERS)
+        for heading, name, draw, said in (
+            ("Error against run time", "pareto", pareto_figure, FRONT_NOTE),
+            ("Error against the size of the basis", "size", size_figure, SIZE_NOTE),
+            ("Error against the residual", "indicator", indicator_figure, RESIDUAL_NOTE),
+            ("Estimated against true error", "estimate", estimate_figure, ESTIMATE_NOTE),
+        )
+        if name != "estimate" or comparison.scene.joined
     ]
 
 
 def report(comparison: Comparison) -> Report:
     """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
-    whole = table_of(comparison.outcomes, quantities(comparison))
-    return Report(
-        "comparison",
-        "error against run time",
-        comparison,
-        sentences(comparison) or ["There is no full model to compare with."],
-        [
-            Section("All combinations", [whole], keys=whole[0].index("size")),
-            Section("Timing", timing_note(comparison), terminal=False),
-        ],
-        rows_of(comparison.outcomes, quantities(comparison)),
-        summary(comparison),
-        pictures(comparison),
-    )
+    told = comparison.outcomes, quantities(comparison)
+    whole, said = table_of(*told), sentences(comparison)
+    sections = [
+        Section("All combinations", [whole], keys=whole[0].index("size")),
+        Section("Timing", timing_note(comparison), terminal=False),
+    ]
+    numbers = rows_of(*told), summary(comparison), pictures(comparison)
+    said = said or ["There is no full model to compare with."]
+    return Report("comparison", "error against run time", comparison, said, sections, *numbers)

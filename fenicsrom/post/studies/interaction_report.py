@@ -324,22 +324,10 @@ def write_hdf5(found: InteractionMap, path: Path) -> list[Path]:
 def report(found: InteractionMap) -> Report:
     """The report of a map: `map.csv`, `map.json`, `map.png`, `map_curves.png`, and its wear."""
     shown = quantities(found)
+    caption, draw = "One number for each speed.", partial(curves_figure, found)
     pictures = [
-        Picture(
-            "Interaction map",
-            "map.png",
-            lambda: figure(found),
-            "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed "
-            "curves: natural frequencies, free and with the contact closed.",
-            "map.csv",
-        ),
-        Picture(
-            "Over the speed",
-            "map_curves.png",
-            lambda: curves_figure(found),
-            "One number for each speed.",
-            "map.csv",
-        ),
+        Picture("Interaction map", "map.png", lambda: figure(found), CAPTION, "map.csv"),
+        Picture("Over the speed", "map_curves.png", draw, caption, "map.csv"),
     ]
     if around := any(ring.radius for ring in found.rings) and found.column("worn").any():
         caption = (
@@ -348,19 +336,20 @@ def report(found: InteractionMap) -> Report:
         )
         draw = partial(wear_figure, found)
         pictures.append(Picture("Wear", "map_wear.png", draw, caption, "map_wear.csv"))
+    sections = [
+        Section("Speeds of resonance", [table_of(found.onsets(), ONSETS)], keys=2, most=20),
+        Section("Speeds", [table_of(found.lines, shown)], most=20),
+    ]
+    first = "map", "interaction map", found, sentences(found), sections
     return Report(
-        "map",
-        "interaction map",
-        found,
-        sentences(found),
-        [
-            Section("Speeds of resonance", [table_of(found.onsets(), ONSETS)], keys=2, most=20),
-            Section("Speeds", [table_of(found.lines, shown)], most=20),
-        ],
-        rows_of(found.lines, shown),
-        summary(found),
-        pictures,
+        *(*first, rows_of(found.lines, shown), summary(found), pictures),
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
         more_rows={"map_wear.csv": profile_rows(found)} if around else {},
         quantities=[AMPLITUDES, PEAK_FORCE, *([WEAR] if found.rings else [])],
     )
+
+
+CAPTION = (
+    "Amplitude over speed and frequency. Dotted lines: excitation; solid and dashed curves: "
+    "natural frequencies, free and with the contact closed."
+)

@@ -50,25 +50,14 @@ def report(found: Ringdown) -> Report:
         "steps_per_period": found.steps,
         "largest_changes": found.changes,
     }
-    return Report(
-        "ringdown",
-        f"ring-down of mode {found.scene.ringdown.mode}",
-        found,
-        sentences(found),
-        [Section("Periods", [table_of(shown, TOLD)])],
-        rows_of(periods, TOLD),
-        summary,
-        [
-            Picture(
-                "Ring-down",
-                "ringdown.png",
-                lambda: figure(found),
-                "The decay, and the frequency and damping of its periods over their amplitude.",
-                "ringdown.csv",
-            )
-        ],
-        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES],
-    )
+    title, said = f"ring-down of mode {found.scene.ringdown.mode}", sentences(found)
+    sections, rows = [Section("Periods", [table_of(shown, TOLD)])], rows_of(periods, TOLD)
+    drawn = [Picture("Ring-down", "ringdown.png", lambda: figure(found), CAPTION, "ringdown.csv")]
+    first, judged = ("ringdown", title, found, said), [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES]
+    return Report(*first, sections, rows, summary, drawn, quantities=judged)
+
+
+CAPTION = "The decay, and the frequency and damping of its periods over their amplitude."
 
 
 def figure(found: Ringdown) -> Plot:

@@ -102,32 +102,15 @@ def report(matrix: Matrix) -> Report:
         verdict: table_of([f for f in matrix.findings if f.verdict is verdict], QUANTITIES)
         for verdict in (Verdict.WRONG, Verdict.REFUSED, Verdict.UNSTEADY, Verdict.CONVERGED)
     }
-    return Report(
-        "stability",
-        "stability",
-        matrix,
-        sentences(matrix),
-        [
-            *(
-                Section(verdict.capitalize(), [found], terminal=False)
-                for verdict, found in tables.items()
-            ),
-            Section("Left out", matrix.left_out),
-        ],
-        rows,
-        {
-            "verdicts": {verdict.value: matrix.count(verdict) for verdict in Verdict},
-            "left_out": matrix.left_out,
-            "runs": rows,
-        },
-        [
-            Picture(
-                "Verdicts",
-                "stability.png",
-                lambda: figure(matrix),
-                "A tile for each run: what it varies, and its verdict.",
-                "stability.csv",
-            )
-        ],
-        [HOW],
-    )
+    sections = [
+        *(
+            Section(verdict.capitalize(), [found], terminal=False)
+            for verdict, found in tables.items()
+        ),
+        Section("Left out", matrix.left_out),
+    ]
+    verdicts = {verdict.value: matrix.count(verdict) for verdict in Verdict}
+    numbers = {"verdicts": verdicts, "left_out": matrix.left_out, "runs": rows}
+    caption, name = "A tile for each run: what it varies, and its verdict.", "stability"
+    drawn = [Picture("Verdicts", f"{name}.png", lambda: figure(matrix), caption, f"{name}.csv")]
+    return Report(name, name, matrix, sentences(matrix), sections, rows, numbers, drawn, [HOW])

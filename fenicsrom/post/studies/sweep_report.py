@@ -102,29 +102,20 @@ def summary(found: Sweep) -> dict[str, Any]:
 
 def report(found: Sweep) -> Report:
     """The report of a sweep: `sweep.csv`, `sweep.json` and `sweep.png`."""
-    keys = swept_keys(found)
-    names = column_names(found)
-    drawn = found.with_outcome(DONE, DOUBTFUL)
-    return Report(
-        "sweep",
-        "sweep",
-        found,
-        sentences(found),
-        [
-            Section("Doubtful and failed runs, and warnings", remarks(found)),
-            Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
-        ],
-        [
-            {names.get(key, key): value for key, value in row.items() if key != "notes"}
-            for row in found.rows
-        ],
-        summary(found),
-        [Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")]
-        if drawn
-        else [],
-        varied=keys,
-        quantities=[AMPLITUDES, *contact_quantities(found.scene)],
-    )
+    keys, names, said = swept_keys(found), column_names(found), sentences(found)
+    sections = [
+        Section("Doubtful and failed runs, and warnings", remarks(found)),
+        Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
+    ]
+    rows = [
+        {names.get(key, key): value for key, value in row.items() if key != "notes"}
+        for row in found.rows
+    ]
+    drawn = [Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")]
+    drawn = drawn if found.with_outcome(DONE, DOUBTFUL) else []
+    first = "sweep", "sweep", found, said, sections, rows, summary(found), drawn
+    judged = [AMPLITUDES, *contact_quantities(found.scene)]
+    return Report(*first, varied=keys, quantities=judged)
 
 
 def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[str]:
