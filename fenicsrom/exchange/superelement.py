@@ -133,19 +133,11 @@ class _Builder:
         seen, key = (scene.probe, "probe") if scene.probe else (scene.contacts[0].place, "contacts")
         probe, probe_offset, _ = self._mean(seen, key)
         none = np.zeros((0, 0))
-        model = reduced_model(
-            self.mass,
-            damping,
-            ElasticPolynomial(steady, self.stiffness, none, none),
-            loads,
-            of_loads(scene.loads),
-            points,
-            contact_rows,
-            contact_offset + contact_rows @ rest,
-            probe,
-            probe_offset + probe @ rest,
-            velocity_matrix,
-        )
+        elastic = ElasticPolynomial(steady, self.stiffness, none, none)
+        given = self.mass, damping, elastic, loads, of_loads(scene.loads)
+        touching = points, contact_rows, contact_offset + contact_rows @ rest
+        seen_at = probe, probe_offset + probe @ rest
+        model = reduced_model(*given, *touching, *seen_at, velocity_matrix)
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
         labels = tuple(f"q{k + 1}" for k in self.kept)

@@ -217,17 +217,9 @@ class Collector:
         forces, left = forces_on(mesh.points, cells, near, groups)
         self.not_taken |= dict.fromkeys(left)
         blocks, pressures = self._pressures(groups)
-        physics = Physics(
-            materials,
-            tuple(supports),
-            tuple(masses),
-            tuple(springs),
-            (*self.others, *pressures, *forces),
-            tuple(self.not_taken),
-            self.thickness,
-            self.strain,
-            self.lost_support,
-        )
+        loads, plane = (*self.others, *pressures, *forces), (self.thickness, self.strain)
+        held = tuple(supports), tuple(masses), tuple(springs)
+        physics = Physics(materials, *held, loads, tuple(self.not_taken), *plane, self.lost_support)
         return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
 
     def _moving(self, forces: dict[int, Floats]) -> dict[int, Floats]:

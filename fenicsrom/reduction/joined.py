@@ -142,23 +142,15 @@ def _projected(
     structure.unload()
     model = project(structure, basis)
     known = np.concatenate([one.equilibrium for one in at], axis=1)
-    found = RangeModel(
-        model,
-        force,
-        softening,
-        coriolis,
-        structure.inner(r, frame.unit_euler_force[:, None])[:, 0],
-        np.array([frame.inertia]),
-        structure.load_moments(r),
-        np.array([one.omega for one in at]),
-        np.asarray(np.linalg.solve(model.mass, structure.mass_inner(r, known)).T, np.float64),
-        first.omega.size,
-        first.rows.shape[0],
-        RangeErrors(*np.zeros((4, 0))),
-    )
+    euler = structure.inner(r, frame.unit_euler_force[:, None])[:, 0]
+    turning = force, softening, coriolis, euler, np.array([frame.inertia])
+    rests = np.linalg.solve(model.mass, structure.mass_inner(r, known)).T
+    speeds = np.array([one.omega for one in at]), np.asarray(rests, np.float64)
+    sizes, errors = (first.omega.size, first.rows.shape[0]), RangeErrors(*np.zeros((4, 0)))
+    found = RangeModel(model, *turning, structure.load_moments(r), *speeds, *sizes, errors)
     between = [one for one in seen if one.omega not in found.speeds]
-    errors = [_errors(structure, r, found, one) for one in between]
-    return replace(found, errors=RangeErrors(*np.array(errors).T))
+    rows = [_errors(structure, r, found, one) for one in between]
+    return replace(found, errors=RangeErrors(*np.array(rows).T))
 
 
 def _errors(structure: Any, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:

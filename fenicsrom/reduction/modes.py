@@ -553,20 +553,11 @@ def component_modes(
         contact_flexibility = structure.inner(b.T, static)
     numbers = {"R": count - elastic, "V": elastic, "S": m}
     labels = tuple(f"{k + 1}{kind}" for kind, size in numbers.items() for k in range(size))
-    held = np.concatenate([masters, normal], axis=1)
-    return ComponentModes(
-        options.method,
-        np.sqrt(np.maximum(omega_squared[:count], 0.0)),
-        normal,
-        static,
-        masters,
-        b,
-        inverse,
-        labels,
-        scaled_condition(contact_flexibility),
-        load_vectors(structure, held, load_responses(structure)),
-        count - elastic,
-    )
+    held, omega = np.concatenate([masters, normal], axis=1), np.sqrt(omega_squared.clip(0.0))
+    condition = scaled_condition(contact_flexibility)
+    loads = load_vectors(structure, held, load_responses(structure))
+    found = normal, static, masters, b, inverse, labels, condition, loads, count - elastic
+    return ComponentModes(options.method, omega[:count], *found)
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:

@@ -57,17 +57,8 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     log.info("the same of finer elements ..")
     finer, unjudged = _finer(middle, solid, replace(scene.basis, modes=whole.modes), *given)
     whole = replace(whole, finer=finer).under(load_histories=load_histories(scene))
-    found = StoredModel(
-        whole.model,
-        scene,
-        "rubin",
-        (),
-        solid.free,
-        np.zeros(0),
-        provenance(),
-        unjudged=unjudged,
-        whole=whole,
-    ).at_speed()
+    first = whole.model, scene, "rubin", (), solid.free, np.zeros(0), provenance()
+    found = StoredModel(*first, unjudged=unjudged, whole=whole).at_speed()
     solid.destroy()
     return found
 

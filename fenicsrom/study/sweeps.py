@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -64,14 +65,8 @@ def sweep(
         if not isinstance(given, Scene):
             stored = Path(place) / MODEL
             save_model(stored, given)
-        found = run_sweep(
-            scene,
-            lambda overrides: changed_scene(scene, overrides),
-            axes,
-            Path(place),
-            stored=stored,
-            workers=workers,
-        )
+        variant = partial(changed_scene, scene)
+        found = run_sweep(scene, variant, axes, Path(place), stored=stored, workers=workers)
     if folder is None:
         found.files = []
     return found

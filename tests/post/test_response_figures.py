@@ -93,7 +93,7 @@ def response_of(*forces: float) -> Response:
     families = {"families": {"key": "loads.0.force", "values": list(forces)}}
     scene = beam_scene(2, contacts=[contact], response=table | (families if forces[1:] else {}))
     curves = [duffing(force) for force in forces]
-    return Response(scene, 2, 2, contact_points([1.0, 0.0]), 100, curves)
+    return Response(scene, 2, contact_points([1.0, 0.0]), curves)
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ import re
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -183,16 +184,8 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
     spare = spare_coordinates(stored) if spare is None else spare
     problem = Problem.of(stored.model, scene).settled()
     mode, direction, unit = linear_mode(stored, problem)
-    found = Backbone(
-        scene,
-        stored.size,
-        scene.geometry.dimension,
-        stored.model.points,
-        scene.time.steps_per_period or FALLBACK_STEPS,
-        mode,
-        direction,
-        stored.labels,
-    )
+    points = stored.model.points
+    found = Backbone(scene, stored.size, points, mode, direction, stored.labels)
     if scene.time.steps_per_period is None:
         text = (
             f"The nonlinear mode uses {FALLBACK_STEPS} steps per period, because the scene does "
@@ -298,14 +291,8 @@ def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
             )
 
     keep(_first_point(path, found, unit))
-    curve = path.run(
-        found.points[0].motion,
-        1.0,
-        largest_step=LARGEST_STEP,
-        points=found.table.points,
-        locate=False,
-        progress=keep,
-    )
+    how: dict[str, Any] = {"largest_step": LARGEST_STEP, "points": found.table.points}
+    curve = path.run(found.points[0].motion, 1.0, **how, locate=False, progress=keep)
     if curve.points[-1] is not found.points[-1].motion:  # `run` reports no point at the end
         keep(curve.points[-1])
     found.reason = curve.reason
@@ -505,14 +492,9 @@ def _peaks(problem: Problem, found: Backbone) -> None:
         return float(point.probe_amplitude[direction])
 
     log.info("  peaks of the forced response")
-    for peak in forced_peaks(
-        problem,
-        (found.mode.equilibrium, found.mode.sliders),
-        found.points[0].frequency,
-        factors,
-        amplitude,
-        displacement_sines(found.scene.loads),
-    ):
+    begin = (found.mode.equilibrium, found.mode.sliders), found.points[0].frequency
+    displaced = displacement_sines(found.scene.loads)
+    for peak in forced_peaks(problem, *begin, factors, amplitude, displaced):
         found.peaks.append(peak)
         log.info(
             f"  {peak.value:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm "

@@ -423,18 +423,10 @@ def add_full_points(found: results.Response, stored: StoredModel, solid: Any, ba
                     found.warnings.append(note)
                     found.unfinished = found.unfinished or error
                     continue
-                curve.full.append(
-                    results.FullPoint(
-                        value,
-                        motion.amplitude,
-                        reduced.amplitude,
-                        reduced.verdict,
-                        motion.periods,
-                        motion.derived,
-                        motion.residuals[-1],
-                        motion.seconds,
-                    )
-                )
+                told = motion.amplitude, reduced.amplitude, reduced.verdict
+                spent = motion.residuals[-1], motion.seconds
+                point = results.FullPoint(value, *told, motion.periods, motion.derived, *spent)
+                curve.full.append(point)
     except KeyboardInterrupt:
         found.interrupted = True
 

@@ -259,20 +259,12 @@ def _follow(
     for point in follower.points():
         visit(point)
         probe = body.comm.allreduce(body.probe_rows @ point.displacement)
-        found.points.append(
-            Equilibrium(
-                point.load_factor,
-                np.asarray(probe),
-                float(body.largest(point.displacement[:, None])[0]),
-                point.negative,
-                point.residual,
-                body_deformation(body, found.scene, point.displacement),
-                point.states,
-                (body.contact_rows @ point.displacement).reshape(-1, body.dimension),
-                follower.equations.contact.dissipated if follower.equations.contact else 0.0,
-                point.kind,
-            )
-        )
+        size = float(body.largest(point.displacement[:, None])[0])
+        deformed = body_deformation(body, found.scene, point.displacement)
+        told = point.load_factor, np.asarray(probe), size, point.negative, point.residual, deformed
+        moved = (body.contact_rows @ point.displacement).reshape(-1, body.dimension)
+        spent = follower.equations.contact.dissipated if follower.equations.contact else 0.0
+        found.points.append(Equilibrium(*told, point.states, moved, spent, point.kind))
         found.shapes.pop("end", None)
         label = f"{point.kind} {len(found.shapes) + 1}" if point.kind else "end"
         found.shapes[label] = point.displacement

@@ -218,13 +218,8 @@ class CurveWalk:
         direction: float | None = None,
     ) -> None:
         """Follow a piece from its last point."""
-        path.run(
-            piece.points[-1],
-            direction,
-            curve=piece,
-            points=self.table.points,
-            progress=lambda point: progress(),
-        )
+        last, points = piece.points[-1], self.table.points
+        path.run(last, direction, curve=piece, points=points, progress=lambda point: progress())
 
     # ------------------------------------------------------------------ branches
 

@@ -107,13 +107,7 @@ def response(
     begin = working_time()
     scene = stored.scene
     check_response(scene)
-    found = Response(
-        scene,
-        stored.size,
-        scene.geometry.dimension,
-        stored.model.points,
-        scene.time.steps_per_period or FALLBACK_STEPS,
-    )
+    found = Response(scene, stored.size, stored.model.points)
     if scene.time.tolerance is not None:
         text = (
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "

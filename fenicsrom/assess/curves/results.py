@@ -20,7 +20,7 @@ from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.curves.continuation import ForcedPeak
 from fenicsrom.online.curves.curve import CurvePoint, Piece
-from fenicsrom.online.periodic.shooting import largest_multiplier
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, largest_multiplier
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_run_key, first_difference
 from fenicsrom.online.store.store import fingerprint, pack, unpack
@@ -40,9 +40,7 @@ class CurveRecord:
     Attributes:
         scene: the scene.
         size: number of coordinates of the reduced model.
-        dimension: of space.
         contact_points: the contact points.
-        steps: time steps of a period.
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the computation, or that of the first curve that was not
@@ -55,9 +53,7 @@ class CurveRecord:
 
     scene: Scene
     size: int
-    dimension: int
     contact_points: ContactPoints
-    steps: int
     seconds: float = field(default=0.0, kw_only=True)
     warnings: list[Note] = field(default_factory=list, kw_only=True)
     unfinished: ConvergenceError | AccuracyError | None = field(default=None, kw_only=True)
@@ -69,6 +65,11 @@ class CurveRecord:
     def contacts(self) -> int:
         """Number of contact points."""
         return self.contact_points.contact.size
+
+    @property
+    def steps(self) -> int:
+        """Time steps of a period."""
+        return self.scene.time.steps_per_period or FALLBACK_STEPS
 
 
 def required_table(scene: Scene, name: str, table: Table | None) -> Table:

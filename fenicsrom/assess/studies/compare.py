@@ -346,17 +346,9 @@ def _sized(
     assert isinstance(found.model, ReducedModel)
     extended = extended_basis(body, scene.basis, found)
     whole = project(body, extended, body.geometrically_nonlinear)
-    stored = StoredModel(
-        found.model,
-        scene,
-        extended.method,
-        found.basis.labels,
-        body.free,
-        found.modes.frequencies_hz,
-        {},
-        candidates=whole,
-        further=extended.labels[found.basis.size :],
-    )
+    labels, further = found.basis.labels, extended.labels[found.basis.size :]
+    given = found.model, scene, extended.method, labels, body.free, found.modes.frequencies_hz
+    stored = StoredModel(*given, {}, candidates=whole, further=further)
 
     def run(larger: StoredModel, near: Any) -> Motion:
         return simulate(larger.model, scene, near=near, keep_coordinates=True)

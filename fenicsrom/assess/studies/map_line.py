@@ -188,27 +188,14 @@ class Place:
         radial = self.radial(motion, steps)
         verdict, period = verdict_of(motion, radial, steps, self.resolved)
         late = self._late(motion, radial, steps)
-        line = Line(
-            self.speed_rpm,
-            self.spectrum(radial, steps, period),
-            half_range(radial),
-            float(motion.force[late, :, 0].max()),
-            float(np.mean(np.any(motion.state[late] >= 0, axis=1))),
-            self._clearance(motion.gap[late]),
-            verdict,
-            period,
-            self.frequencies(model.elastic.stiffness),
-            self.frequencies(model.elastic.stiffness + self._contact_stiffness()),
-            nothing,
-            nothing,
-            nothing,
-            worn_by(motion),
-            nothing,
-            np.nan,
-            self.resolved,
-            0.0,
-            self._end(motion),
-        )
+        force, contact = motion.force[late, :, 0].max(), np.any(motion.state[late] >= 0, axis=1)
+        sizes = self.spectrum(radial, steps, period), half_range(radial), float(force)
+        near = float(np.mean(contact)), self._clearance(motion.gap[late])
+        free, unknown = model.elastic.stiffness, (nothing, nothing, nothing)
+        hertz = self.frequencies(free), self.frequencies(free + self._contact_stiffness())
+        wear, last = (worn_by(motion), nothing), (np.nan, self.resolved, 0.0, self._end(motion))
+        told = self.speed_rpm, *sizes, *near, verdict, period
+        line = Line(*told, *hertz, *unknown, *wear, *last)
         return self._compared(line, checked, before, float(motion.kinetic[late].max()))
 
     def _compared(self, line: Line, checked: bool, before: Line | None, energy: float) -> Line:

@@ -117,8 +117,7 @@ def ringdown(stored: StoredModel, folder: Path | None = None, **how: Any) -> Rin
     check_ringdown(stored.scene)
     begin, scene = working_time(), stored.scene
     mode, direction, _ = linear_mode(stored, Problem.of(stored.model, scene), "ringdown")
-    space, steps = scene.geometry.dimension, scene.time.steps_per_period or FALLBACK_STEPS
-    found = Ringdown(scene, stored.size, space, stored.model.points, steps, mode, direction)
+    found = Ringdown(scene, stored.size, stored.model.points, mode, direction)
     whole = stored.resized((*stored.labels, *stored.further))
     jobs = [(stored, 1.0), (stored, 2.0), (whole, 1.0)][: 3 if stored.further else 2]
     digests = [f"{digest_of(scene, fingerprint(one.model))} {k}" for one, k in jobs]

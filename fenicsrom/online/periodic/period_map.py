@@ -177,24 +177,13 @@ class PeriodMap(PeriodVariables):
         status, count = self._march(problem, plan)
         drift = drift_of(problem) if derive else None
         if drift is not None and status == DONE:
+            data = model, contacts, plan, drift
             model.work.key[:] = np.nan
             for first in range(0, count, self._rows):
                 ask()
                 last = min(first + self._rows, count)
-                if not carry_derivatives(
-                    model,
-                    contacts,
-                    plan,
-                    drift,
-                    self._record,
-                    first,
-                    last,
-                    count,
-                    REST,
-                    sliders,
-                    self.memory,
-                    s,
-                ):
+                rows = first, last, count
+                if not carry_derivatives(*data, self._record, *rows, REST, sliders, self.memory, s):
                     status = SINGULAR
                     break
         end = self._end(count, origin, derive=derive)

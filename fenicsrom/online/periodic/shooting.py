@@ -22,7 +22,6 @@ from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact.state import STICK
 from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import Problem
@@ -192,7 +191,6 @@ class PeriodicMotion:
         multipliers: (N,) Floquet multipliers, the largest first.
         verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
         free_sliders: number of slider components that are not unique.
-        stuck_points: points that stick during the whole period.
         record: rows of the period.
         end: the end of the period.
     """
@@ -203,7 +201,6 @@ class PeriodicMotion:
     multipliers: NDArray[np.complex128]
     verdict: str
     free_sliders: int
-    stuck_points: tuple[int, ...]
     record: Record
     end: PeriodEnd
 
@@ -333,13 +330,8 @@ class Shooting:
         if self.stop is not None and self.stop():
             raise Stopped
         guess, last_step = self.guess
-        status, end = self.map(
-            self.problem if problem is None else problem,
-            self.unscaled(s),
-            derive=derive,
-            guess=guess,
-            last_step=last_step,
-        )
+        here, z = self.problem if problem is None else problem, self.unscaled(s)
+        status, end = self.map(here, z, derive=derive, guess=guess, last_step=last_step)
         if status != DONE or not np.isfinite(end.z).all() or not np.isfinite(end.matrix).all():
             return None
         self.guess = end.guess, end.last_step
@@ -408,11 +400,6 @@ def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> comple
     """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
     deciding = judged(multipliers, free)
     return complex(deciding[np.argmax(np.abs(deciding))]) if deciding.size else 0j
-
-
-def stuck_points(record: Record) -> tuple[int, ...]:
-    """Points that stick during the whole period."""
-    return tuple(int(p) for p in np.flatnonzero(np.all(record.state == STICK, axis=0)))
 
 
 def periodic_motion(
@@ -517,17 +504,9 @@ def _motion(
     shooting: Shooting, s: Array, matrix: Array, free: int, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
     multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
-    return PeriodicMotion(
-        shooting.unscaled(s),
-        shooting.m * shooting.problem.period,
-        tuple(residuals),
-        multipliers,
-        verdict,
-        free,
-        stuck_points(end.record),
-        end.record,
-        end,
-    )
+    z, period = shooting.unscaled(s), shooting.m * shooting.problem.period
+    judged = multipliers, verdict, free
+    return PeriodicMotion(z, period, tuple(residuals), *judged, end.record, end)
 
 
 def recorded_motion(problem: Problem, z: Array, m: int = 1) -> Motion:

@@ -306,16 +306,9 @@ class MarchRun:
             last = self.history[-1]
             if self.multiple > 1:
                 last = steady.periods_of(self.history, self.problem.period, self.multiple)
-        return Checkpoint(
-            self.state,
-            last,
-            float(self.control.size),
-            span,
-            self.buckled,
-            self.search,
-            self.problem.contacts.coating.worn if self.problem.contacts.coating.worn.size else None,
-            self.wearing,
-        )
+        size, worn = float(self.control.size), self.problem.contacts.coating.worn
+        wear = worn if worn.size else None, self.wearing
+        return Checkpoint(self.state, last, size, span, self.buckled, self.search, *wear)
 
 
 def integrate(

@@ -484,13 +484,9 @@ def _proper(snapshots: Array, inner: Array, accuracy: float) -> tuple[Array, Arr
 
 def _at_speed(whole: ReducedModel, labels: tuple[str, ...], count: int, squares: Array) -> AtSpeed:
     """The first `count` coordinates of a model as one, judged by all of them."""
-    return AtSpeed(
-        nested_model(whole, range(count)),
-        whole,
-        labels[:count],
-        labels[count:],
-        np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi),
-    )
+    model = nested_model(whole, range(count))
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    return AtSpeed(model, whole, labels[:count], labels[count:], frequencies)
 
 
 def _named(block: Array, kind: str, first: int = 0) -> dict[str, Array]:

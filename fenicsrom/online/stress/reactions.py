@@ -336,17 +336,9 @@ def peak(
     recovered = table.at_vertices(stress)
     vertex, point = von_mises(recovered), von_mises(stress)
     k, p = int(np.argmax(vertex)), int(np.argmax(point))
-    return Peak(
-        state,
-        time,
-        coordinates,
-        float(vertex[k]),
-        table.vertex_position[k],
-        principal(recovered[k]),
-        float(point[p]),
-        table.position[p],
-        frequency,
-    )
+    there = float(vertex[k]), table.vertex_position[k], principal(recovered[k])
+    inside = float(point[p]), table.position[p]
+    return Peak(state, time, coordinates, *there, *inside, frequency)
 
 
 def equilibrium_peak(table: StressTable, measure: str) -> Peak:

@@ -276,13 +276,9 @@ class Report:
     def verdict(self) -> Verdict:
         """Whether the results can be trusted."""
         interrupted = getattr(self.found, "interrupted", False)
-        return verdict_of(
-            self.warnings,
-            failure_of(self.found),
-            interrupted=interrupted,
-            quantities=self.quantities,
-            unjudged=self.unjudged,
-        )
+        found = self.warnings, failure_of(self.found)
+        judged, unjudged = self.quantities, self.unjudged
+        return verdict_of(*found, interrupted=interrupted, quantities=judged, unjudged=unjudged)
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""

@@ -40,7 +40,7 @@ STYLES: dict[bool | None, tuple[str, str]] = {
 
 def directions(found: Response) -> list[str]:
     """The names of the directions in the files of numbers."""
-    names = plain_names(found.dimension, bool(found.contacts))
+    names = plain_names(found.scene.geometry.dimension, bool(found.contacts))
     return [name.replace(" ", "_") for name in names]
 
 

@@ -484,19 +484,10 @@ def report(found: Study | Rerun) -> Report:
         Section("Size of the basis", [sizes], terminal=False),
         Section("Left out", [left_out_table], terminal=False),
     ]
-    return RunReport(
-        "summary",
-        "",
-        found,
-        run_sentences(found),
-        sections,
-        (),
-        {},
-        motion_figures.motion_pictures(found),
-        _notes(found),
-        quantities=summary.quantities(found),
-        unjudged=summary.unjudged(found),
-    )
+    drawn, notes = motion_figures.motion_pictures(found), _notes(found)
+    first = "summary", "", found, run_sentences(found), sections
+    judged, unjudged = summary.quantities(found), summary.unjudged(found)
+    return RunReport(*first, (), {}, drawn, notes, quantities=judged, unjudged=unjudged)
 
 
 def write_run_report(
