@@ -19,9 +19,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
-from fenicsrom.exchange.arrays import write_mat
 from fenicsrom.exchange.fmu import write_fmu
-from fenicsrom.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS
+from fenicsrom.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS, write_mat
 from fenicsrom.exchange.nastran import write_dmig
 from fenicsrom.exchange.op4 import write_op4
 from fenicsrom.files import atomic_write

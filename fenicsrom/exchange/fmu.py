@@ -26,7 +26,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.exchange.arrays import polynomial
+from fenicsrom.exchange.matrix_set import polynomial
 from fenicsrom.files import atomic_write
 from fenicsrom.online.model.matrices import ModelArrays
 from fenicsrom.online.store.archive import StoredModel

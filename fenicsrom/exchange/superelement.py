@@ -24,8 +24,7 @@ import scipy.linalg
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.exchange.abaqus import read_mtx
-from fenicsrom.exchange.arrays import read_mat, read_npz
-from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet
+from fenicsrom.exchange.matrix_set import SYMMETRY, MatrixSet, read_mat, read_npz
 from fenicsrom.exchange.nastran import read_dmig
 from fenicsrom.exchange.op4 import read_op4
 from fenicsrom.formats.collector import reading

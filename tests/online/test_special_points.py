@@ -14,7 +14,6 @@ from support import harmonic, linear_model, no_contacts, one_contact
 
 from fenicsrom.online.contact.state import SLIP, STICK
 from fenicsrom.online.curves import events
-from fenicsrom.online.curves.brackets import Bracket, bracketed
 from fenicsrom.online.curves.continuation import HASTE, STRETCH, Continuation, follow, hurries
 from fenicsrom.online.curves.curve import (
     BIFURCATIONS,
@@ -23,9 +22,11 @@ from fenicsrom.online.curves.curve import (
     OPENS,
     SLIPS,
     STICKS,
+    Bracket,
     Curve,
     CurvePoint,
     Extremes,
+    bracketed,
     occurrences,
 )
 from fenicsrom.online.curves.events import LOCATED, MOST, outside, special_points

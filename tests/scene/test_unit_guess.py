@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fenicsrom.scene.keys.unit_guess import likely_systems
-from fenicsrom.scene.keys.unit_system import Units
+from fenicsrom.scene.keys.unit_system import Units, likely_systems
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,10 @@ import argparse
 
 from fenicsrom import __version__
 from fenicsrom.cli.commands import studies
-from fenicsrom.cli.commands.cache import cache
-from fenicsrom.cli.commands.export import export
-from fenicsrom.cli.commands.import_matrices import import_matrices
-from fenicsrom.cli.commands.init import init
-from fenicsrom.cli.commands.inspect import inspect
+from fenicsrom.cli.commands.exchange import export, import_matrices
+from fenicsrom.cli.commands.folders import cache, report, schema, view
+from fenicsrom.cli.commands.meshes import init, inspect
 from fenicsrom.cli.commands.plan import plan
-from fenicsrom.cli.commands.report import report
-from fenicsrom.cli.commands.schema import schema
-from fenicsrom.cli.commands.view import view
 
 RUN, MODES, *STUDIES, SWEEP, STABILITY = studies.COMMANDS
 FIRST = (RUN, plan, MODES, inspect, init)

@@ -42,8 +42,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply
 from fenicsrom.fem.equilibrium.statics import CONTRACTION
 from fenicsrom.fem.solid.solid import Solid
-from fenicsrom.online.curves.brackets import Bracket, bracketed
-from fenicsrom.online.curves.curve import hermite
+from fenicsrom.online.curves.curve import Bracket, bracketed, hermite
 
 INVERSE_ITERATIONS = 4
 """Solves for the eigenvalue of K nearest to zero; they start from the mode of the point before."""

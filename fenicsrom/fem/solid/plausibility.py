@@ -17,8 +17,7 @@ from fenicsrom.fem.base.compat import cells_of, entity_nodes
 from fenicsrom.notes import Note, implausible
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Region, Scene
-from fenicsrom.scene.keys.unit_guess import SYSTEMS
-from fenicsrom.scene.keys.unit_system import Units
+from fenicsrom.scene.keys.unit_system import SYSTEMS, Units
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh import Mesh

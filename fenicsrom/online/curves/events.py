@@ -45,8 +45,16 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.curves.arc import SMOOTH, STRAIGHT, oriented
-from fenicsrom.online.curves.brackets import Bracket, bracketed
-from fenicsrom.online.curves.curve import OPENS, SLIPS, STICKS, CurvePoint, hermite, norm
+from fenicsrom.online.curves.curve import (
+    OPENS,
+    SLIPS,
+    STICKS,
+    Bracket,
+    CurvePoint,
+    bracketed,
+    hermite,
+    norm,
+)
 from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, floquet, judged
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located

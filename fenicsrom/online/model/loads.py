@@ -54,7 +54,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array, zeros
 from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at
 from fenicsrom.online.kernels.compilation import compiled, kernel
-from fenicsrom.online.model.workspace import Workspace
+from fenicsrom.online.model.polynomial import Workspace
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Static, Sweep, Table
 from fenicsrom.scene.keys.excitation import shortest_period
 from fenicsrom.scene.keys.loads import OrderFrequency, SupportDisplacement

@@ -32,7 +32,12 @@ from fenicsrom.online.model.loads import (
     write_factors,
     write_pressure_factors,
 )
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
+from fenicsrom.online.model.polynomial import (
+    ElasticPolynomial,
+    Workspace,
+    elastic_force_with,
+    elastic_mean,
+)
 from fenicsrom.online.model.turning import (
     Turning,
     add_turning,
@@ -42,7 +47,6 @@ from fenicsrom.online.model.turning import (
     write_momentum,
     write_speeds,
 )
-from fenicsrom.online.model.workspace import Workspace
 
 WEAR_ROUNDING = 1e-9
 """Growth of a worn depth, relative to the largest one, that is rounding."""

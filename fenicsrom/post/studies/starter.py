@@ -15,8 +15,7 @@ from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
 from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
 from fenicsrom.scene.base.tables import toml_value as toml
-from fenicsrom.scene.keys.unit_guess import Elastic, likely_systems
-from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Units
+from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Elastic, Units, likely_systems
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
 """Names of groups that are probably clamped."""
