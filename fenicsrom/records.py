@@ -213,24 +213,12 @@ class Study:
         from fenicsrom.online.store.store import provenance
 
         assert self.basis is not None and self.modes is not None
-        found = StoredModel(
-            self.model,
-            self.scene,
-            self.basis.method,
-            self.basis.labels,
-            self.solid.free,
-            self.modes.frequencies_hz,
-            provenance(),
-            self.tables,
-            self.candidates,
-            self.deformation,
-            further=self.further,
-            finer=self.finer,
-            finer_labels=self.finer_labels,
-            finer_frequencies_hz=self.finer_frequencies_hz,
-            unjudged="" if self.mesh_check is None else self.mesh_check.missing,
-            trained=self.trained,
-        )
+        first = self.model, self.scene, self.basis.method, self.basis.labels, self.solid.free
+        made = provenance(), self.tables, self.candidates, self.deformation
+        same = "further", "finer", "finer_labels", "finer_frequencies_hz", "trained"
+        more = {name: getattr(self, name) for name in same}
+        unjudged = "" if self.mesh_check is None else self.mesh_check.missing
+        found = StoredModel(*first, self.modes.frequencies_hz, *made, unjudged=unjudged, **more)
         found.require_size()
         return found
 

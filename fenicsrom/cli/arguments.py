@@ -42,6 +42,12 @@ def command(
     return lambda run: Command(name or run.__name__, help, run, arguments)
 
 
+def repeated(name: str, dest: str, metavar: str, help: str) -> Argument:
+    """Make an option that may be given several times."""
+    settings: dict[str, Any] = {"action": "append", "default": [], "dest": dest, "metavar": metavar}
+    return Argument(name, help=f"{help}; may be repeated", **settings)
+
+
 def scene_file(content: str = "", **settings: Any) -> Argument:
     """Make the argument of the scene file; `content` says what the command reads in it."""
     return Argument("scene", help=f"scene file (TOML){content}", **settings)
@@ -67,14 +73,9 @@ FROM = Argument(
     type=_model_file,
     help="use the reduced_model.npz, or the folder, of an earlier run, without a mesh and dolfinx",
 )
-SET = Argument(
-    "--set",
-    action="append",
-    default=[],
-    metavar="KEY=VALUE",
-    dest="overrides",
-    help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
-    "may be repeated",
+SET = repeated(
+    *("--set", "overrides", "KEY=VALUE"),
+    help="change a value of the scene, such as loads.0.force=200; put text in quotes",
 )
 OUTPUT = Argument(
     "--output",

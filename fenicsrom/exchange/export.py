@@ -160,13 +160,8 @@ def interface_nodes(stored: StoredModel) -> tuple[Array, list[dict[str, Any]]]:
 
     for p, number in enumerate(points.contact):
         mine, axes = slice(p * d, (p + 1) * d), points.frame[p].T
-        add(
-            f"contact {number + 1}",
-            axes @ model.contact_rows[mine],
-            points.position[p],
-            axes @ model.contact_offset[mine],
-            float(area[p]),
-        )
+        seen, offset = axes @ model.contact_rows[mine], axes @ model.contact_offset[mine]
+        add(f"contact {number + 1}", seen, points.position[p], offset, float(area[p]))
     if len(model.probe):
         add("probe", model.probe, np.zeros(d), model.probe_offset)
     for k, load in enumerate(stored.scene.loads):

@@ -12,7 +12,7 @@ import numpy as np
 from fenicsrom.errors import refuse
 from fenicsrom.formats.collector import Collector, numbers_between, read_lines
 from fenicsrom.formats.mesh_file import Block, DeckLoad, Floats, Ints, MeshFile, axes_of
-from fenicsrom.formats.nastran import Card
+from fenicsrom.formats.nastran_cards import Card
 from fenicsrom.formats.nastran_systems import Systems
 from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import STRAIGHT

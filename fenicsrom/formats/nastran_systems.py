@@ -7,7 +7,7 @@ import numpy as np
 
 from fenicsrom.errors import refuse
 from fenicsrom.formats.mesh_file import Floats
-from fenicsrom.formats.nastran import Card
+from fenicsrom.formats.nastran_cards import Card
 
 KINDS = {f"CORD{form}{kind}" for form in "12" for kind in "RCS"}
 """Names of the entries."""

@@ -73,10 +73,6 @@ def first_mode(scene: Scene, place: Place | None) -> FirstMode:
         moved = rows @ modes.normal[:, 0]
     size = float(np.linalg.norm(moved))
     along = moved / size * np.sign(moved[np.abs(moved).argmax()])
-    return FirstMode(
-        float(modes.frequencies_hz[0]),
-        tuple(map(float, position[:d])),
-        tuple(map(float, along)),
-        float(modes.omega[0] ** 2 / size**2),
-        solid.mesh.extent(),
-    )
+    frequency, stiffness = float(modes.frequencies_hz[0]), float(modes.omega[0] ** 2 / size**2)
+    point, direction = (tuple(map(float, one)) for one in (position[:d], along))
+    return FirstMode(frequency, point, direction, stiffness, solid.mesh.extent())

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -194,8 +194,8 @@ class Place:
         free, unknown = model.elastic.stiffness, (nothing, nothing, nothing)
         hertz = self.frequencies(free), self.frequencies(free + self._contact_stiffness())
         wear, last = (worn_by(motion), nothing), (np.nan, self.resolved, 0.0, self._end(motion))
-        told = self.speed_rpm, *sizes, *near, verdict, period
-        line = Line(*told, *hertz, *unknown, *wear, *last)
+        told: tuple[Any, ...] = (*sizes, *near, verdict, period, *hertz, *unknown, *wear, *last)
+        line = Line(self.speed_rpm, *told)
         return self._compared(line, checked, before, float(motion.kinetic[late].max()))
 
     def _compared(self, line: Line, checked: bool, before: Line | None, energy: float) -> Line:

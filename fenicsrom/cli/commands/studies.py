@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
-from fenicsrom.cli.arguments import FORCE, FROM, OUTPUT, SET, Argument, Command, scene_file
+from fenicsrom.cli.arguments import (
+    FORCE,
+    FROM,
+    OUTPUT,
+    SET,
+    Argument,
+    Command,
+    repeated,
+    scene_file,
+)
 from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import given_keys, source, workers
@@ -32,30 +41,14 @@ def natural(text: str) -> int:
     return number
 
 
-OVER = Argument(
-    "--over",
-    action="append",
-    default=[],
-    metavar="KEY=VALUES",
+OVER = repeated(
+    *("--over", "over", "KEY=VALUES"),
     help="values of a key of the scene: a list such as loads.0.force=[50, 100], or a range "
-    "FIRST:LAST:COUNT, with :log in equal ratios; all combinations run; may be repeated",
+    "FIRST:LAST:COUNT, with :log in equal ratios; all combinations run",
 )
-ZIP = Argument(
-    "--zip",
-    action="append",
-    default=[],
-    metavar="KEY=VALUES",
-    dest="together",
-    help="as --over, but all keys of --zip change together; may be repeated",
-)
-AXIS = Argument(
-    "--axis",
-    action="append",
-    default=[],
-    metavar="NAME",
-    dest="axes",
-    help="run this axis only, such as friction; may be repeated",
-)
+ALONG = "as --over, but all keys of --zip change together"
+ZIP = repeated("--zip", "together", "KEY=VALUES", ALONG)
+AXIS = repeated("--axis", "axes", "NAME", "run this axis only, such as friction")
 RANDOM = Argument(
     "--random",
     type=natural,

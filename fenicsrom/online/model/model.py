@@ -460,23 +460,13 @@ def reduced_model(
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
     turning = no_turning() if turning is None else turning
-    elastic, contact_rows = _tidy(elastic), np.ascontiguousarray(contact_rows, np.float64)
-    return ReducedModel(
-        np.ascontiguousarray(mass, np.float64),
-        float(damping),
-        elastic,
-        np.ascontiguousarray(loads, np.float64),
-        load_histories,
-        _tidy(points, "contact"),
-        contact_rows,
-        np.ascontiguousarray(contact_offset, np.float64),
-        np.ascontiguousarray(probe, np.float64),
-        np.ascontiguousarray(probe_offset, np.float64),
-        np.ascontiguousarray(velocity_matrix, np.float64),
-        _tidy(pressure, "numbers"),
-        _tidy(turning)._replace(inertia=float(turning.inertia)),
-        work=_workspace(elastic, loads, contact_rows, velocity_matrix, pressure),
-    )
+    given = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
+    mass, loads, *observed = (np.ascontiguousarray(one, np.float64) for one in given)
+    elastic, turned = _tidy(elastic), _tidy(turning)._replace(inertia=float(turning.inertia))
+    forces = _tidy(pressure, "numbers"), turned
+    work = _workspace(elastic, loads, observed[0], velocity_matrix, pressure)
+    first = mass, float(damping), elastic, loads, load_histories, _tidy(points, "contact")
+    return ReducedModel._make([*first, *observed, *forces, work])
 
 
 def _workspace(

@@ -239,14 +239,9 @@ class PeriodMap(PeriodVariables):
     def _end(self, count: int, origin: Array, *, derive: bool) -> PeriodEnd:
         """The end of a period of `count` steps, measured from `origin` (N,)."""
         s, state = self._sensitivity, self._state
-        derivative: Array = np.zeros((0, 1))
-        if derive:
-            derivative = self.pack(s.q, s.v, s.a, s.w)
-        return PeriodEnd(
-            self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
-            derivative[:, : self.size],
-            derivative[:, -1],
-            Record._make(array[:count].copy() for array in self._record),
-            np.array([state.mean_velocity, state.mean_acceleration]),
-            float(state.scalars[LAST_STEP]),
-        )
+        found = self.pack(s.q, s.v, s.a, s.w) if derive else np.zeros((0, 1))
+        z = self.pack(state.q, state.v, state.a, state.contact.slider) - origin
+        record = Record._make(array[:count].copy() for array in self._record)
+        guess = np.array([state.mean_velocity, state.mean_acceleration])
+        last = float(state.scalars[LAST_STEP])
+        return PeriodEnd(z, found[:, : self.size], found[:, -1], record, guess, last)

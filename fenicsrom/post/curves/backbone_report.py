@@ -117,8 +117,8 @@ def report(found: Backbone) -> Report:
     rows, numbers = rows_of(found.points, quantities(found)), summary(found)
     drawn = [Picture("Nonlinear mode", "backbone.png", lambda: figure(found), CAPTION, NUMBERS)]
     judged = [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])]
-    first = "backbone", title, found, said, sections, rows, numbers, drawn
-    return Report(*first, notes=[AMPLITUDES_NOTE], quantities=judged)
+    first = title, found, said, sections, rows, numbers, drawn
+    return Report("backbone", *first, notes=[AMPLITUDES_NOTE], quantities=judged)
 
 
 NUMBERS, CAPTION = "backbone.csv", "Frequency and damping of the mode over its amplitude."

@@ -114,8 +114,8 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
     path = Picture("Equilibrium path", f"{name}.png", lambda: figure(found), CAPTION, f"{name}.csv")
     numbers = rows_of(found.points, told), summary(found), [path, *more]
     judged, unjudged = ([STABILITY], [DEFLECTION]) if joined else ([DEFLECTION, STABILITY], [])
-    first = name, name, found, sentences(found), sections, *numbers
-    return Report(*first, quantities=judged, unjudged=unjudged)
+    first = name, found, sentences(found), sections, *numbers
+    return Report("equilibria", *first, quantities=judged, unjudged=unjudged)
 
 
 def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:

@@ -213,8 +213,8 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
     ]
     title, rows = "Campbell diagram", rows_of(speeds, told)
     drawn = [Picture(title, "campbell.png", lambda: figure(found), CAPTION, "campbell.csv"), *more]
-    first, judged = ("campbell", title, found, sentences(found)), [FREQUENCIES, CRITICAL]
-    return Report(*first, sections, rows, summary(found), drawn, quantities=judged)
+    first, judged = (title, found, sentences(found)), [FREQUENCIES, CRITICAL]
+    return Report("campbell", *first, sections, rows, summary(found), drawn, quantities=judged)
 
 
 CAPTION = (

@@ -53,8 +53,8 @@ def report(found: Ringdown) -> Report:
     title, said = f"ring-down of mode {found.scene.ringdown.mode}", sentences(found)
     sections, rows = [Section("Periods", [table_of(shown, TOLD)])], rows_of(periods, TOLD)
     drawn = [Picture("Ring-down", "ringdown.png", lambda: figure(found), CAPTION, "ringdown.csv")]
-    first, judged = ("ringdown", title, found, said), [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES]
-    return Report(*first, sections, rows, summary, drawn, quantities=judged)
+    first, judged = (title, found, said), [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES]
+    return Report("ringdown", *first, sections, rows, summary, drawn, quantities=judged)
 
 
 CAPTION = "The decay, and the frequency and damping of its periods over their amplitude."

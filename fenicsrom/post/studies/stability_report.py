@@ -113,4 +113,5 @@ def report(matrix: Matrix) -> Report:
     numbers = {"verdicts": verdicts, "left_out": matrix.left_out, "runs": rows}
     caption, name = "A tile for each run: what it varies, and its verdict.", "stability"
     drawn = [Picture("Verdicts", f"{name}.png", lambda: figure(matrix), caption, f"{name}.csv")]
-    return Report(name, name, matrix, sentences(matrix), sections, rows, numbers, drawn, [HOW])
+    said = sentences(matrix)
+    return Report("stability", name, matrix, said, sections, rows, numbers, drawn, [HOW])

@@ -113,9 +113,9 @@ def report(found: Sweep) -> Report:
     ]
     drawn = [Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")]
     drawn = drawn if found.with_outcome(DONE, DOUBTFUL) else []
-    first = "sweep", "sweep", found, said, sections, rows, summary(found), drawn
+    first = "sweep", found, said, sections, rows, summary(found), drawn
     judged = [AMPLITUDES, *contact_quantities(found.scene)]
-    return Report(*first, varied=keys, quantities=judged)
+    return Report("sweep", *first, varied=keys, quantities=judged)
 
 
 def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[str]:
