@@ -17,14 +17,7 @@ import threading
 import time as clock
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from typing import Any, NamedTuple, cast
@@ -45,7 +38,7 @@ Tell = Callable[[int, float, str], None]
 """Receives the number of a job, its fraction that is done, and a line on its progress."""
 Job = Callable[[Any, Callable[[float, str], None]], Any]
 """Computes a job; it receives the job and a function that takes its fraction and a line."""
-Workers = int | Executor
+Workers = int | futures.Executor
 """The largest number of processes of this machine (1: this process), or an executor."""
 
 
@@ -101,7 +94,7 @@ def run_jobs(
     Raises:
         KeyboardInterrupt: the computation was interrupted; raised after all results.
     """
-    if comm is not None and comm.size > 1 and not isinstance(workers, Executor):
+    if comm is not None and comm.size > 1 and not isinstance(workers, futures.Executor):
         yield from _on_ranks(function, jobs, tell, stop, comm)
         return
     if isinstance(workers, int) and min(workers, len(jobs)) <= 1:
@@ -161,7 +154,7 @@ def _on_ranks(
     with asking(stop), MPICommExecutor(comm, root=0) as executor:
         if executor is not None:
             try:
-                found = list(run_jobs(function, jobs, tell, cast(Executor, executor), stop))
+                found = list(run_jobs(function, jobs, tell, cast(futures.Executor, executor), stop))
             except KeyboardInterrupt as interrupt:
                 found = interrupt
     found = comm.bcast(found)
@@ -181,7 +174,7 @@ class _Pool(NamedTuple):
         kill: ends the child processes at once.
     """
 
-    executor: Executor
+    executor: futures.Executor
     room: int
     messages: Any = None
     stopped: Any = None
@@ -191,7 +184,7 @@ class _Pool(NamedTuple):
 def _deadly() -> tuple[type[Exception], ...]:
     """The errors that say that a worker died with its job."""
     distributed = sys.modules.get("distributed")
-    return (BrokenExecutor, *((distributed.KilledWorker,) if distributed else ()))
+    return (futures.BrokenExecutor, *((distributed.KilledWorker,) if distributed else ()))
 
 
 def _results(
@@ -211,12 +204,12 @@ def _results(
             while order and len(running) < pool.room:
                 number = order.popleft()
                 running[pool.executor.submit(_work, function, batch[number], number)] = number
-            done = wait(running, POLL, FIRST_COMPLETED).done
+            done = futures.wait(running, POLL, futures.FIRST_COMPLETED).done
             if not interrupted:
                 _pass_on(pool, tell)
                 if stop():
                     raise KeyboardInterrupt
-        except BrokenExecutor as error:
+        except futures.BrokenExecutor as error:
             if pool.stopped is not None:
                 order.clear()
             yield number, error
@@ -233,7 +226,7 @@ def _results(
             number, result = running.pop(future), None
             try:
                 result = future.result()
-            except CancelledError:
+            except futures.CancelledError:
                 continue
             except _deadly() as error:
                 result = error
@@ -261,7 +254,7 @@ def _pass_on(pool: _Pool, tell: Tell) -> None:
 @contextmanager
 def _pool(workers: Workers, count: int) -> Iterator[_Pool]:
     """The executor of the caller, or new processes of this machine, for so many jobs."""
-    if isinstance(workers, Executor):
+    if isinstance(workers, futures.Executor):
         yield _Pool(workers, count)
         return
     room, kind = min(workers, count), "forkserver" if sys.platform == "linux" else "spawn"
@@ -276,7 +269,7 @@ def _pool(workers: Workers, count: int) -> Iterator[_Pool]:
             for process in set(active_children()) - others:
                 process.kill()
 
-        with ProcessPoolExecutor(
+        with futures.ProcessPoolExecutor(
             room, context, _start_worker, (messages, stopped, environment)
         ) as executor:
             try:
@@ -341,6 +334,6 @@ def _work(function: Job, job: Any, number: int) -> Any:
         with _TURN:
             return _result(function, job, report)
     if _channel["stopped"].is_set():
-        raise CancelledError
+        raise futures.CancelledError
     with asking(_channel["stopped"].is_set):
         return _result(function, job, report)

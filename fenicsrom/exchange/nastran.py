@@ -16,7 +16,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import refuse
 from fenicsrom.exchange.matrix_set import INTERFACE, Label, MatrixSet, check_size, dense, matrix_set
 from fenicsrom.files import atomic_write
-from fenicsrom.formats.nastran import Card, read_cards
+from fenicsrom.formats.nastran_cards import Card, read_cards
 
 SQUARE, SYMMETRIC, RECTANGULAR = 1, 6, 9
 REAL_TYPES = (1, 2)
