@@ -159,7 +159,7 @@ def _range_problems(scene: Scene, speed: float, speeds: tuple[float, ...]) -> Pr
         "basis.method": basis.method != "rubin",
         "basis.derivatives": basis.derivatives != "principal",
         "basis.elastic_force": basis.elastic_force != "polynomial",
-        "output.animation": scene.output.animation,
+        "output.stresses": scene.output.stresses != "none",
         "reference.full": scene.reference.full,
     }
     for key in filter(unusual.get, unusual):
