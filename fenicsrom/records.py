@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
-    from fenicsrom.online.store.archive import StoredModel, Trained
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.scene_changes import Trained
     from fenicsrom.online.stress.reactions import Recovery, Stresses
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.basis import ReducedBasis

@@ -18,7 +18,7 @@ from fenicsrom.online.motion.motion import Motion, attempted
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, force_family
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import checked_problem
-from fenicsrom.online.store.archive import Trained
+from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.progress import log
 from fenicsrom.reduction import interface
 from fenicsrom.reduction.interface import SETTLED, dissipated, settled

@@ -293,7 +293,7 @@ def _modes_contents(run: Run) -> Contents:
 def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     """Read the equilibrium and the modes into the record."""
     from fenicsrom.online.contact.points import ContactPoints
-    from fenicsrom.online.store.archive import Trained
+    from fenicsrom.online.store.scene_changes import Trained
     from fenicsrom.online.stress.stress import Deformation
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
 

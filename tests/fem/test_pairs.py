@@ -23,8 +23,7 @@ from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.online.contact.points import trial_forces
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.store.archive import Trained
-from fenicsrom.online.store.scene_changes import changed_key, shares_model
+from fenicsrom.online.store.scene_changes import Trained, changed_key, shares_model
 from fenicsrom.online.stress.reactions import Recovery, find_stresses
 from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training

@@ -40,8 +40,8 @@ from fenicsrom.online.model.disk_model import (
 )
 from fenicsrom.online.motion.motion import Motion, attempted
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.archive import Trained
 from fenicsrom.online.store.disk import StoredDisk
+from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.online.store.store import provenance
 from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.derivatives import all_pairs

@@ -40,7 +40,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
 from fenicsrom.online.store.disk import StoredDisk
-from fenicsrom.online.store.scene_changes import changed_scene, require_same_model
+from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
 from fenicsrom.online.store.store import pack, unpack, without
 from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
 from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable
@@ -52,25 +52,6 @@ FORMAT = "fenicsrom reduced model 10"
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
-
-
-@dataclass(frozen=True)
-class Trained:
-    """What the motions hold that chose the interface vectors of bodies that touch.
-
-    Attributes:
-        loads: the largest size of each load of the scene.
-        friction: the smallest coefficient of each contact.
-        amplitude: the largest half of the range of the probe, m.
-        duration: the length of the longest motion without a period, s; 0 without any.
-        dissipation: the largest energy that friction dissipates in a motion, J.
-    """
-
-    loads: tuple[float, ...]
-    friction: tuple[float, ...]
-    amplitude: float
-    duration: float
-    dissipation: float
 
 
 @brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")

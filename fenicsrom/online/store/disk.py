@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters
 from fenicsrom.online.run.simulate import load_histories
-from fenicsrom.online.store.scene_changes import changed_scene, require_same_model
+from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
 from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.scene import Overrides, Scene
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.words import brief, counted
-
-if TYPE_CHECKING:
-    from fenicsrom.online.store.archive import Trained
 
 SLACK = 1.001
 """A frequency that is higher by a smaller factor is the same one."""

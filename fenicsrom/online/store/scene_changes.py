@@ -1,7 +1,7 @@
 """Keys that may change between two scenes of a stored model or of a continued run."""
 
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -25,6 +25,25 @@ SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact 
 
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What the motions hold that chose the interface vectors of bodies that touch.
+
+    Attributes:
+        loads: the largest size of each load of the scene.
+        friction: the smallest coefficient of each contact.
+        amplitude: the largest half of the range of the probe, m.
+        duration: the length of the longest motion without a period, s; 0 without any.
+        dissipation: the largest energy that friction dissipates in a motion, J.
+    """
+
+    loads: tuple[float, ...]
+    friction: tuple[float, ...]
+    amplitude: float
+    duration: float
+    dissipation: float
 
 
 def contact_keys(joined: bool) -> tuple[str, ...]:
