@@ -93,10 +93,10 @@ def require_usable(command: str, scene: Scene) -> None:
     Raises:
         SceneError: the command would refuse the scene.
     """
-    if command not in ("run", "modes", "campbell"):
+    if command not in ("run", "modes", "campbell", "sweep"):
         require_no_sector(scene, command)
     check: Callable[[Scene], object] = str
-    if command == "run" and scene.cyclic is not None:
+    if command in ("run", "sweep") and scene.cyclic is not None:
         check = require_disk_run
     match command:  # each check is imported when it is needed
         case "response":

@@ -14,6 +14,7 @@ from fenicsrom.study.execution import build_model, offline
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.records import Study
     from fenicsrom.study.stopwatch import Stopwatch
 
@@ -93,6 +94,6 @@ def source_of(
     return found
 
 
-def scene_of(given: Scene | StoredModel) -> Scene:
-    """The scene of a stored model, or the scene itself."""
+def scene_of(given: Scene | StoredModel | StoredDisk) -> Scene:
+    """The scene of a stored model or disk, or the scene itself."""
     return given if isinstance(given, Scene) else given.scene

@@ -26,14 +26,15 @@ if TYPE_CHECKING:
     from fenicsrom.assess.jobs import Workers
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.disk import StoredDisk
 
 MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
 Row = dict[str, Any]
 
 
-@starts_from("StoredModel", pairs=True)
+@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
 def sweep(
-    given: Scene | StoredModel,
+    given: Scene | StoredModel | StoredDisk,
     over: Mapping[str, Sequence[Any]],
     *,
     folder: Path | None = None,
@@ -194,11 +195,14 @@ def _assign_models(
 
 
 def _build(job: tuple[Scene, Path, bool], report: Any) -> None:
-    """Build the reduced model of a scene and write it; errors as `build_model`."""
+    """Build the reduced model or the disk of a scene, and write it; errors as `build_model`."""
     from mpi4py import MPI
 
     from fenicsrom.online.store.archive import save_model
-    from fenicsrom.study.execution import build_model
+    from fenicsrom.study.execution import build_disk, build_model
 
     scene, path, fresh = job
-    save_model(path, build_model(scene, comm=MPI.COMM_SELF, fresh=fresh))
+    if scene.cyclic is not None:
+        save_model(path, build_disk(scene, comm=MPI.COMM_SELF))
+    else:
+        save_model(path, build_model(scene, comm=MPI.COMM_SELF, fresh=fresh))

@@ -29,6 +29,7 @@ from fenicsrom import (
     run,
     run_disk,
     simulate,
+    sweep,
 )
 from fenicsrom.assess.errors.estimates import distances
 from fenicsrom.errors import ErrorKind
@@ -41,6 +42,7 @@ from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.scene_changes import changed_scene, shares_model
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
@@ -345,6 +347,33 @@ def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
         load_model(folder / "reduced_model.npz")
     with refusal(ErrorKind.CONFLICT, key="cyclic", names="not allowed in fenicsrom campbell"):
         campbell(disk)
+
+
+@pytest.mark.slow
+def test_sweep_of_a_disk_gives_the_runs_of_its_values(tmp_path: Path) -> None:
+    """Friction and seeds share one sector, and so do engine orders of the same waves."""
+    scene = sector_scene(tmp_path, 1, cyclic=CYCLIC | {"mistuning": {"deviation": 0.01}})
+    scene = replace(scene, time=scene.time.changed(periods=1))
+    over = {"contacts.0.friction": [0.1, 0.3], "cyclic.mistuning.seed": [1]}
+    found = sweep(scene, over, folder=tmp_path / "sweep")
+    assert found.models == 1 and [row["outcome"] for row in found.rows] == 2 * ["done"]
+    one = run(changed_scene(scene, {"contacts.0.friction": 0.3, "cyclic.mistuning.seed": 1}))
+    last = found.rows[-1]
+    assert last["largest_amplitude_m"] == pytest.approx(one.peaks.max(), rel=1e-9)
+    assert last["amplification"] == pytest.approx(one.amplification, rel=1e-9)
+    assert last["basis_error"] == pytest.approx(one.errors["basis"].amplitude, rel=1e-3)
+    stored = load_disk(next((tmp_path / "sweep" / "models").glob("*.npz")))
+    (again,) = sweep(stored, {"contacts.0.friction": [0.1]}).rows
+    assert again["largest_amplitude_m"] == found.rows[0]["largest_amplitude_m"]
+    shared = [
+        shares_model(scene, changed_scene(scene, {key: value}))
+        for key, value in (
+            ("loads.0.engine_order", 7),  # of six sectors: the same waves
+            ("loads.0.engine_order", 2),
+            ("rotation.speed_rpm", 1e4),
+        )
+    ]
+    assert shared == [True, False, False]
 
 
 def test_stored_disk_tells_loads_for_which_it_was_not_made(tmp_path: Path) -> None:

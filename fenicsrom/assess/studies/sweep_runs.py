@@ -4,6 +4,7 @@ import functools
 import hashlib
 import time as clock
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,14 @@ from fenicsrom.assess.errors.plausibility import equilibrium_warnings
 from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multiplicity_warnings
 from fenicsrom.assess.jobs import stop_of
+from fenicsrom.assess.rotation.disk_run import disk_run
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
+from fenicsrom.online.store.archive import FORMAT, StoredModel, load_stored
+from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.overrides import Axis
 from fenicsrom.words import brief, counted
@@ -131,8 +134,12 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
     """
     begin = clock.perf_counter()
     try:
-        stored = model_of(run.model, file_digest(run.model)).with_scene(run.scene)
-        found = _measured(stored, stop_of(report))
+        stored = stored_of(run.model, file_digest(run.model)).with_scene(run.scene)
+        stop = stop_of(report)
+        if isinstance(stored, StoredDisk):
+            found = _measured_disk(stored, stop)
+        else:
+            found = _measured(stored, stop)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
     return found | {"run_time_s": clock.perf_counter() - begin}
@@ -145,9 +152,16 @@ def failure(error: Exception) -> dict[str, Any]:
 
 
 @functools.lru_cache(maxsize=4)
+def stored_of(path: Path, digest: str) -> StoredModel | StoredDisk:
+    """The stored model or disk of a file, read once for each content in each process."""
+    return load_stored(path)
+
+
 def model_of(path: Path, digest: str) -> StoredModel:
-    """The stored model of a file, read once for each content in each process."""
-    return load_model(path)
+    """The stored model of a file; it holds no disk."""
+    stored = stored_of(path, digest)
+    assert isinstance(stored, StoredModel)
+    return stored
 
 
 def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
@@ -176,6 +190,46 @@ def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, Note(NoteKind.ERROR, str(error)))
     warnings += error_notes(scene, errors, motion)
+    return found | _judged(warnings, errors)
+
+
+def _measured_disk(disk: StoredDisk, stop: Callable[[], bool]) -> dict[str, Any]:
+    """Integrate a disk and measure its motion, as `_measured`.
+
+    Raises:
+        KeyboardInterrupt: `stop` returned True.
+        ConvergenceError: the motion failed.
+    """
+    run = disk_run(disk, lambda stage: nullcontext(), stop)
+    if run.interrupted:
+        raise KeyboardInterrupt
+    if isinstance(run.unfinished, ConvergenceError):
+        raise run.unfinished
+    motion, peaks, warnings = run.motion, run.peaks, run.warnings
+    found: dict[str, Any] = {
+        "outcome": DONE,
+        "largest_amplitude_m": float(peaks.max()),
+        "sector": int(peaks.argmax()),
+        "amplification": run.amplification,
+        "nodal_diameter": int(run.shares.argmax()),
+        "steady": bool(motion.steady),
+        "periods": int(motion.periods),
+        "coordinates": run.model.mass.shape[0],
+    }
+    if run.scene.contacts:
+        found["peak_normal_force_N"] = measures.peak_normal_force(motion)
+        found["friction_dissipation_per_period_J"] = measures.friction_dissipation_per_period(
+            motion
+        )
+    if run.unfinished is not None:
+        found["outcome"] = DOUBTFUL
+        warnings = [Note(NoteKind.ERROR, str(run.unfinished)), *warnings]
+    return found | _judged(warnings, run.errors)
+
+
+def _judged(warnings: list[Note], errors: dict[str, MotionErrors]) -> dict[str, Any]:
+    """The part of a row that tells of its notes and its estimated errors."""
+    found: dict[str, Any] = {}
     if warnings:
         found |= {"sentence": "; ".join(warnings), "notes": packed(warnings)}
     columns = {"step_error": "time step", "basis_error": "basis", "mesh_error": "mesh"}

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.model.disk_model import load_diameters
 from fenicsrom.scene import (
     Contact,
     Load,
@@ -130,8 +131,10 @@ def changed_scene(
 
 
 def shares_model(made: Scene, wanted: Scene) -> bool:
-    """Whether the model of a scene is that of another one, chosen by the same motion."""
+    """Whether the model of a scene is that of another one, chosen by the same motion or waves."""
     motion = ("loads", "contacts", "material") if made.basis.masters == "motion" else ()
+    if made.cyclic is not None and load_diameters(made) != load_diameters(wanted):
+        return False
     return changed_key(made, wanted) is None and first_difference(made, wanted, motion) is None
 
 

@@ -27,6 +27,9 @@ COLUMNS = (
         Quantity(f"probe_amplitude_{axis}_m", head=f"probe amplitude in {axis}, mm", digits=4)
         for axis in "xyz"
     ),
+    Quantity("largest_amplitude_m", head="largest amplitude of a sector, mm", digits=4),
+    Quantity("amplification", head="amplification", digits=4),
+    Quantity("nodal_diameter", head="nodal diameter"),
     Quantity("peak_normal_force_N", head="peak normal force, N", digits=4),
     Quantity("largest_multiplier", head="largest Floquet multiplier", digits=4),
 )

@@ -308,7 +308,9 @@ def require_no_sector(scene: Scene, command: str) -> None:
     if scene.cyclic is not None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
         where = Where(scene.source, "cyclic")
-        raise where.refuse("a table", f"{allowed}run, modes, campbell and plan", ErrorKind.CONFLICT)
+        raise where.refuse(
+            "a table", f"{allowed}run, sweep, modes, campbell and plan", ErrorKind.CONFLICT
+        )
 
 
 def _load_problems(load: Load, key: str) -> Problems:
