@@ -19,6 +19,7 @@ from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import Contacts, unit_normals
 from fenicsrom.online.model.loads import moves_supports, support_displacement
+from fenicsrom.online.motion.joints import contact_maps
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress import principal, von_mises
 from fenicsrom.post.paraview import vtk
@@ -292,6 +293,11 @@ def contact_arrays(
     """
     rows = frame_rows(motion)
     position, normal, friction = contact_vectors(study.scene, study.points, motion, rows, contacts)
+    maps: dict[str, NDArray[Any]] = {}
+    if study.scene.joined:
+        for name, values in contact_maps(motion, study.points).items():
+            maps[name] = np.broadcast_to(values, (len(rows), values.size))
+        maps["pressure_Pa"] = motion.force[rows, :, 0] / study.points.tributary_area
     return {
         DISPLACEMENT: position - contact_places(study.points),
         "position_m": position,
@@ -300,6 +306,7 @@ def contact_arrays(
         "normal_force_vector_N": normal,
         "friction_force_vector_N": friction,
         STATE: motion.state[rows],
+        **maps,
     }
 
 

@@ -19,6 +19,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Dots, Item, Line, Map, Panel, Plot, Text
 from fenicsrom.post.base.style import COLOURS, EDGE, STATES
 from fenicsrom.post.run import figures
+from fenicsrom.post.run.joint_figures import joint_pictures
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.schema import surface_spin
@@ -452,6 +453,7 @@ def motion_pictures(found: Study | Rerun) -> list[Picture]:
     listed += _contact_pictures(motions, names, points)
     if first.state.shape[1] > FEW_POINTS and touching_points(motions):
         listed.append(picture("Rub map", "rub_map", partial(plot_rub_map, first, points)))
+    listed += joint_pictures(found)
     listed.append(picture("Energy", "energy", partial(figures.plot_energy, first, work)))
     if first.time[-1] / (first.load_period or np.inf) > LEAST_PERIODS:
         draw = partial(plot_energy_per_period, first, work)

@@ -27,6 +27,7 @@ from fenicsrom.post.base.page import failure_of, told
 from fenicsrom.post.base.plot import Map, Panel, Plot, Text
 from fenicsrom.post.paraview.paraview import contact_places
 from fenicsrom.post.run.figures import HISTORY, probe_motions, wear_summary, write_wear
+from fenicsrom.post.run.joint_figures import JOINTS, found_joints, joint_rows, joint_table
 from fenicsrom.post.run.motion_figures import RUN_UP, run_up_rows, run_up_summary
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
@@ -445,6 +446,8 @@ def motions_summary(found: Study | Rerun) -> dict[str, Any]:
             response[name]["points"] = listed
     for name, motion in probe_motions(found).items():
         response[name]["probe_amplitude_m"] = tables.in_order(measures.amplitudes(motion))
+    for name, joints in found_joints(found).items():
+        response[name]["joints"] = joint_table(joints)
     errors = errors_of(found.motions)
     return {"response": response} | ({"error_percent": errors} if errors else {})
 
@@ -549,6 +552,9 @@ def write_numbers(found: Study | Rerun, folder: Path, whole: bool = False) -> li
         motion = found.motions["reduced"]
         files += write_checkpoint(folder, found.model, found.scene, motion, whole)
         files += write_wear(folder, found.motions, found.scene, found.points)
+    for name, joints in list(found_joints(found).items())[:1]:
+        rows = joint_rows(joints, found.motions[name].time)
+        files.append(tables.write_rows(folder / JOINTS, rows))
     if isinstance(found, Rerun) and found.run_up is not None:
         files.append(tables.write_rows(folder / RUN_UP, run_up_rows(found.run_up)))
     return files if found.stresses is None else [*files, *write_stresses(found.stresses, folder)]

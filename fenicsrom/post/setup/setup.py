@@ -91,7 +91,8 @@ class Mark:
         places: (k, 3) where it is: tips of arrows, contact points, a point of the axis, m.
         ways: unit vectors: (c, 3) held directions, (1, 3) direction of a load or axis of rotation,
             which turns the body by the right-hand rule, or (k, 3) normals into the wall.
-        on: (n,) whether a point of the body belongs to the region; empty without a region.
+        on: (n,) whether a point of the body belongs to the region, of a contact the other one;
+            empty without a region.
         wall: the round surface of a contact; None of a plane.
     """
 
@@ -160,7 +161,10 @@ def gathered_marks(
         label = f"contact{f' {k + 1}' * (len(scene.contacts) > 1)}"
         label += _pressed(contact, scene.units, lengths[contact.place])
         places, normals = contact_places(solid.points)[mine], in_space(solid.points.frame[mine, 0])
-        marks.append(Mark("contact", label, form, places, normals, wall=_round(solid, scene, k)))
+        wall = _round(solid, scene, k)
+        marks.append(Mark("contact", label, form, places, normals, wall=wall))
+        if contact.against is not None:
+            marks[-1] = replace(marks[-1], on=values[f"against {k}"][:, 0] > 0.5)
     if not (scene.contacts and scene.probe is None) and not np.isnan(solid.probe_position).any():
         marks.append(Mark("probe", "probe", "*", solid.probe_position[None]))
     if scene.rotation is not None:
@@ -190,6 +194,9 @@ def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
             fields[f"pressure {k}"] = solid.load_vector(load, f"loads[{k}]")
         if not load.everywhere and _is_region(load.place) and load.place.at == "mean":
             mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
+    for k, contact in enumerate(scene.contacts):
+        if contact.against is not None:
+            mark(f"against {k}", solid.mesh.nodes(Place(group=contact.against), solid.space))
     return fields
 
 
@@ -380,6 +387,8 @@ def _samples(marks: Sequence[Mark]) -> list[Item]:
         found.append(Line(linestyle=line, marker=mark.marker, markersize=7.0, **look))
     if any(mark.kind == "load" and mark.on.any() for mark in marks):
         found.append(Bars(color=LOADED, label="loaded region"))
+    if any(mark.kind == "contact" and mark.on.any() for mark in marks):
+        found.append(Bars(color=WALL, label="other side of a contact"))
     if any(mark.wall is not None for mark in marks):
         found.append(Bars(color=WALL, label="round wall"))
     return found
@@ -425,6 +434,9 @@ PALE, PALE_LINE = "#F1F3F4", "#C3C8CC"
 LOADED, HELD, WALL = "#F3C6A5", "#9AA1A8", "#A6CEE4"
 """Colours of regions of loads, of supports that hold some components, and of round walls."""
 
+REGIONS = {"load": LOADED, "contact": WALL}
+"""Colours of the regions of loads, and of the other side of contacts between bodies."""
+
 SYMBOLS = {"attachment": 0.2, "tie": 0.11, "contact": 0.11, "probe": 0.2}
 """Sizes of symbols at places, relative to the length of the arrow of a load."""
 
@@ -458,9 +470,9 @@ def load_tips(loads: Sequence[Mark], reach: float) -> list[Array]:
 
 
 def region_colour(mark: Mark) -> str:
-    """The colour of the region of a support or load."""
-    if mark.kind == "load":
-        return LOADED
+    """The colour of the region of a support, a load or a contact."""
+    if mark.kind in REGIONS:
+        return REGIONS[mark.kind]
     return COLOURS["support"] if mark.label == CLAMPED else HELD
 
 
