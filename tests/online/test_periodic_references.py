@@ -375,6 +375,37 @@ def test_den_hartog_motion_with_stops_is_the_limit_of_a_stiff_slider(
     assert 2.0 * near - far == pytest.approx(stuck, abs=6e-3)
 
 
+# ------------------------------------------------------------------ a friction damper
+
+# friction, frequency of the peak by harmonic balance, amplitude
+DAMPER = [(0.4, 100.326842, 2.637967e-3), (1.192735, 104.900279, 1.1814358e-3)]
+DAMPER += [(2.0, 107.441708, 1.3817679e-3)]
+
+
+@pytest.mark.parametrize(("friction", "omega", "amplitude"), DAMPER)
+def test_friction_damper_moves_as_another_program_says(
+    friction: float, omega: float, amplitude: float
+) -> None:
+    """x'' + 2 x' + 10⁴ x + friction = sin ωt, with the slider on 2000 N/m (Griffin 1980).
+
+    Reference: friction damper: three amplitudes | another program | 2.637967 mm, … | agree | 1e-6
+    """
+    heavy = 1e9
+    model = linear_model(
+        np.diag([heavy, 1.0]),
+        np.diag([1e4 * heavy, 1e4]),
+        damping=2.0,
+        loads=[[0.0], [1.0]],
+        load_histories=harmonic(np.ones(1), np.array([omega]), np.zeros(1)),
+        masters=2,
+    )
+    contacts = one_contact(preload=1.0, friction=friction, tangential_stiffness=2e3)
+    slider = np.array([[0.0, min(0.0, friction / 2e3 - amplitude)]])
+    start = np.array([0.0, -amplitude]), np.zeros(2), slider  # a quarter of a period behind
+    problem = Problem(model, contacts, period_steps(4000), 2.0 * np.pi / omega)
+    assert periodic_motion(problem, start).amplitude[0, 1] == pytest.approx(amplitude, rel=1e-6)
+
+
 # ------------------------------------------------------------------ a beam that slips and lifts off
 
 
