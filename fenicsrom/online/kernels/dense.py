@@ -134,8 +134,8 @@ def add_by_upper_half(s: Array, t: Array, matrix: Array, out: Array) -> None:
         out: (k, n); the sum of s[i] matrix[i, j] over the i below j or in its block is added.
     """
     k, n = s.shape
-    for first in range(0, n, 3):
-        above = min(first + 3, n)
+    for first in range(0, n, 6):
+        above = min(first + 6, n)
         for c in range(k):
             for i in range(first, above):
                 for j in range(first, above):
@@ -144,54 +144,60 @@ def add_by_upper_half(s: Array, t: Array, matrix: Array, out: Array) -> None:
             t[:, first:] = 0.0
             return
         x, y, z = matrix[first, above:], matrix[first + 1, above:], matrix[first + 2, above:]
+        u, v, w = matrix[first + 3, above:], matrix[first + 4, above:], matrix[first + 5, above:]
+        rows = x, y, z, u, v, w
         if k == 2:
             s0, s1, t0, t1 = s[0, first:], s[1, first:], t[0, first:], t[1, first:]
-            _add_three_rows_twice(s0, s1, t0, t1, x, y, z, out[0, above:], out[1, above:])
+            _add_rows_twice(s0, s1, t0, t1, rows, out[0, above:], out[1, above:])
         else:
             for c in range(k):
-                _add_three_rows(s[c, first:], t[c, first:], x, y, z, out[c, above:])
+                _add_rows(s[c, first:], t[c, first:], rows, out[c, above:])
 
 
 @reordered
-def _add_three_rows(s: Array, t: Array, x: Array, y: Array, z: Array, out: Array) -> None:
-    """Three rows of `add_by_upper_half`, right of their block; all arrays are contiguous."""
-    a, b, c, later = s[0], s[1], s[2], t[3:]
-    at_x, at_y, at_z = 0.0, 0.0, 0.0
+def _add_rows(s: Array, t: Array, rows: tuple[Array, ...], out: Array) -> None:
+    """Six rows of `add_by_upper_half`, right of their block; all arrays are contiguous."""
+    (x, y, z, u, v, w), later = rows, t[6:]
+    a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
+    at_x, at_y, at_z, at_u, at_v, at_w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(out.size):
-        out[j] += a * x[j] + b * y[j] + c * z[j]
+        out[j] += a * x[j] + b * y[j] + c * z[j] + d * u[j] + e * v[j] + f * w[j]
         at_x += x[j] * later[j]
         at_y += y[j] * later[j]
         at_z += z[j] * later[j]
-    t[0], t[1], t[2] = at_x, at_y, at_z
+        at_u += u[j] * later[j]
+        at_v += v[j] * later[j]
+        at_w += w[j] * later[j]
+    t[0], t[1], t[2], t[3], t[4], t[5] = at_x, at_y, at_z, at_u, at_v, at_w
 
 
 @reordered
-def _add_three_rows_twice(
-    s: Array,
-    s1: Array,
-    t: Array,
-    t1: Array,
-    x: Array,
-    y: Array,
-    z: Array,
-    out: Array,
-    out1: Array,
+def _add_rows_twice(
+    s: Array, s1: Array, t: Array, t1: Array, rows: tuple[Array, ...], out: Array, out1: Array
 ) -> None:
-    """`_add_three_rows` for two points in one pass over the rows."""
-    a, b, c, later = s[0], s[1], s[2], t[3:]
-    a1, b1, c1, later1 = s1[0], s1[1], s1[2], t1[3:]
-    at_x, at_y, at_z, at_x1, at_y1, at_z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    """`_add_rows` for two points in one pass over the rows."""
+    (x, y, z, u, v, w), later, later1 = rows, t[6:], t1[6:]
+    a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
+    a1, b1, c1, d1, e1, f1 = s1[0], s1[1], s1[2], s1[3], s1[4], s1[5]
+    at_x, at_y, at_z, at_u, at_v, at_w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    at_x1, at_y1, at_z1, at_u1, at_v1, at_w1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(out.size):
-        out[j] += a * x[j] + b * y[j] + c * z[j]
-        out1[j] += a1 * x[j] + b1 * y[j] + c1 * z[j]
+        out[j] += a * x[j] + b * y[j] + c * z[j] + d * u[j] + e * v[j] + f * w[j]
+        out1[j] += a1 * x[j] + b1 * y[j] + c1 * z[j] + d1 * u[j] + e1 * v[j] + f1 * w[j]
         at_x += x[j] * later[j]
         at_y += y[j] * later[j]
         at_z += z[j] * later[j]
+        at_u += u[j] * later[j]
+        at_v += v[j] * later[j]
+        at_w += w[j] * later[j]
         at_x1 += x[j] * later1[j]
         at_y1 += y[j] * later1[j]
         at_z1 += z[j] * later1[j]
-    t[0], t[1], t[2] = at_x, at_y, at_z
-    t1[0], t1[1], t1[2] = at_x1, at_y1, at_z1
+        at_u1 += u[j] * later1[j]
+        at_v1 += v[j] * later1[j]
+        at_w1 += w[j] * later1[j]
+    t[0], t[1], t[2], t[3], t[4], t[5] = at_x, at_y, at_z, at_u, at_v, at_w
+    t1[0], t1[1], t1[2], t1[3], t1[4], t1[5] = at_x1, at_y1, at_z1, at_u1, at_v1, at_w1
 
 
 @kernel
