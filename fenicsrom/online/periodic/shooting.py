@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -87,6 +86,8 @@ def speed_family(problem: Problem, speed: float, displaced: NDArray[np.bool_]) -
         speed: this speed, rev/min.
         displaced: as `frequency_family`.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     model, ratio = problem.model, 1.0 / (problem.period * speed)
     turning = model.turning
     rest = CubicSpline(turning.rest[:, 0], turning.rest[:, 3:])
