@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 import os
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from support import beam_scene, make_solid
 
 os.environ["FENICSROM_CACHE"] = "off"  # of tests and of the processes that they start
-
-
-@pytest.fixture(autouse=True)
-def unfrozen() -> Iterator[None]:
-    """Show the collector of garbage what a command of the test hid from it: hypothesis asks it."""
-    yield
-    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")

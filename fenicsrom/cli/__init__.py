@@ -7,6 +7,7 @@ the commands, so that an interrupt during these imports ends with a sentence too
 """
 
 import argparse
+import gc
 import sys
 from collections.abc import Sequence
 
@@ -14,12 +15,16 @@ from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
+GARBAGE = 20_000
+"""Objects after which Python looks for garbage: imports make many, and none of them is garbage."""
+
 OF_MESHES = "dolfinx basix ufl ffcx mpi4py petsc4py slepc4py gmsh meshio".split()
 """Modules that only a command with a mesh imports."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
+    gc.set_threshold(GARBAGE)
     words = list(sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace(arguments=words)
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,23 +24,6 @@ SHARED = ("sweep", "map")
 """The commands whose ranks share the runs of a stored model."""
 
 PATIENCE = 10  # s in which the scheduler of a cluster must answer
-
-
-@contextmanager
-def importing() -> Iterator[None]:
-    """Switch the collector of garbage off while modules are imported.
-
-    The collector would look at all imported objects again and again, which takes a tenth of the
-    time of a short command. After the imports it leaves these objects out, because they are never
-    garbage.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        if gc.get_freeze_count() == 0:  # once in a process: results may be garbage later
-            gc.freeze()
-        gc.enable()
 
 
 @contextmanager
@@ -91,9 +73,9 @@ def source(options: argparse.Namespace, unloaded: bool) -> tuple[Any, Any, Scene
     shared = options.name in SHARED and not missing_module("mpi4py")
     comm = all_ranks() if shared else None
     if model := getattr(options, "stored", None):
-        with importing():
-            from fenicsrom.online.store import archive
-            from fenicsrom.online.store import store as checkpoints
+        from fenicsrom.online.store import archive
+        from fenicsrom.online.store import store as checkpoints
+
         stored, checkpoint = archive.load_stored(model), getattr(options, "resume", None)
         if options.name == "run" and checkpoint is not None:
             # the stopped run may have used another scene than the model
