@@ -18,6 +18,7 @@ period. The error is that of the tip amplitude of the motion that repeats.
 from __future__ import annotations
 
 import argparse
+import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -136,6 +137,7 @@ def main() -> None:
             benchmark_offline.measure(*options.offline)
         return
     if options.floors:
+        sys.path.append(str(Path(__file__).parents[1]))  # of `support`
         import benchmark_floors
 
         benchmark_floors.measure()
