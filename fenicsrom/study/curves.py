@@ -265,7 +265,7 @@ def backbone(
     return written(_judged(found, source), folder if found.points else None, source.comm)
 
 
-@starts_from("StoredModel")
+@starts_from("StoredModel", pairs=True)
 def ringdown(
     given: Scene | StoredModel,
     comm: Any = None,

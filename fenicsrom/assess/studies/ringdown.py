@@ -2,7 +2,9 @@
 
 The loads that vary in time are held at their sizes and let go at t = 0. The load grows in steps of
 `LONG` periods, in which generalised-alpha with a spectral radius of 0 (Chung and Hulbert 1993) is
-an implicit method without inertia and damping: friction acts along the path of the load.
+an implicit method without inertia and damping: friction acts along the path of the load. Of bodies
+that touch, contacts alone may hold a piece, which only its mass holds in a trial step: their steps
+are a fifth of a period, and numerical damping stills them.
 
 With the shape phi of a linear mode (phi . M phi = 1) and the rest q0, the modal coordinate
 eta(t) = phi . M [q(t) - q0] turns at the times t_j, between which it swings by
@@ -43,6 +45,7 @@ from fenicsrom.words import brief
 
 RAMP, REST = 50, 10  # steps in which the load grows, and in which the body comes to rest
 LONG = 1e4  # length of these steps, periods of the mode
+JOINT_RAMP, JOINT_REST, JOINT_LONG = 250, 100, 0.2  # those of bodies that touch
 NODES = 7  # samples of the polynomial through a turning point
 TURN = 0.02  # a smaller part of a swing does not turn it: the motion of another mode
 
@@ -97,6 +100,10 @@ def check_ringdown(scene: Scene) -> None:
         reason = "a ring-down needs a load that varies in time; it is held, and let go at t = 0"
         raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
     require_polynomial(scene, "a ring-down")
+    if scene.basis.masters == "motion":
+        reason = 'must be "all" in a ring-down: the motion of the scene, which would choose the '
+        reason += "interface vectors, is another one"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "basis.masters")
     parts: list[tuple[str, object, tuple[str, str]]] = [
         ("rotation", scene.rotation, ("history", "coriolis"))
     ]
@@ -146,8 +153,10 @@ def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], A
     table, settings = scene.ringdown, scene.time
     mode, _, unit = linear_mode(stored, Problem.of(model, scene), "ringdown")
     length = 2.0 * np.pi / mode.omega
-    long, grown = LONG * length, RAMP * LONG * length
-    slow = {"scheme": "generalised-alpha", "spectral_radius": 0.0, "duration": grown + REST * long}
+    joint = JOINT_RAMP, JOINT_REST, JOINT_LONG
+    ramp, rest, steps = joint if scene.joined else (RAMP, REST, LONG)
+    long, grown = steps * length, ramp * steps * length
+    slow = {"scheme": "generalised-alpha", "spectral_radius": 0.0, "duration": grown + rest * long}
     held = _loaded(scene, Time.of(**slow, step=long), (0.0, 0.0), (grown, table.factor))
     q, v, sliders = end_of(simulate(stored, held, stop=stop))
     shape = mode.shape.real / np.sqrt(mode.shape.real @ model.mass @ mode.shape.real)

@@ -149,7 +149,8 @@ def require_no_pairs(scene: Scene, command: str) -> None:
     for k, contact in enumerate(scene.contacts):
         if contact.against is not None:
             allowed = f"not allowed in fenicsrom {command}: contacts between bodies are allowed in "
-            allowed += "fenicsrom run, sweep, modes, plan, response, backbone, statics and compare"
+            allowed += "fenicsrom run, sweep, modes, plan, response, backbone, "
+            allowed += "ringdown, statics and compare"
             where = Where(scene.source, f"contacts[{k}].against")
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
