@@ -399,7 +399,7 @@ def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
 
 
 def test_command_that_does_not_take_pairs_refuses_them() -> None:
-    with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="statics and compare"):
+    with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="because they close and open"):
         fr.interaction_map(lap())
 
 

@@ -140,6 +140,14 @@ def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
             yield Problem(f"{key}.surface.waves[{index}]", allowed, ErrorKind.RANGE, value=order)
 
 
+WITHOUT_PAIRS = {
+    "map": "they close and open with the speed of rotation",
+    "stability": "its axes scale each contact by the stiffness of a body that supports hold",
+    "export": "other programs have no contact that is averaged between two meshes",
+}
+"""Why commands do not take contacts between bodies."""
+
+
 def require_no_pairs(scene: Scene, command: str) -> None:
     """Check that a scene has no contacts between bodies, for a command that does not take them.
 
@@ -148,8 +156,9 @@ def require_no_pairs(scene: Scene, command: str) -> None:
     """
     for k, contact in enumerate(scene.contacts):
         if contact.against is not None:
-            allowed = f"not allowed in fenicsrom {command}: contacts between bodies are allowed in "
-            allowed += "fenicsrom run, sweep, modes, plan, response, backbone, "
+            why = f", because {WITHOUT_PAIRS[command]}" if command in WITHOUT_PAIRS else ""
+            allowed = f"not allowed in fenicsrom {command}{why}; contacts between bodies are "
+            allowed += "allowed in fenicsrom run, sweep, modes, plan, response, backbone, "
             allowed += "ringdown, statics and compare"
             where = Where(scene.source, f"contacts[{k}].against")
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
