@@ -18,7 +18,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, check_motion
-from fenicsrom.assess.errors.plausibility import strain_warnings
+from fenicsrom.assess.errors.plausibility import slides, strain_warnings
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
@@ -170,6 +170,16 @@ def _peaks(table: StressTable, scene: Scene, model: DiskModel, motion: Motion) -
     return found
 
 
+def _slides(disk: StoredDisk, motion: Motion) -> list[Note]:
+    """A note on each contact between bodies whose points slide past their neighbours."""
+    points = disk.sector.model.points
+    d, count = points.position.shape[1], len(points.contact)
+    moved = (motion.displacement - motion.displacement[0]).reshape(len(motion.time), -1, count, d)
+    closed = (motion.force[:, :, 0] > 0.0).reshape(moved.shape[:-1])
+    moved, closed = (np.concatenate(np.moveaxis(part, 1, 0)) for part in (moved, closed))
+    return [*slides(moved, closed, points, disk.scene)]
+
+
 def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: False) -> DiskRun:
     """Integrate a disk, and the tuned disk beside a mistuned one.
 
@@ -192,6 +202,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     warnings = [*disk.warnings, *beyond(disk.trained, scene, probe_amplitude(motion))]
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
+    warnings += _slides(disk, motion) if scene.joined else []
     try:
         if delta.any() and not ended:
             with timed("motion of the tuned disk"):
