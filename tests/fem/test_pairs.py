@@ -357,7 +357,6 @@ def test_region_inside_of_a_body_touches_nothing() -> None:
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        ({"rotation": {"speed_rpm": 100.0}}, "rotation"),
         ({"basis": {"masters": 5}}, "basis.masters"),
         ({"basis": {"method": "craig-bampton"}}, "basis.method"),
         ({"basis": {"derivatives": "mmi"}}, "basis.derivatives"),

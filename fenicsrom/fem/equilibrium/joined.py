@@ -142,7 +142,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
     rows, rest, load = body.contact_rows, np.zeros(body.local), body.static_load
     normal = np.arange(rows.shape[0]) % body.dimension == 0
     u = rest
-    with closing(Statics(body, body.factor, overwrite=True)) as statics:
+    with closing(Statics(body, body.factor, overwrite=body.symmetric)) as statics:
         for _ in range(CHANGES):
             if bends:
                 u = statics.follow(u, body.residual(u, rest), load)

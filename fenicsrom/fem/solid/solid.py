@@ -178,7 +178,7 @@ class Solid(ElasticBody):
         """Compute the equilibrium from the undeformed body; matrices and factor follow."""
         self.equilibrium, self.unstable = np.zeros(self.local), 0
         if self.joined:
-            self.equilibrium = bring_together(self, self._contacts, self._bends)
+            self._bring_together()
             self.unstable = check_stability(self) if self._bends else 0
             return
         _ = self.mass, self.factor, self.gyroscopic
@@ -196,6 +196,14 @@ class Solid(ElasticBody):
             self._set_follower_loads()
         elif not self._spinning:
             check_snap(self, linear)
+
+    def _bring_together(self) -> None:
+        """Compute the equilibrium of bodies that touch; the factor and the load vectors follow."""
+        self.joint = all_closed(self, self._contacts, self._paired)
+        self.equilibrium = bring_together(self, self._contacts, self._bends)
+        if not self.symmetric:
+            self._renew(self.factor)
+        self._set_follower_loads()
 
     def _predicted(self) -> Array | None:
         """A state (local,) near the equilibrium, if one is cheap to find. Collective."""
@@ -601,7 +609,7 @@ class Solid(ElasticBody):
         self.rotation.set_speed(omega)
         if self.joined:
             self._spinning = self.rotation.omega_squared > 0.0
-            self.equilibrium = bring_together(self, self._contacts, self._bends)
+            self._bring_together()
             vars(self).pop("stiffness", None)
         else:
             self._move(self.equilibrium, self.static_load, square)

@@ -54,8 +54,6 @@ def joined_problems(scene: Scene) -> Problems:
             yield Problem("bolts", "only allowed with a contact against a region", value="a table")
         return
     why = "with a contact against a region of the body"
-    if scene.rotation is not None and scene.cyclic is None:
-        yield Problem("rotation", f"not allowed {why}", value="a table")
     for k, contact in enumerate(scene.contacts):
         pair = {contact.place.group, contact.against}
         if None not in pair and pair in [
@@ -64,8 +62,10 @@ def joined_problems(scene: Scene) -> Problems:
             yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
         if contact.neighbour and scene.cyclic is None:
             yield Problem(f"contacts[{k}].neighbour", "only allowed with [cyclic]")
-    for k in scene.followers:
-        yield Problem(f"loads[{k}].follower", f"must be false {why}")
+    for k in scene.followers if scene.cyclic is not None else ():
+        yield Problem(f"loads[{k}].follower", f"must be false in a disk {why}")
+    if scene.speeds_rpm is not None:
+        yield Problem("rotation.speeds_rpm", f"not allowed {why}: give one speed")
     basis = scene.basis
     allowed = {
         "basis.method": ("rubin",),
@@ -159,7 +159,7 @@ def require_no_pairs(scene: Scene, command: str) -> None:
             why = f", because {WITHOUT_PAIRS[command]}" if command in WITHOUT_PAIRS else ""
             allowed = f"not allowed in fenicsrom {command}{why}; contacts between bodies are "
             allowed += "allowed in fenicsrom run, sweep, modes, plan, response, backbone, "
-            allowed += "ringdown, statics and compare"
+            allowed += "ringdown, statics, compare and campbell"
             where = Where(scene.source, f"contacts[{k}].against")
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
