@@ -155,6 +155,29 @@ def test_stresses_and_displacements_of_sectors_are_those_of_the_whole_disk(tmp_p
         found.disk.with_overrides({"output.sectors": [6]})
 
 
+def test_sector_of_two_different_blades_moves_as_the_whole_disk(tmp_path: Path) -> None:
+    """Alternating blades: three sectors of two, whose loads have phases of their own."""
+    points, cells = copied(*ring(), 2)
+    angle, radius = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+    points[(angle > 1.1) & (angle < 2.0) & (abs(radius - 0.2) < 0.01)] *= 1.2  # the second one
+    cyclic, ends = CYCLIC | {"sectors": N // 2}, {"left": np.flatnonzero(angle > 2.0)}
+    given = tables(1, range(2)) | {"basis": {"modes": 40}, "cyclic": cyclic}
+    one = scene_of(tmp_path, points, cells, ends=ends, rotation=spinning(2), **given)
+    disk = build_disk(one)
+    model = disk_model(disk.sector, disk_scene(one), np.zeros(N // 2))
+    found = simulate(model, disk_scene(one))
+    every = np.concatenate([turned(points, 2 * j) for j in range(N // 2)])
+    points6, of = np.unique(every.round(9), axis=0, return_inverse=True)
+    cells6 = np.concatenate([of[cells + j * len(points)] for j in range(N // 2)])
+    more = {"rotation": spinning(2), **tables(1, range(N))}
+    whole = scene_of(tmp_path, points6, cells6, **more)
+    motion = simulate(full_model(build_solid(whole, MPI.COMM_SELF)), whole)
+    rubbed, wanted = (m.displacement - m.displacement[0] for m in (found, motion))
+    assert np.linalg.norm(rubbed - wanted) < 1e-3 * np.linalg.norm(wanted)
+    first, second = (np.ptp(wanted[:, k::2], axis=0).max() for k in (0, 1))
+    assert abs(first / second - 1.0) > 0.02  # the blades differ
+
+
 @pytest.mark.slow
 def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None:
     """Nonlinear motion of 40 mm, 13 % of the length of a blade: the linear disk is 100 % off."""
