@@ -39,8 +39,6 @@ names are private to numba, and were checked with its versions from `FIRST` to `
   `_final_module` its intermediate code. Numba would link only the functions that an entry itself
   calls.
 - `_finalized` of a library tells that there is nothing left to do.
-- `_shared_module` is stored beside the machine code, for compiled code that calls the function.
-  Nothing calls an entry, so that only the names of its functions are kept: numba asks for them.
 
 With another version the passes are numba's own. Compilation takes longer, and the results are the
 same.
@@ -72,7 +70,6 @@ from typing import Any
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import parse_assembly
 from numba import njit, typeof, types
 from numba.core import cgutils
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -357,10 +354,7 @@ class EntryLowering(_Lowering):
                 function.linkage = "internal"
             elif function.is_declaration and function.name.startswith("_ZN"):  # MCJIT is silent
                 raise CompilerError(f"{function.name} was not linked")
-        function = state.targetctx.get_executable(library, lowered.fndesc, lowered.env)
-        names = (f'define void @"{name}"() {{ ret void }}' for name in own)
-        library._shared_module = parse_assembly("\n".join(names))
-        return function
+        return state.targetctx.get_executable(library, lowered.fndesc, lowered.env)
 
 
 class PartCompiler(CompilerBase):  # type: ignore[misc]
