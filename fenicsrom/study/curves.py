@@ -9,11 +9,15 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import asking, log
+from fenicsrom.scene import Scene
+from fenicsrom.study.execution import all_ranks, build_disk
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
@@ -27,7 +31,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.studies.interaction import InteractionMap
     from fenicsrom.assess.studies.ringdown import Ringdown
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.scene import Scene
+    from fenicsrom.online.store.disk import StoredDisk
 
 
 STATE = "response_state"  # folder of what is kept of the curves
@@ -36,9 +40,9 @@ LINES = "map_lines"  # folder of the speeds that are done
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
-@starts_from("StoredModel", pairs=True)
+@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
 def response(
-    given: Scene | StoredModel,
+    given: Scene | StoredModel | StoredDisk,
     comm: Any = None,
     *,
     folder: Path | None = None,
@@ -50,7 +54,7 @@ def response(
     """Compute the response curves of a scene, whose reduced model is built first, or of a model.
 
     Args:
-        given: a scene with a table [response], or a stored model under such a scene.
+        given: a scene with a table [response], or a stored model or disk under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
@@ -72,10 +76,14 @@ def response(
     from fenicsrom.post.curves.response_report import write
     from fenicsrom.reduction.training import beyond
 
-    check_response(scene_of(given))
+    scene = scene_of(given)
+    check_response(scene)
     if resume is not None:
         check_folder(resume)
     watch = Stopwatch()
+    if scene.cyclic is not None:
+        return _waves(given, comm, watch, folder, resume, workers, stop)
+    given = cast("Scene | StoredModel", given)
     source = source_of(given, comm, watch, folder, stop, fresh)
     table = response_table(source.stored.scene)
     if table.parameter == "rotation.speed_rpm":
@@ -103,6 +111,45 @@ def response(
             add_full_points(found, source.stored, source.study.solid, vectors)
     if folder is not None and found.curves:
         found.files = write(found, source.stored, folder, source.study)
+    return found
+
+
+def _waves(
+    given: Any,
+    comm: Any,
+    watch: Stopwatch,
+    folder: Path | None,
+    resume: Path | None,
+    workers: Workers,
+    stop: Callable[[], bool],
+) -> Response:
+    """Compute the response curves of a disk, whose sectors move in a wave; see `response`."""
+    from fenicsrom.assess.curves import response as curves
+    from fenicsrom.assess.curves.trust import RicherModel
+    from fenicsrom.assess.rotation.disk_run import reduction_notes
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.curves.response_report import write
+
+    disk = build_disk(given, comm=comm, watch=watch) if isinstance(given, Scene) else given
+    comm = (comm or all_ranks()) if isinstance(given, Scene) else None
+    first = folder if comm is None or comm.rank == 0 else None
+    if first is not None and disk is not given:
+        save_model(first / MODEL, disk)
+    larger = RicherModel(replace(disk, sector=disk.larger), np.zeros((0, 0)))
+    with watch("response curves"):
+        found = curves.response(
+            disk,
+            state=None if first is None else first / STATE,
+            resume=resume,
+            workers=workers,
+            comm=comm,
+            stop=stop,
+            richer=larger,
+        )
+    found.warnings[:0] = reduction_notes(disk)
+    if first is not None and found.curves:
+        found.files = write(found, disk, first)
     return found
 
 

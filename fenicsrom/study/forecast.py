@@ -93,7 +93,7 @@ def require_usable(command: str, scene: Scene) -> None:
     Raises:
         SceneError: the command would refuse the scene.
     """
-    if command not in ("run", "modes", "campbell", "sweep"):
+    if command not in ("run", "response", "modes", "campbell", "sweep"):
         require_no_sector(scene, command)
     check: Callable[[Scene], object] = str
     if command in ("run", "sweep") and scene.cyclic is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from fenicsrom.assess.curves.denials import Denials
 from fenicsrom.assess.curves.peaks import Peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
-from fenicsrom.assess.curves.results import CurveFile, ResponseCurve, response_table
+from fenicsrom.assess.curves.results import CurveFile, Reduced, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
@@ -56,7 +56,7 @@ class CurveWalk:
 
     def __init__(
         self,
-        stored: StoredModel,
+        stored: Reduced,
         curve: ResponseCurve,
         report: Callable[[float, str], None],
         file: CurveFile | None = None,
@@ -111,7 +111,7 @@ class CurveWalk:
             line = (
                 f"{counted(len(self.curve.points), 'point')}, {self.place(point.parameter)}, "
                 f"amplitude {1e3 * float(point.amplitude.max()):.4g} mm, "
-                f"{'un' * (not point.stable)}stable{HURRIES * hurries(piece)}"
+                f"{_stability(point)}{HURRIES * hurries(piece)}"
             )
         most = self.table.points
         if len(piece.points) == int(NEARLY_ALL * most):
@@ -145,18 +145,22 @@ class CurveWalk:
         return Continuation(shooting, self.family, self.table.low, self.table.high, s)
 
     def start(self, value: float) -> CurvePoint:
-        """The motion at a value of the parameter, by a march and Newton's method.
+        """The motion at a value of the parameter, with a tangent to larger ones.
 
         Raises:
             ConvergenceError, AccuracyError: no motion was found; the error names the value.
         """
-        self(f"start at {self.place(value)}: a march, then Newton's method")
-        motion = start_motion(self.stored, self.family, value)
-        path = self.path(motion)
-        begin = path.at_parameter(path.shooting.scaled(motion.z), value)
+        begin = self.first(value)
         if begin is None:
             raise ConvergenceError(f"the motion at {self.place(value)} was lost")
         return oriented(begin, (float(np.sign(begin.tangent[-1])) or 1.0) * begin.sense)
+
+    def first(self, value: float) -> CurvePoint | None:
+        """The motion at a value of the parameter, with any tangent; errors as `start`."""
+        self(f"start at {self.place(value)}: a march, then Newton's method")
+        motion = start_motion(self.stored, self.family, value)
+        path = self.path(motion)
+        return path.at_parameter(path.shooting.scaled(motion.z), value)
 
     def from_end(self, value: float, direction: float) -> bool:
         """Follow the curve from an end of its range, or on from its last point.
@@ -322,7 +326,7 @@ class CurveWalk:
             denials.apply(curve.pieces)
             self.branches()
             self.isolated()
-            if self.table.peak_over is not None:
+            if self.table.peak_over is not None and isinstance(self.stored, StoredModel):
                 with listening(lambda _: self()):  # it may stop the computation
                     Peaks(self.stored, curve, richer).follow()
             other, limit = None, np.inf
@@ -349,6 +353,11 @@ class CurveWalk:
                 lost = error
         if lost is not None and not self.curve.points:
             raise lost
+
+
+def _stability(point: CurvePoint) -> str:
+    """The stability of a point in a line of progress."""
+    return ("stable" if point.stable else "unstable") if point.known else "stability not judged"
 
 
 def _refine_largest(path: Continuation, piece: Piece) -> None:

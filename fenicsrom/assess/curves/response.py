@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.assess.curves.balance_walk import BalanceWalk
 from fenicsrom.assess.curves.checks import contradictions, inaccuracies, unknown_errors
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
 from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
@@ -21,6 +22,7 @@ from fenicsrom.assess.curves.results import (
     CurveFile,
     KeptCurve,
     Optimum,
+    Reduced,
     Response,
     ResponseCurve,
     curve_file,
@@ -43,6 +45,7 @@ from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
+from fenicsrom.scene.checks.curve_checks import uses_balance
 from fenicsrom.scene.keys.loads import OrderFrequency
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import counted
@@ -66,7 +69,7 @@ class _Job:
         richer: a model with a richer basis to compare with, or None.
     """
 
-    stored: StoredModel
+    stored: Reduced
     value: float | None
     state: CurveFile | None
     kept: KeptCurve | None
@@ -74,7 +77,7 @@ class _Job:
 
 
 def response(
-    stored: StoredModel,
+    stored: Reduced,
     *,
     state: Path | None = None,
     resume: Path | None = None,
@@ -108,7 +111,7 @@ def response(
     scene = stored.scene
     check_response(scene)
     found = Response(scene, stored.size, stored.model.points)
-    if scene.time.tolerance is not None:
+    if scene.time.tolerance is not None and not uses_balance(scene):
         text = (
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
             "step, and the scene asks for an adaptive one."
@@ -127,7 +130,9 @@ def response(
     found.curves = [outcome.curve for outcome in outcomes if outcome.curve.points]
     _leave_out_unresolved(found)
     _warn_of_wide(found)
-    found.warnings += [*_light_modes(stored), *_one_speed(scene)]
+    if isinstance(stored, StoredModel):  # the modes of a disk are those of its waves
+        found.warnings += _light_modes(stored)
+    found.warnings += _one_speed(scene)
     _warn_of_errors(found)
     _warn_of_peaks(found, stored)
     found.warnings = joined_notes(found)
@@ -136,7 +141,7 @@ def response(
 
 
 def _jobs(
-    stored: StoredModel, state: Path | None, resume: Path | None, richer: RicherModel | None
+    stored: Reduced, state: Path | None, resume: Path | None, richer: RicherModel | None
 ) -> list[_Job]:
     """The curves to compute; arguments and errors as `response`."""
     families = response_table(stored.scene).families
@@ -284,10 +289,10 @@ def _warn_of_errors(found: Response) -> None:
             found.unfinished = AccuracyError(f"response: {title}{worst}", quantity=worst.quantity)
 
 
-def _warn_of_peaks(found: Response, stored: StoredModel) -> None:
+def _warn_of_peaks(found: Response, stored: Reduced) -> None:
     """Judge peaks over a second number that end within its range, or that are not the largest."""
     over = found.table.peak_over
-    if over is None or found.interrupted:
+    if over is None or found.interrupted or not isinstance(stored, StoredModel):
         return
     for curve in found.curves:
         said = incomplete_peaks(curve, over, peak_range(stored), found.scene)
@@ -323,7 +328,7 @@ def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
             ends = [piece.points[-1].parameter for piece in ended]
             places = in_words(scene, response_table(scene).parameter, *ends)
             points = [point for piece in ended for point in piece.points]
-            unstable = sum(not point.stable for point in points)
+            unstable = sum(point.known_unstable for point in points)
             if unstable > MOSTLY * len(points):
                 advice += (
                     f"; {unstable} of its {counted(len(points), 'point')} are unstable: the body "
@@ -357,7 +362,8 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
         if job.state is not None:
             job.state.save(curve, done=True)
         return outcome
-    walk = CurveWalk(stored, curve, report, job.state)
+    kind = BalanceWalk if uses_balance(stored.scene) else CurveWalk
+    walk = kind(stored, curve, report, job.state)
     done = False
     try:
         walk.compute(richer)

@@ -4,14 +4,13 @@ import re
 
 import numpy as np
 
-from fenicsrom.assess.curves.results import require_polynomial, response_table
+from fenicsrom.assess.curves.results import Reduced, require_polynomial, response_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic import shooting
 from fenicsrom.online.run.march import integrate
-from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_path
 from fenicsrom.scene import (
     Families,
@@ -131,7 +130,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 
 
-def family_of(stored: StoredModel) -> shooting.Family:
+def family_of(stored: Reduced) -> shooting.Family:
     """The periodic problems of a stored model by the parameter of its [response] table.
 
     Raises:
@@ -161,21 +160,17 @@ def family_of(stored: StoredModel) -> shooting.Family:
     return shooting.contact_family(problem, name, mine)
 
 
-def _settled(stored: StoredModel) -> Problem:
+def _settled(stored: Reduced) -> Problem:
     """The problem of a stored model after the approach of its surfaces."""
     return Problem.of(stored.model, stored.scene).settled()
 
 
-def shooting_of(
-    stored: StoredModel, family: shooting.Family, periods: int = 1
-) -> shooting.Shooting:
+def shooting_of(stored: Reduced, family: shooting.Family, periods: int = 1) -> shooting.Shooting:
     """The equation of motions of some periods; all pieces share the scales of the variables."""
     return shooting.Shooting(family(response_table(stored.scene).high), periods)
 
 
-def start_motion(
-    stored: StoredModel, family: shooting.Family, value: float
-) -> shooting.PeriodicMotion:
+def start_motion(stored: Reduced, family: shooting.Family, value: float) -> shooting.PeriodicMotion:
     """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
 
     Raises:

@@ -20,17 +20,22 @@ from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.curves.continuation import ForcedPeak
 from fenicsrom.online.curves.curve import CurvePoint, Piece
+from fenicsrom.online.periodic.balance import INSTANTS
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, largest_multiplier
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.store.scene_changes import changed_run_key, first_difference
 from fenicsrom.online.store.store import fingerprint, pack, unpack
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.scene.base.rules import Where
+from fenicsrom.scene.checks.curve_checks import uses_balance
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import brief
 
 Table = TypeVar("Table")
+Reduced = StoredModel | StoredDisk
+"""What response curves start from; of a disk, curves are those of one sector in a wave."""
 
 
 @dataclass(eq=False)
@@ -68,7 +73,9 @@ class CurveRecord:
 
     @property
     def steps(self) -> int:
-        """Time steps of a period."""
+        """Time steps of a period, or those of harmonic balance."""
+        if uses_balance(self.scene):
+            return INSTANTS
         return self.scene.time.steps_per_period or FALLBACK_STEPS
 
 
@@ -165,6 +172,7 @@ class ResponseCurve:
         peaks: the peaks over the number `peak_over`: a list for each one that was followed, in the
             order in which they were found.
         optimum: the smallest of the largest ones; None without `peak_over`.
+        harmonics: number of harmonics of harmonic balance; 0 of shooting.
     """
 
     value: float | None
@@ -175,6 +183,7 @@ class ResponseCurve:
     full: list[FullPoint] = field(default_factory=list)
     peaks: list[list[ForcedPeak]] = field(default_factory=list)
     optimum: Optimum | None = None
+    harmonics: int = 0
 
     @property
     def points(self) -> list[CurvePoint]:
@@ -188,7 +197,10 @@ class ResponseCurve:
 
     @property
     def step_error(self) -> float | None:
-        """Relative change of the largest amplitude with half the time step; None if not found."""
+        """Relative change of the largest amplitude with half the time step; None if not found.
+
+        Of harmonic balance, it is the change by more harmonics.
+        """
         return next((c.step_error for c in self.checks if c.where == LARGEST), None)
 
     @property
@@ -342,7 +354,7 @@ class CurveFile:
             raise refuse(self.path, reason, ErrorKind.MISMATCH)
 
 
-def curve_file(folder: Path, stored: StoredModel, number: int) -> CurveFile:
+def curve_file(folder: Path, stored: Reduced, number: int) -> CurveFile:
     """The file of a curve in a folder."""
     return CurveFile(
         folder / f"curve_{number}.npz", number, fingerprint(stored.model), stored.scene

@@ -34,7 +34,7 @@ from fenicsrom.assess.errors.estimates import BASIS_SAFETY
 from fenicsrom.assess.errors.sizing import can_grow
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import Continuation
-from fenicsrom.online.curves.curve import BIFURCATIONS, UNSURE, CurvePoint, Piece
+from fenicsrom.online.curves.curve import BIFURCATIONS, UNJUDGED, UNSURE, CurvePoint, Piece
 from fenicsrom.online.periodic.shooting import (
     FALLBACK_STEPS,
     Family,
@@ -44,6 +44,7 @@ from fenicsrom.online.periodic.shooting import (
     solve,
 )
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.disk import StoredDisk
 
 LARGEST = "largest amplitude"
 FOLD = "fold"
@@ -78,7 +79,8 @@ class Check:
             `fenicsrom.assess.curves.stability_search` adds.
         quantity: the quantity to which the errors are relative: "amplitude", or "parameter" of a
             bifurcation.
-        step_error: relative change with half the time step; None if that motion was not found.
+        step_error: relative change with half the time step, or by more harmonics; None if that
+            motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
         compared: whether a motion of a richer basis was sought, as at all points but folds.
@@ -119,7 +121,7 @@ class Check:
 
     def contradicts(self, verdict: str | None) -> bool:
         """Whether the verdict on another motion differs from that on the point."""
-        known = self.judged and not self.point.denied and verdict not in (None, UNSURE)
+        known = self.judged and self.point.known and verdict not in (None, UNSURE, UNJUDGED)
         return known and self.point.stable != (verdict == "stable")
 
 
@@ -129,12 +131,13 @@ class RicherModel:
 
     Attributes:
         stored: the model under the scene.
-        transfer: (n', n) its coordinates of the displacement that the model's coordinates describe.
+        transfer: (n', n) its coordinates of the displacement that the model's coordinates describe;
+            (0, 0) of a disk, where they are not known.
         limit: change of an amplitude by the richer basis above which the curves will be followed
             again with more coordinates.
     """
 
-    stored: StoredModel
+    stored: StoredModel | StoredDisk
     transfer: Array
     limit: float = np.inf
 

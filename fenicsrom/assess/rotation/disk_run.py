@@ -180,6 +180,16 @@ def _slides(disk: StoredDisk, motion: Motion) -> list[Note]:
     return [*slides(moved, closed, points, disk.scene)]
 
 
+def reduction_notes(disk: StoredDisk) -> list[Note]:
+    """Notes on a disk, and on waves that its reduction changes."""
+    (h, error), found = disk.wave_error, disk.warnings
+    if error > WAVE_ERROR:
+        text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
+        text += f"{100.0 * error:.2g} %: raise basis.modes"
+        found.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
+    return found
+
+
 def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: False) -> DiskRun:
     """Integrate a disk, and the tuned disk beside a mistuned one.
 
@@ -193,13 +203,12 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         ConvergenceError: there is no equilibrium.
     """
     begin, scene, sector = working_time(), disk.scene, disk.sector
-    h, error = disk.wave_error
     whole, delta = disk_scene(scene), deviations(scene)
     model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
     with timed("disk motion"):
         motion = _motion(model, whole, stop, ended)
     peaks, errors = list[Peak](), dict[str, MotionErrors]()
-    warnings = [*disk.warnings, *beyond(disk.trained, scene, probe_amplitude(motion))]
+    warnings = [*reduction_notes(disk), *beyond(disk.trained, scene, probe_amplitude(motion))]
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
     warnings += _slides(disk, motion) if scene.joined else []
@@ -229,10 +238,6 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
         text += "the scene again, without --from"
         warnings.append(Note(NoteKind.LEFT_OUT, text, key))
-    if error > WAVE_ERROR:
-        text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
-        text += f"{100.0 * error:.2g} %: raise basis.modes"
-        warnings.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
     moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
     varying = [each for each in moving if not each.steady]
     if scene.time.steady_tolerance and not ended and varying:

@@ -123,11 +123,11 @@ class ArcLength:
     sliders: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     """The equations and unknowns that are sliders of contact points."""
 
-    def __init__(self, low: float, high: float, s: Array, weights: Array):
-        """Set the range of the parameter, the first s (n,), and the weights W (n, n)."""
+    def __init__(self, low: float, high: float, s: Array, weights: Array | None = None):
+        """Set the range of the parameter, the first s (n,), and the weights W (n, n), or 1."""
         self.low, self.high, self.range = low, high, high - low
-        self.size = self.least = FIRST_SIZE * curves.norm(weights @ s) or 1.0
-        self._weights, self._inverse = weights, np.linalg.inv(weights)
+        self._weights, self._inverse = weights, None if weights is None else np.linalg.inv(weights)
+        self.size = self.least = FIRST_SIZE * curves.norm(self._weighed(s)) or 1.0
         self._evaluations = [0, 0]
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:
@@ -149,12 +149,17 @@ class ArcLength:
         """The unknowns y (n + 1,) of a point: W s / size and p / range."""
         return self._unknowns(point.s, point.parameter)
 
+    def _weighed(self, s: Array) -> Array:
+        """W s (n,)."""
+        return s if self._weights is None else self._weights @ s
+
     def _unknowns(self, s: Array, parameter: float) -> Array:
-        return np.append(self._weights @ s / self.size, parameter / self.range)
+        return np.append(self._weighed(s) / self.size, parameter / self.range)
 
     def variables(self, y: Array) -> tuple[Array, float]:
         """The variables s (n,) and p of unknowns y (n + 1,)."""
-        return self._inverse @ y[:-1] * self.size, float(y[-1] * self.range)
+        s = y[:-1] * self.size
+        return s if self._inverse is None else self._inverse @ s, float(y[-1] * self.range)
 
     def direction(self, point: Point) -> Array:
         """The unit tangent (n + 1,) at a point, with the lengths (1)."""
@@ -243,7 +248,8 @@ class ArcLength:
         """J (n, n + 1) with the lengths (1), in which sliders that stick rest; their number."""
         found = jacobian.copy()
         free = hold_sliders(found, self.sliders)
-        found[:, :-1] = found[:, :-1] @ self._inverse
+        if self._inverse is not None:
+            found[:, :-1] = found[:, :-1] @ self._inverse
         found[:, -1] *= self.range / self.size
         return found, free
 
@@ -380,7 +386,7 @@ class ArcLength:
 
     def measure(self, here: Point) -> None:
         """Measure lengths by the size of a point, where it has changed."""
-        now = max(curves.norm(self._weights @ here.s), self.least)
+        now = max(curves.norm(self._weighed(here.s)), self.least)
         if not 1.0 / REMEASURED <= now / self.size <= REMEASURED:
             self.size = now
 

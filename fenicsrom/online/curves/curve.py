@@ -186,6 +186,8 @@ REPEATS = "repeats itself"
 """Reason for which a curve ends that passes its own points again, but not its first one."""
 UNSURE = "unsure"
 """The stability of a motion on which time steps do not agree."""
+UNJUDGED = "not judged"
+"""The verdict on a motion whose stability was not asked for."""
 SLACK = 1e-9
 """Relative difference of two values of the parameter that are the same."""
 COMPLETE = (END, BACK, "closed", "end of the branch")
@@ -206,9 +208,9 @@ class CurvePoint:
         probe_amplitude: (d,) half of peak-to-peak of the displacement of the probe, m.
         peak_force: (P,) largest normal force, N.
         friction_dissipation: energy dissipated by friction in the period, J.
-        multipliers: (N,) Floquet multipliers, the largest first.
+        multipliers: (N,) Floquet multipliers, the largest first; none where they were not found.
         verdict: "stable", or how the stability was lost: "fold" (a real multiplier above 1),
-            "period doubling" or "torus".
+            "period doubling" or "torus"; `UNJUDGED` where it was not asked for.
         free_sliders: number of slider components that are not unique.
         states: (P,) bits of the contact states that occur: 1 open, 2 slip, 4 stick.
         residual: relative.
@@ -269,14 +271,19 @@ class CurvePoint:
         return self.verdict == "stable"
 
     @property
+    def known(self) -> bool:
+        """Whether the stability was judged, and finer time steps do not deny it."""
+        return self.verdict != UNJUDGED and not self.denied
+
+    @property
     def known_stability(self) -> str:
         """The verdict, or `UNSURE` where finer time steps deny it."""
         return UNSURE if self.denied else self.verdict
 
     @property
     def known_unstable(self) -> bool:
-        """Whether the motion is unstable, and finer time steps do not deny it."""
-        return not self.stable and not self.denied
+        """Whether the motion is known to be unstable."""
+        return self.known and not self.stable
 
     @property
     def judged(self) -> NDArray[np.complex128]:

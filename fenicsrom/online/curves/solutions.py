@@ -60,7 +60,7 @@ class _Equations(ArcLength):
     def __init__(
         self, residual: Callable[[Array, float], ArrayLike], x: Array, low: float, high: float
     ):
-        super().__init__(low, high, x, np.eye(x.size))
+        super().__init__(low, high, x)
         self._residual = residual
 
     def values(self, s: Array, parameter: float, *, derive: bool) -> Values | None:

@@ -18,6 +18,7 @@ still while the disk turns at Ω. Sector j is ahead of sector 0, and meets it ea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, NamedTuple
@@ -269,13 +270,41 @@ def load_diameters(scene: Scene) -> set[int]:
 
 def disk_scene(scene: Scene) -> Scene:
     """A scene with [cyclic] with the loads of all sectors, one sector after the other: (2)."""
+    assert scene.cyclic is not None
+    loads: list[Load] = []
+    for j in range(scene.cyclic.sectors):
+        loads += [load.seen_ahead(j * _angle(scene)) for load in scene.loads]
+    return replace(scene, loads=tuple(loads))
+
+
+def _angle(scene: Scene) -> float:
+    """The angle by which the next sector is ahead along the rotation, rad."""
     cyclic, rotation = scene.cyclic, scene.rotation
     assert cyclic is not None
     step = 2.0 * np.pi / cyclic.sectors
-    if rotation is not None:
-        along = float(np.dot(cyclic.axis or (1.0,), rotation.axis or (1.0,)))
-        step *= float(np.sign(along * rotation.speed_rpm))
-    loads: list[Load] = []
-    for j in range(cyclic.sectors):
-        loads += [load.seen_ahead(j * step) for load in scene.loads]
-    return replace(scene, loads=tuple(loads))
+    if rotation is None:
+        return step
+    along = float(np.dot(cyclic.axis or (1.0,), rotation.axis or (1.0,)))
+    return step * float(np.sign(along * rotation.speed_rpm))
+
+
+def order_of(scene: Scene) -> int:
+    """The engine order whose frequency is that of the period of the loads; 0 without one."""
+    return math.gcd(*(load.order for load in scene.loads if not load.static))
+
+
+def lag_of(scene: Scene) -> float:
+    """The phase by which the loads of the next sector are ahead, rad of the period of the loads."""
+    return order_of(scene) * _angle(scene)
+
+
+def wave_of(scene: Scene) -> tuple[int, str]:
+    """Nodal diameters of the wave of a tuned disk, and its way in the frame that turns.
+
+    The way is "forward", with the rotation, "backward", or "" of a wave that stands.
+    """
+    assert scene.cyclic is not None
+    n, h = scene.cyclic.sectors, order_of(scene) % scene.cyclic.sectors
+    if 2 * h in (0, n):
+        return h, ""
+    return (h, "backward") if 2 * h < n else (n - h, "forward")

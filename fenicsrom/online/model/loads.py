@@ -201,6 +201,15 @@ def factors(load_histories: LoadHistories, time: float) -> Array:
     return out
 
 
+@compiled
+def factors_along(load_histories: LoadHistories, times: Array) -> Array:
+    """The factors (T, loads) at times (T,) in s, in the units of the loads."""
+    out = np.empty((times.size, load_histories.spans.shape[0]))
+    for row in range(times.size):
+        write_factors(load_histories, times[row], out[row])
+    return out
+
+
 def static_factors(load_histories: LoadHistories) -> Array:
     """The factors (loads,) of the loads that are constant in time; zero for the other ones."""
     found = np.zeros(load_histories.spans.shape[0])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
 from fenicsrom.online.stress.stress import StressTable
@@ -67,6 +69,21 @@ class StoredDisk:
         """The disk under its scene with other values, as `StoredModel.with_overrides`."""
         source = self.file or self.scene.source
         return self._with_scene(changed_scene(self.scene, overrides, source), source)
+
+    def with_values(self, values: Mapping[str, Any]) -> StoredDisk:
+        """As `with_overrides`, with numbers in SI units."""
+        source = self.file or self.scene.source
+        return self._with_scene(changed_scene(self.scene, values, source, si=True), source)
+
+    @property
+    def model(self) -> ReducedModel:
+        """The linear model of the sector, whose cut faces are free."""
+        return self.sector.model
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates of the sector, those of the following face left out."""
+        return self.model.size - self.sector.shapes
 
     def _with_scene(self, scene: Scene, source: str) -> StoredDisk:
         """As `with_scene`; messages name this source of the scene."""

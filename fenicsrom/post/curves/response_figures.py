@@ -241,7 +241,7 @@ def curve_name(found: Response, curve: ResponseCurve) -> str:
 
 def stability_of(point: Any) -> bool | None:
     """Whether a point of a curve is stable; None if that is not known."""
-    return None if point.denied else bool(point.stable)
+    return bool(point.stable) if point.known else None
 
 
 def stretches(

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from fenicsrom import notes
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.balance_walk import balanced_motion
 from fenicsrom.assess.curves.response_problem import family_of
-from fenicsrom.assess.curves.results import Response, ResponseCurve, curve_title
+from fenicsrom.assess.curves.results import Reduced, Response, ResponseCurve, curve_title
 from fenicsrom.assess.curves.stability_search import lengths_along
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import recorded_motion
-from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Detail, Dots, Item, Line, Panel, Plot, Text
@@ -236,7 +236,7 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         found: the curves.
         clicked: what a click on a point of the curves shows.
     """
-    keys = 1 if found.table.families is None else 2
+    keys, waves = 1 if found.table.families is None else 2, found.scene.cyclic is not None
     peaks, full = response_tables.peaks_of(found), response_tables.full_of(found)
     told = response_tables.check_quantities(found)
     checks = response_tables.each(found, lambda curve: curve.checks, told)
@@ -259,21 +259,26 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
         quantities=[
-            *(notes.AMPLITUDES, notes.STABILITY),
+            notes.AMPLITUDES,
+            *([] if waves else [notes.STABILITY]),
             *([notes.EVENTS] if found.contacts else []),
             *([notes.PEAKS] if peaks[0] else []),
         ],
-        unjudged=[notes.PEAK_FORCE, notes.DISSIPATION] if found.contacts else [],
+        unjudged=[
+            *([notes.STABILITY] if waves else []),
+            *([notes.PEAK_FORCE, notes.DISSIPATION] if found.contacts else []),
+        ],
     )
 
 
 def _more_pictures(found: Response, peaks: bool) -> list[Picture]:
     """The pictures besides that of the curves."""
     states, files = "Contact states over the period", {"peaks": "response_peaks.csv"}
+    known = any(point.multipliers.size for curve in found.curves for point in curve.points)
     listed = [
         (peaks, PEAKS_HEADING, "peaks", peak_figure, PEAKS_NOTE),
         (found.contacts, states, "contact_map", contact_map, STATES_NOTE),
-        (True, "Floquet multipliers", "multipliers", multiplier_figure, MULTIPLIER_NOTE),
+        (known, "Floquet multipliers", "multipliers", multiplier_figure, MULTIPLIER_NOTE),
         (True, "Harmonics", "harmonics", harmonics_figure, HARMONICS_NOTE),
     ]
     return [
@@ -283,9 +288,7 @@ def _more_pictures(found: Response, peaks: bool) -> list[Picture]:
     ]
 
 
-def write(
-    found: Response, stored: StoredModel, folder: Path, study: Study | None = None
-) -> list[Path]:
+def write(found: Response, stored: Reduced, folder: Path, study: Study | None = None) -> list[Path]:
     """Write the numbers, then the motions, the pictures and the report.
 
     An interrupted run has no motions and only the picture of the curves, because it must end soon.
@@ -352,7 +355,7 @@ def marked_points(found: Response) -> dict[str, tuple[ResponseCurve, CurvePoint]
     return marked
 
 
-def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMotion]:
+def marked_motions(found: Response, stored: Reduced) -> dict[str, MarkedMotion]:
     """The periodic motions at the marked points; a motion that is lost becomes a warning."""
     motions = {}
     for name, (curve, point) in marked_points(found).items():
@@ -365,7 +368,7 @@ def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMoti
 
 
 def _motion(
-    found: Response, stored: StoredModel, curve: ResponseCurve, point: CurvePoint
+    found: Response, stored: Reduced, curve: ResponseCurve, point: CurvePoint
 ) -> MarkedMotion:
     """The periodic motion at a point.
 
@@ -376,12 +379,15 @@ def _motion(
     if families is not None:
         stored = stored.with_values({families.key: curve.value})
     problem = family_of(stored)(point.parameter)
-    motion = recorded_motion(problem, point.z, point.periods)
+    if curve.harmonics:
+        motion = balanced_motion(stored, point)
+    else:
+        motion = recorded_motion(problem, point.z, point.periods)
     return MarkedMotion(point.parameter, motion, problem.contacts)
 
 
 def clicked_motions(
-    found: Response, stored: StoredModel, known: dict[str, MarkedMotion]
+    found: Response, stored: Reduced, known: dict[str, MarkedMotion]
 ) -> list[Detail]:
     """What a click shows: the known motions at marked points, and others evenly along each curve.
 

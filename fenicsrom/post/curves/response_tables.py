@@ -13,6 +13,7 @@ from fenicsrom.assess.curves.trust import Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.continuation import ForcedPeak
 from fenicsrom.online.curves.curve import COMPLETE, HARMONICS, CurvePoint
+from fenicsrom.online.model.disk_model import wave_of
 from fenicsrom.post.base.plot import Item, Line, Panel, Plot
 from fenicsrom.post.base.tables import Quantity, components, rows_of, table_of
 from fenicsrom.post.curves.backbone_report import WIDE
@@ -28,6 +29,8 @@ from fenicsrom.post.curves.response_figures import (
     largest_direction,
     largest_point,
 )
+from fenicsrom.scene import Scene
+from fenicsrom.scene.checks.curve_checks import uses_balance
 from fenicsrom.scene.reading.overrides import column_name, in_words, unit_of
 from fenicsrom.words import counted
 
@@ -184,6 +187,13 @@ def _known(name: str) -> Callable[[Any], Any]:
 
 
 BY_STEP, BY_BASIS = "change by half the time step, %", "change by a richer basis, %"
+MORE = "Half as many harmonics again"
+BY_HARMONICS = "change by more harmonics, %"
+
+
+def by_step(found: results.Response) -> str:
+    """The head of the change that finer time steps, or more harmonics, make."""
+    return BY_HARMONICS if uses_balance(found.scene) else BY_STEP
 
 
 def result_table(found: results.Response) -> list[list[Any]]:
@@ -197,7 +207,7 @@ def result_table(found: results.Response) -> list[list[Any]]:
         Quantity("", lambda c: f"{_millimetres(found, top(c).amplitude)}{_so_far(c)}", amplitude),
         replace(at, of=lambda curve: top(curve).parameter, head=f"at {at.head}"),
         Quantity("", lambda curve: top(curve).known_stability, "stability"),
-        Quantity("", _known("step_error"), BY_STEP, 2),
+        Quantity("", _known("step_error"), by_step(found), 2),
         Quantity("", _known("basis_error"), BY_BASIS, 2),
         Quantity("", lambda c: sum(p.known_unstable for p in c.points), "unstable points"),
     ]
@@ -211,8 +221,8 @@ def sentences(found: results.Response) -> list[str]:
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
         lines = [
-            f"{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
-            f"amplitude{_so_far(curve)} {_millimetres(found, top.amplitude)} mm at "
+            f"{counted(len(points), 'point')}{_harmonics(curve)} in {curve.seconds:.1f} s; largest "
+            f"{name} amplitude{_so_far(curve)} {_millimetres(found, top.amplitude)} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         ]
         if unstable := [point for point in points if point.known_unstable]:
@@ -226,15 +236,33 @@ def sentences(found: results.Response) -> list[str]:
             )
         lines += optimum_sentences(found, curve)
         lines += [f"The curve is incomplete: {reason}." for reason in _gaps(curve)]
+        if found.scene.cyclic is not None and found.contacts:
+            lost = f"{top.friction_dissipation:.4g} J per period"
+            lines.append(f"Friction dissipates {lost} there, in each sector.")
         for line in lines:
             titles.setdefault(line, []).append(results.curve_title(found.scene, curve.value))
     said = [f"{results.joined_titles(found, begins)}{line}" for line, begins in titles.items()]
+    if found.scene.cyclic is not None:
+        return [*said, _wave_sentence(found.scene)]
     return [*said, *filter(None, [found.mesh_check.sentence()])]
 
 
 def _gaps(curve: results.ResponseCurve) -> list[str]:
     """The reasons why parts of a curve are not complete."""
     return sorted({piece.reason or "interrupted" for piece in curve.pieces} - set(COMPLETE))
+
+
+def _wave_sentence(scene: Scene) -> str:
+    """The wave of a tuned disk in words."""
+    h, way = wave_of(scene)
+    ways = {"forward": "with the rotation", "backward": "against the rotation"}
+    text = f"All sectors move alike, in a wave with {counted(h, 'nodal diameter')}"
+    return f"{text} that runs {ways[way]} in the turning frame." if way else f"{text} that stands."
+
+
+def _harmonics(curve: results.ResponseCurve) -> str:
+    """The number of harmonics of a curve in words; "" of shooting."""
+    return f" with {counted(curve.harmonics, 'harmonic')}" if curve.harmonics else ""
 
 
 def _so_far(curve: results.ResponseCurve) -> str:
@@ -258,9 +286,10 @@ def _places(found: results.Response, points: Sequence[CurvePoint]) -> str:
 
 
 def _changes(curve: results.ResponseCurve) -> list[str]:
-    """Sentences on the known changes by half the time step and by a richer basis."""
+    """Sentences on the known changes by half the step, or more harmonics, and a richer basis."""
     lines = []
-    for name, what in (("step_error", "Half the time step"), ("basis_error", "A richer basis")):
+    step = MORE if curve.harmonics else "Half the time step"
+    for name, what in (("step_error", step), ("basis_error", "A richer basis")):
         here: float | None = getattr(curve, name)
         if here is None:
             continue
@@ -271,14 +300,15 @@ def _changes(curve: results.ResponseCurve) -> list[str]:
         ]
         most = max(elsewhere, default=here)
         more = f", and other amplitudes by at most {in_percent(most)}" if most > here else ""
-        lines.append(f"{what} changes this amplitude by {in_percent(here)}{more}.")
+        change = "change" if what == MORE else "changes"
+        lines.append(f"{what} {change} this amplitude by {in_percent(here)}{more}.")
     return lines
 
 
 def _verdict(point: CurvePoint) -> str:
     """The stability of a point in words."""
-    if point.denied:
-        return "stability not known"
+    if not point.known:
+        return "stability not known" if point.denied else "stability not judged"
     return "stable" if point.stable else f"unstable ({point.verdict})"
 
 
@@ -345,13 +375,16 @@ def full_quantities(found: results.Response) -> list[Quantity]:
 
 def run_table(found: results.Response) -> list[list[Any]]:
     """The points, the marched periods and the run time of each curve."""
+    by_balance = uses_balance(found.scene)
+    marched = "evaluations" if by_balance else "marched periods"
+    article = "an evaluation" if by_balance else "a marched period"
     shown = [
         Quantity("", lambda curve: len(curve.points), "points"),
         Quantity("", lambda curve: sum(p.known_unstable for p in curve.points), "unstable"),
-        Quantity("", lambda curve: curve.marches[0], "marched periods"),
+        Quantity("", lambda curve: curve.marches[0], marched),
         Quantity("", lambda curve: curve.marches[1], "with derivatives"),
         Quantity("seconds", head="run time, s", digits=4),
-        Quantity("", lambda c: c.seconds / max(c.marches[0], 1), "time of a marched period, ms", 4),
+        Quantity("", lambda c: c.seconds / max(c.marches[0], 1), f"time of {article}, ms", 4),
     ]
     return table_of(*each(found, lambda curve: [curve], shown))
 
@@ -367,7 +400,7 @@ def check_quantities(found: results.Response) -> list[Quantity]:
         parameter(found, "point.parameter"),
         Quantity("quantity", head="of the"),
         *(Quantity("step_error"), Quantity("basis_error")),
-        Quantity("", _known("step_error"), BY_STEP, 4),
+        Quantity("", _known("step_error"), by_step(found), 4),
         Quantity("", lambda check: of_basis(check, check.basis_error), BY_BASIS, 4),
         Quantity("stability", "point.known_stability", "stability"),
         Quantity("compared_with_a_richer_basis", "compared"),
@@ -401,8 +434,8 @@ def quantities(found: results.Response) -> list[Quantity]:
     def main(point: CurvePoint) -> Any:
         return point.harmonics[:, place, direction]
 
-    def multiplier(part: Callable[[complex], float]) -> Callable[[CurvePoint], float]:
-        return lambda point: float(part(results.judged_multiplier(point)))
+    def multiplier(part: Callable[[complex], float]) -> Callable[[CurvePoint], float | None]:
+        return lambda p: float(part(results.judged_multiplier(p))) if p.multipliers.size else None
 
     return [
         parameter(found),
@@ -427,6 +460,9 @@ def quantities(found: results.Response) -> list[Quantity]:
 def summary(found: results.Response) -> dict[str, Any]:
     """What `response.json` has of the curves."""
     table = found.table
+    waves: dict[str, Any] = {}
+    if found.scene.cyclic is not None:
+        waves = dict(zip(("nodal_diameters", "direction"), wave_of(found.scene), strict=True))
     return {
         "parameter": table.parameter,
         "first": table.first,
@@ -434,6 +470,7 @@ def summary(found: results.Response) -> dict[str, Any]:
         "family": table.families.key if table.families else None,
         "coordinates": found.size,
         "steps_per_period": found.steps,
+        **waves,
         "curves": [_curve_summary(found, curve) for curve in found.curves],
     }
 
@@ -444,6 +481,7 @@ def _curve_summary(found: results.Response, curve: results.ResponseCurve) -> dic
     return {
         "value": curve.value,
         "points": len(curve.points),
+        "harmonics": curve.harmonics or None,
         "ends": [piece.reason for piece in curve.pieces],
         "largest": rows_of([largest_point(found, curve)], told)[0],
         "events": rows_of(curve.special, told),

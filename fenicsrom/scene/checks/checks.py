@@ -309,7 +309,9 @@ def require_no_sector(scene: Scene, command: str) -> None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
         where = Where(scene.source, "cyclic")
         raise where.refuse(
-            "a table", f"{allowed}run, sweep, modes, campbell and plan", ErrorKind.CONFLICT
+            "a table",
+            f"{allowed}run, sweep, response, modes, campbell and plan",
+            ErrorKind.CONFLICT,
         )
 
 

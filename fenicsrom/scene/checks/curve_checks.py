@@ -13,6 +13,41 @@ from fenicsrom.words import counted
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 
 
+def uses_balance(scene: Scene) -> bool:
+    """Whether response curves are found by harmonic balance: by the scene, or as of a disk."""
+    response = scene.response
+    return response is not None and (response.method == "balance" or scene.cyclic is not None)
+
+
+def _balance_problems(scene: Scene, response: Response) -> Problems:
+    """Yield what curves by harmonic balance cannot do."""
+    unusual: dict[str, object] = {
+        "response.branches": response.branches,
+        "response.isolated": response.isolated,
+        "response.peak_over": response.peak_over,
+        "response.full": response.full,
+        "response.parameter": response.parameter == "rotation.speed_rpm",
+        "rotation.history": scene.rotation is not None and scene.rotation.history,
+        **{f"loads[{k}].follower": True for k in scene.followers},
+        **{
+            f"contacts[{k}].abradable": contact.abradable
+            for k, contact in enumerate(scene.contacts)
+        },
+    }
+    for key in filter(unusual.get, unusual):
+        yield Problem(key, "not allowed in response curves by harmonic balance")
+    if scene.cyclic is None:
+        return
+    if scene.cyclic.mistuning is not None:
+        yield Problem(
+            "cyclic.mistuning", "not allowed in response curves: a wave needs a tuned disk"
+        )
+    orders = [load.order for load in scene.loads if not load.static]
+    if min(orders, default=0) == 0 < max(orders, default=0):
+        allowed = "must be an engine_order in response curves of a disk, as of the other loads"
+        yield Problem(f"loads[{orders.index(0)}].frequency", allowed)
+
+
 def response_problems(scene: Scene) -> Problems:
     """Yield the problems of the table [response]."""
     response = scene.response
@@ -32,6 +67,8 @@ def response_problems(scene: Scene) -> Problems:
             allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
             yield Problem(f"response.full[{k}]", allowed, ErrorKind.RANGE)
             return
+    if uses_balance(scene):
+        yield from _balance_problems(scene, response)
     yield from _peak_problems(scene, response)
     if response.parameter == "rotation.speed_rpm":
         yield from _speed_problems(scene, response)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from fenicsrom.scene.base.rules import either, integer, list_of, name, number, text_like
+from fenicsrom.scene.base.rules import choice, either, integer, list_of, name, number, text_like
 from fenicsrom.scene.base.tables import table_of
 from fenicsrom.scene.keys.loads import ACTIONS
 
@@ -74,6 +74,8 @@ class Response:
             `rotation.speeds_rpm`.
         first: parameter at the start of a curve.
         last: parameter at its end, above or below `first`.
+        method: "shooting" marches periods; "balance" finds harmonics, as always of a disk.
+        accuracy: with "balance", change of an amplitude by more harmonics that is accepted.
         points: largest number of points; a smooth curve needs about 100, one with several contact
             points up to 600.
         families: a curve for each value of a second number.
@@ -91,6 +93,8 @@ class Response:
     parameter: Annotated[str, text_like(PATTERN, ALLOWED)] = "frequency"
     first: Annotated[float, number(least=0.0)]
     last: Annotated[float, number(least=0.0)]
+    method: Annotated[str, choice("shooting", "balance")] = "shooting"
+    accuracy: Annotated[float, number(least=1e-6, most=0.1)] = 2e-4
     points: Annotated[int, integer(2, 100_000)] = 3000
     families: Annotated[Families | None, table_of(Families)] = None
     branches: Annotated[int, integer(0, 10)] = 0

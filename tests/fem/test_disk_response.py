@@ -1,0 +1,146 @@
+"""The tuned wave of a disk by harmonic balance of one sector is the motion of the marched disk."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("meshio")
+pytest.importorskip("dolfinx")
+from mpi4py import MPI
+
+from fenicsrom import load_disk, response, simulate
+from fenicsrom.errors import ErrorKind
+from fenicsrom.online.curves.balance_curve import BalanceCurve, first_motion
+from fenicsrom.online.curves.curve import CurvePoint, half_range
+from fenicsrom.online.model.disk_model import disk_model, disk_scene, lag_of
+from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic.balance import Balance
+from fenicsrom.online.periodic.shooting import frequency_family
+from fenicsrom.post.base.origin import RESULTS
+from tests.disks import CYCLIC, N, bladed, scene_of, shrouded, spinning
+from tests.fem.test_disk_contact import sector_scene as touching
+from tests.fem.test_disk_run import sector_of, tables
+from tests.support import refusal
+
+
+def blades(path: Path, order: int, hertz: float, force: float = 2e3, **more: Any) -> Any:
+    """The sector of a bladed disk whose tip rubs a wall, loaded by an engine order."""
+    points, cells = bladed()
+    middle = np.pi / N
+    radial = np.array([[np.cos(middle), np.sin(middle), 0.0]])
+    across = np.array([[-radial[0, 1], radial[0, 0], 0.0]])
+    given = tables(order, range(1), (points[-1:], across, radial), force, 100.0, 1e5)
+    given |= {"damping": {"stiffness": 3e-4}, "basis": {"modes": 4}, "cyclic": CYCLIC}
+    given |= {"rotation": spinning(2) | {"speed_rpm": 60.0 * hertz / order}}
+    return scene_of(path, points, cells, **(given | more))
+
+
+def balanced(sector: Any, scene: Any, sense: float = 1.0) -> CurvePoint:
+    """The motion of the sector in the wave, or in one of the other sense."""
+    problem = Problem.of(sector.model, scene).settled()
+    balance = Balance(problem, 21, sector, sense * lag_of(scene), 4)
+    s, f = balance.linear(problem), 1.0 / problem.period
+    assert s is not None
+    path = BalanceCurve(balance, frequency_family(problem), 0.5 * f, 2.0 * f, s)
+    found = first_motion(path, s, f)
+    assert found is not None
+    return found
+
+
+def marched(sector: Any, scene: Any, steps: int) -> tuple[Any, Any]:
+    """Amplitudes (N, d) of the first point of each sector, and the friction loss of one, J."""
+    time = {"steps_per_period": steps, "periods": 80, "steady_tolerance": 1e-6}
+    scene = replace(scene, time=scene.time.changed(**time))
+    whole = disk_scene(scene)
+    motion = simulate(disk_model(sector, whole, np.zeros(N)), whole)
+    assert motion.steady
+    last = motion.last_period()
+    moved = motion.displacement[last][1:]
+    time = motion.time[last][1:] - motion.time[last][0]
+    lost = motion.point_friction_dissipation[last].sum(axis=1)
+    points = moved.shape[1] // N
+    amplitudes = [half_range(time, moved[:, j * points]) for j in range(N)]
+    return np.array(amplitudes), (lost[-1] - lost[0]) / N
+
+
+@pytest.mark.parametrize("order", [2, 5])
+def test_wave_with_friction_is_that_of_the_marched_disk(tmp_path: Path, order: int) -> None:
+    """Below the resonance of the blades: the difference falls with the square of the step.
+
+    Order 5 is a forward wave of one nodal diameter. The Coriolis force tells the sense of a wave.
+    """
+    scene = blades(tmp_path, order, 170.0)
+    sector = sector_of(scene)
+    found, motions = balanced(sector, scene), []
+    for count in (48, 96):
+        amplitudes, lost = marched(sector, scene, count)
+        assert np.ptp(amplitudes, axis=0).max() < 1e-5 * amplitudes.max()
+        motions.append(np.append(amplitudes[0], lost))
+    wanted = np.append(found.amplitude[0], found.friction_dissipation)
+    far, near = (motion[:2] / wanted[:2] - 1.0 for motion in motions)
+    assert np.all((far / near > 3.7) & (far / near < 4.3)) and near.min() > 3e-4
+    limit = (4.0 * motions[1] - motions[0]) / 3.0
+    np.testing.assert_allclose(limit[:2], wanted[:2], rtol=2e-5)
+    assert limit[2] == pytest.approx(wanted[2], rel=1e-3)
+    assert found.states[0] & 6 == 6  # slips and sticks
+    other = balanced(sector, scene, -1.0).amplitude
+    assert abs(other / found.amplitude - 1.0).max() > 5e-5
+
+
+@pytest.mark.slow
+def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -> None:
+    """Shrouds rub on those of the next sector, which moves by the lag of the wave."""
+    scene = touching(tmp_path, shrouded(), order=2, damping={"stiffness": 2e-3})
+    sector = sector_of(scene)
+    found, moved = balanced(sector, scene), marched(sector, scene, 96)[0][0]
+    assert abs(moved - found.amplitude[0]).max() < 2e-3 * moved.max()
+    assert np.all(found.states & 2)  # all slip
+
+
+@pytest.mark.slow
+def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
+    """At 6 % of the length of the blades, where a linear disk moves by 1 % more."""
+    scene = blades(tmp_path, 2, 170.0, 1e4, geometrically_nonlinear=True)
+    sector = sector_of(scene)
+    found = balanced(sector, scene)
+    linear = balanced(
+        sector._replace(interior=sector.interior._replace(cubic=np.zeros((0, 0)))), scene
+    )
+    motions = [marched(sector, scene, count)[0][0] for count in (36, 72)]
+    assert found.amplitude.max() > 0.015
+    limit = (4.0 * motions[1] - motions[0]) / 3.0
+    assert abs(limit - found.amplitude[0]).max() < 5e-4 * limit.max()
+    assert abs(linear.amplitude / found.amplitude - 1.0).max() > 0.01
+
+
+def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
+    """And a stored disk the same curve; its points have no verdict."""
+    table = {"first": 150.0, "last": 230.0}
+    scene = blades(tmp_path, 5, 170.0, response=table, output={"pictures": False})
+    found = response(scene, MPI.COMM_SELF, folder=tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "response.json").read_text())
+    assert (told["nodal_diameters"], told["direction"]) == (1, "forward")
+    curve = told["curves"][0]
+    assert curve["largest"]["stability"] == "not judged" and curve["harmonics"] >= 7
+    assert max(check["step_error"] for check in curve["checks"]) < 2e-4
+    assert max(check["basis_error"] for check in curve["checks"]) < 0.02
+    assert all(any(file.match(name) for name in RESULTS) for file in found.files)
+    with np.load(tmp_path / "out" / "motions.npz") as motions:
+        moved = motions["largest_displacement"][:, 0, 1]
+    top = curve["largest"]["amplitude_tangential_m"]
+    assert np.ptp(moved) / 2.0 == pytest.approx(top, rel=1e-3)
+    again = response(load_disk(tmp_path / "out" / "reduced_model.npz"))
+    tops = [max(float(p.amplitude.max()) for p in r.curves[0].points) for r in (found, again)]
+    assert tops[0] == pytest.approx(tops[1], rel=1e-9)
+
+
+def test_wave_that_the_balance_cannot_find_is_refused(tmp_path: Path) -> None:
+    table = {"first": 150.0, "last": 230.0}
+    with refusal(ErrorKind.CONFLICT, key="cyclic.mistuning", names="tuned"):
+        blades(tmp_path, 2, 170.0, response=table, cyclic=CYCLIC | {"mistuning": N * [0.1]})
