@@ -127,7 +127,7 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         size: their largest `probe_amplitude`, m.
         length: the duration of one that does not repeat, s.
     """
-    if trained is None:
+    if trained is None or not any(trained.friction + tuple(c.friction for c in scene.contacts)):
         return []
     found = [
         f"loads.{k}.{load.kind} is {abs(load.size):.4g}, and was {most:.4g}"
@@ -147,7 +147,8 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         return []
     text = (
         f"this run is beyond the motion that chose the interface vectors: {'; '.join(found)}; run "
-        "the scene again, without --from, for an estimate of the friction"
+        'the scene again without --from, or with basis.masters = "all", for an estimate of the '
+        "friction"
     )
     return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from support import assert_tangent
-from test_pairs import COARSE, PAIR, bars, forces, lap, solid
+from test_pairs import COARSE, PAIR, bars, forces, lap, scene_of, solid, stacked
 
 import fenicsrom as fr
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
@@ -83,3 +83,25 @@ def test_tangent_of_contacts_on_a_path_is_the_derivative_of_their_force() -> Non
     with_limits = joint.tangent(u, symmetric=True)
     assert abs(with_limits - with_limits.T).max() < 1e-9 * abs(matrix).max()
     assert abs(with_limits - matrix).max() > 1e-3 * abs(matrix).max()
+
+
+def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> None:
+    """The upper block slides as a whole at μ N = 0.3 · 100 kN."""
+    scene = scene_of(
+        stacked(tmp_path / "two.vtu", 2, 3, 2),
+        2,
+        {"group": "1 low y", "against": "0 high y"},
+        geometrically_nonlinear=True,
+        supports=[{"group": "0 low y"}],
+        loads=[
+            {"group": "1 high y", "pressure": 1e6},
+            {"group": "1 high x", "direction": [1.0, 0.0], "force": 1e5},
+        ],
+        statics={"loads": [1]},
+        time={"duration": 1.0, "step": 0.1},
+    )
+    found = fr.statics(scene, MPI.COMM_SELF)
+    last = found.points[-1]
+    assert (found.reason, found.unfinished, found.special) == ("sliding", None, [])
+    assert last.load_factor == pytest.approx(0.3, rel=1e-6)
+    assert last.slipping == last.closed > 0

@@ -87,8 +87,8 @@ class EquilibriumPath:
         body: the body.
         points: the equilibria in the order of the path, special points among them.
         shapes: label -> displacement (local,) at each special point and at the last point, m.
-        reason: why the path ends: "end of the range", "displacement of the probe", "number of
-            points", "no convergence" or "interrupted".
+        reason: why the path ends: "end of the range", "displacement of the probe", "sliding",
+            "number of points", "no convergence" or "interrupted".
         seconds: run time.
         warnings: notes for the user.
         unfinished: the error that ended the computation, or None.

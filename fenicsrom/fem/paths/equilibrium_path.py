@@ -42,6 +42,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply
 from fenicsrom.fem.equilibrium.statics import CONTRACTION
 from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.online.contact.state import SLIP
 from fenicsrom.online.curves.curve import Bracket, bracketed, hermite
 
 INVERSE_ITERATIONS = 4
@@ -194,6 +195,10 @@ TOLERANCE = 1e-9
 ROUNDING = 1e-7
 """A shorter correction that does not contract has reached the rounding of a slender mesh."""
 
+SLIDING, FLAT = "sliding", 1e-7
+"""A path ends where friction no longer holds a body: points slip, and the load factor grows by
+less than this part of a step."""
+
 LOCATED = 1e-5
 """Width of the bracket of a special point. The load factor of a limit point is stationary there,
 so its error is about the square of this."""
@@ -245,7 +250,7 @@ class PathFollower:
     """Follows the equilibria of a body. Every method is collective.
 
     Attributes:
-        reason: why the path ended: "end of the range" or "no convergence"; "" before.
+        reason: why the path ended: "end of the range" or `SLIDING`; "" before.
         equations: the equations (1).
     """
 
@@ -298,8 +303,8 @@ class PathFollower:
             yield from special
             if self.equations.contact:
                 self.equations.contact.hold(found.displacement)
-            if ends:
-                self.reason = "end of the range"
+            if ends or self._slides(found):
+                self.reason = "end of the range" if ends else SLIDING
             yield found
             away = self._length(found.y - guess) / step
             step *= float(np.clip((AIM / max(away, 1e-12)) ** (1.0 / 3.0), 0.5, 2.0))
@@ -376,6 +381,11 @@ class PathFollower:
         straight = turn >= STRAIGHT and self._length(found.y - guess) <= AWAY * step
         return found if straight else None
 
+    def _slides(self, point: PathPoint) -> bool:
+        """Whether a body slides at a point under a load that does not grow: K is singular there."""
+        rises = abs(point.tangent[-1]) / self._scale
+        return bool(np.any(point.states == SLIP)) and rises < FLAT
+
     def _end(self, here: PathPoint, beyond: PathPoint) -> PathPoint | None:
         """The point on the bound of the range between two points; None if it is not found."""
         bound = self._last if beyond.load_factor > self._last else self._lowest
@@ -442,6 +452,8 @@ class PathFollower:
     def _special(self, a: PathPoint, b: PathPoint) -> list[PathPoint] | None:
         """The special points between two points of the path; None if one was not located."""
         change = b.negative - a.negative
+        if self._slides(b):
+            return []
         if a.tangent[-1] * b.tangent[-1] >= 0.0:
             return self._bifurcations(a, b) if change else []
         bracket = self._bracket(lambda point: float(point.tangent[-1]), a, b)

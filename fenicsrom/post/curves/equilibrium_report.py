@@ -19,6 +19,7 @@ from fenicsrom.words import counted
 ENDS = {
     "end of the range": "The path reached the end of the range of the load factor.",
     "displacement of the probe": "The path reached statics.displacement.",
+    "sliding": "The path ends there: friction no longer holds a body, which slides.",
     "number of points": "The path is incomplete: it reached statics.points.",
     "no convergence": "The path is incomplete: no further point was found.",
     "interrupted": "The path is incomplete: the run was interrupted.",
