@@ -40,7 +40,8 @@ from fenicsrom.online.motion.measures import amplitude, peak_normal_force, peak_
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.step.statics import _Statics
-from fenicsrom.online.store.archive import StoredModel, changed_key, load_model, save_model
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.records import Study
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes

@@ -43,7 +43,7 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full.full import FullModel
 from fenicsrom.online.model.polynomial import elastic_force
-from fenicsrom.online.store.archive import changed_key
+from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.reduction.basis import project, project_intrusively, projected_gyroscopic
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, Place, parse_scene, read_scene, scene_table

@@ -64,7 +64,17 @@ RESULTS = (
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json")),
     *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
-    *("run_up.csv", "wear.csv", "runs", "models", "map.csv", "map.json", "map.h5", "map_lines"),
+    *(
+        "run_up.csv",
+        "wear.csv",
+        "joints.csv",
+        "runs",
+        "models",
+        "map.csv",
+        "map.json",
+        "map.h5",
+        "map_lines",
+    ),
     *(
         "map_wear.csv",
         "ringdown.csv",
