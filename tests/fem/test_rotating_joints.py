@@ -198,3 +198,22 @@ def test_pressure_that_follows_passes_between_bodies(tmp_path: Path) -> None:
         step=0.5,
         tolerance=1e-9,
     )
+
+
+def test_small_pressure_that_follows_couples_no_modes_of_bodies_that_touch(tmp_path: Path) -> None:
+    """The upper block is held by its contact alone, which the coupled modes must have too."""
+    law = {"normal_stiffness": 1e13, "tangential_stiffness": 5e12, "friction": 0.3}
+    mesh = str(stacked(tmp_path / "blocks.vtu", 2, 2, 3))
+    scene = fr.parse_scene(
+        {
+            "geometry": {"mesh": mesh, "dimension": 2, "thickness": 0.01},
+            "material": STEEL,
+            "supports": [{"group": "0 low y"}],
+            "contacts": [{"group": "1 low y", "against": "0 high y", **law}],
+            "loads": [{"group": "1 high y", "pressure": 1e6, "follower": True}],
+        },
+        "pressed.toml",
+        None,
+        unloaded=True,
+    )
+    assert not solid(scene).warnings

@@ -91,7 +91,7 @@ def check_stability(body: Any) -> int:
     if body.symmetric:
         unstable = body.factor.negative_eigenvalues()
     else:
-        unstable = check_coupling(body, negative_eigenvalues(body.stiffness))
+        unstable = check_coupling(body, negative_eigenvalues(body.factor.matrix))
     if not unstable:
         return 0
     if body.gyroscopic is not None and (whirling := _whirling(body, unstable)) is not None:
@@ -149,7 +149,7 @@ def _whirling(body: Any, negative: int) -> int | None:
         return None
     moved = body.factor.solve(body.gyroscopic_times(modes))
     space = basis.extended_space(body.mass_inner, modes, moved)
-    mass, stiffness = np.eye(space.shape[1]), body.inner(space, body.stiffness_times(space))
+    mass, stiffness = np.eye(space.shape[1]), body.inner(space, body.held_times(space))
     if growing(mass, basis.projected_gyroscopic(body, space), stiffness).size:
         return None
     damped = body.mass_damping * mass + basis.projected_velocity_matrix(body, space)
@@ -364,6 +364,6 @@ def _coupled_squares(body: Any, modes: Array) -> NDArray[np.complex128]:
     values, axes = np.linalg.eigh(body.mass_inner(found, found))
     kept = values > DEPENDENT
     vectors = found @ (axes[:, kept] / np.sqrt(values[kept]))
-    stiffness = body.inner(vectors, body.stiffness_times(vectors))
+    stiffness = body.inner(vectors, body.held_times(vectors))
     squares = np.linalg.eigvals(stiffness + body.inner(vectors, skew_times(vectors)))
     return np.asarray(squares[np.argsort(np.abs(squares))], dtype=np.complex128)
