@@ -46,6 +46,7 @@ def test_envelope_follows_a_decay():
     np.testing.assert_allclose(high[inside], np.exp(-middle[inside]), rtol=0.03)
     np.testing.assert_allclose(low[inside], -np.exp(-middle[inside]), rtol=0.03)
     assert low.min() == x.min() and high.max() == x.max()
+    assert middle.size == 50  # the last sample begins no window
 
 
 def test_stroboscopic_states_of_periodic_motion_are_one_point():

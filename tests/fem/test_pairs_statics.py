@@ -86,11 +86,11 @@ def test_tangent_of_contacts_on_a_path_is_the_derivative_of_their_force() -> Non
 
 
 def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> None:
-    """The upper block slides as a whole at μ N = 0.3 · 100 kN."""
+    """The upper block slides as a whole at μ N = 0.1 · 100 kN."""
     scene = scene_of(
         stacked(tmp_path / "two.vtu", 2, 3, 2),
         2,
-        {"group": "1 low y", "against": "0 high y"},
+        {"group": "1 low y", "against": "0 high y", "friction": 0.1},
         geometrically_nonlinear=True,
         supports=[{"group": "0 low y"}],
         loads=[
@@ -103,5 +103,5 @@ def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> No
     found = fr.statics(scene, MPI.COMM_SELF)
     last = found.points[-1]
     assert (found.reason, found.unfinished, found.special) == ("sliding", None, [])
-    assert last.load_factor == pytest.approx(0.3, rel=1e-6)
-    assert last.slipping == last.closed > 0
+    assert last.load_factor == pytest.approx(0.1, rel=1e-6)
+    assert last.slipping == last.closed > 0 and found.direction == 0  # not that of the pressure

@@ -96,6 +96,13 @@ def test_face_between_two_cells_is_not_part_of_the_surface():
     assert len(edge_lengths(cell_edges(grid))) == 20
 
 
+def test_edges_of_bodies_that_touch_have_their_own_nodes():
+    cells = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+    lower = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    grid = Grid(np.concatenate([lower, lower + np.array([0.0, 1.0, 0.0])]), cells, 9)
+    assert set(form_edges(surface_of(grid)).point_data[NODE]) == set(range(8))
+
+
 @pytest.mark.parametrize("name", ["triangle", "hexahedron"])
 def test_fields_on_the_surface_are_those_of_its_nodes(name):
     grid = one_cell(name, 1)

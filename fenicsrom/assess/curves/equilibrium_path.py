@@ -83,7 +83,7 @@ class EquilibriumPath:
     Attributes:
         scene: the scene.
         unknowns: free unknowns of the mesh.
-        direction: the probe's component with the largest displacement on the path.
+        direction: the probe's component that changes most on the path.
         body: the body.
         points: the equilibria in the order of the path, special points among them.
         shapes: label -> displacement (local,) at each special point and at the last point, m.
@@ -112,8 +112,8 @@ class EquilibriumPath:
 
     @property
     def direction(self) -> int:
-        """The probe's component with the largest displacement on the path."""
-        return int(np.argmax(np.max(np.abs([point.probe for point in self.points]), axis=0)))
+        """The probe's component that changes most on the path."""
+        return int(np.argmax(np.ptp([point.probe for point in self.points], axis=0)))
 
     @property
     def special(self) -> list[Equilibrium]:

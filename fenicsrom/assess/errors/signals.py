@@ -77,9 +77,10 @@ def envelope(time: Array, values: Array, width: float) -> tuple[Array, Array, Ar
 
     Returns:
         The middles of the windows, s, and the smallest and largest values in each; windows
-        without a sample are left out.
+        without a sample are left out. A rest of less than half a window belongs to the last one.
     """
-    number = np.floor((time - time[0]) / width).astype(np.int64)
+    last = max(round((time[-1] - time[0]) / width), 1) - 1
+    number = np.minimum(np.floor((time - time[0]) / width).astype(np.int64), last)
     found, first = np.unique(number, return_index=True)
     low, high = (ufunc.reduceat(values, first) for ufunc in (np.minimum, np.maximum))
     return time[0] + (found + 0.5) * width, low, high

@@ -265,10 +265,23 @@ def _boundary(grid: Grid, divisions: int, values: Mapping[str, Array] | None = N
 
 
 def form_edges(surface: PolyData) -> PolyData:
-    """The edges that show the form of a surface: its rim and its sharp edges."""
-    return surface.extract_feature_edges(
-        FEATURE_ANGLE, non_manifold_edges=False, manifold_edges=False
-    )
+    """The edges that show the form of a surface: its rim and its sharp edges.
+
+    Each edge has its own two points: bodies that touch have two nodes at one place.
+    """
+    import pyvista
+    from vtkmodules.vtkCommonDataModel import vtkNonMergingPointLocator
+    from vtkmodules.vtkFiltersCore import vtkFeatureEdges
+
+    edges = vtkFeatureEdges()
+    edges.SetInputData(surface)
+    edges.SetFeatureAngle(FEATURE_ANGLE)
+    edges.NonManifoldEdgesOff()
+    edges.ManifoldEdgesOff()
+    edges.ColoringOff()
+    edges.SetLocator(vtkNonMergingPointLocator())
+    edges.Update()
+    return pyvista.wrap(edges.GetOutput())
 
 
 def cell_edges(grid: Grid) -> PolyData:
