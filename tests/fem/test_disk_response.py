@@ -119,6 +119,20 @@ def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
     assert abs(linear.amplitude / found.amplitude - 1.0).max() > 0.01
 
 
+def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
+    more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}}
+    scene = blades(tmp_path, 2, 170.0, **more)
+    sector, omega = sector_of(scene), 2.0 * np.pi / scene.period
+    disk = disk_model(sector, disk_scene(scene), np.zeros(N))
+    mass, damping = disk.mass.toarray(), disk.velocity_matrix.toarray()
+    stiffness = disk.elastic(np.zeros(len(mass)))[1].toarray()
+    push = 2e3 * disk.loads @ np.exp(1j * lag_of(scene) * np.arange(N))
+    q = np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, push)
+    moved = np.abs(disk.probes @ q).reshape(N, -1)
+    found = balanced(sector, scene)
+    np.testing.assert_allclose(found.amplitude, moved[:1], rtol=1e-3)
+
+
 def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
     """And a stored disk the same curve; its points have no verdict."""
     table = {"first": 150.0, "last": 230.0}

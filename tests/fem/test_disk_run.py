@@ -31,7 +31,7 @@ from fenicsrom import (
     simulate,
     sweep,
 )
-from fenicsrom.assess.errors.estimates import distances
+from fenicsrom.assess.errors.estimates import MotionErrors, distances
 from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body.stress_points import stress_table
@@ -45,6 +45,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.scene_changes import changed_scene, shares_model
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
+from fenicsrom.post.studies.disk_run_report import report
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
 from tests.support import refusal
 
@@ -298,6 +299,10 @@ def test_mistuned_run_reports_amplification_and_shares(
     found = run(scene, folder=tmp_path / "out")
     told = json.loads((tmp_path / "out" / "disk.json").read_text())
     assert told["amplification"] == found.amplification > 1.0
+    unknown = MotionErrors(np.inf, np.inf, (0.01, np.inf))
+    written = report(replace(found, errors={"time step": unknown}))
+    assert json.loads(json.dumps(written.summary["estimated_error_percent"], allow_nan=False))
+    assert "inf" not in " ".join(written.sentences)
     assert 1e-5 < sum(told["shares_of_diameters"][2:]) < 0.1
     table = np.genfromtxt(tmp_path / "out" / "disk.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["mistuning"], found.mistuning)

@@ -145,9 +145,11 @@ class Balance:
         self._nonlinear = elastic.force.size if elastic.cubic.size else 0
         n, points = model.size, problem.contacts.preload.size
         rows = np.concatenate([np.eye(n)[: self._nonlinear], model.contact_rows])
+        rows = rows if len(rows) else np.eye(n)[:1]  # a linear body: a coordinate without a force
         whole = sector is None and len(rows) > n
         self.rows = np.eye(n) if whole else rows
-        touching = model.contact_rows if whole else np.eye(len(rows))[self._nonlinear :]
+        held = slice(self._nonlinear, self._nonlinear + len(model.contact_rows))
+        touching = model.contact_rows if whole else np.eye(len(rows))[held]
         self._touching = touching.reshape(points, problem.dimension, len(self.rows))
         self._joined = np.eye(n, dtype=complex)[None]
         self._through = self.rows @ self._joined
@@ -157,7 +159,8 @@ class Balance:
             face = np.concatenate([np.zeros((m, n - 2 * m)), np.eye(m)], axis=1)
             own = np.broadcast_to(np.eye(n - m), (len(phase), n - m, n - m))
             self._joined = np.concatenate([own, phase * face], axis=1)
-            ahead = np.concatenate([np.zeros((self._nonlinear, n)), sector.ahead])
+            ahead = np.zeros(rows.shape)
+            ahead[self._nonlinear :][: len(sector.ahead)] = sector.ahead
             self._through = (rows + (np.exp(1j * lag * orders) - 1.0) * ahead) @ self._joined
         feels = np.sum(self.rows * np.linalg.solve(model.mass, self.rows.T).T, axis=1)
         self.scale = 1.0 / np.sqrt(np.maximum(feels, 1e-300))

@@ -24,7 +24,13 @@ from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.post.body.body_figures import shape_figure
 from fenicsrom.post.paraview.disk_motion import moved_disk
-from fenicsrom.post.run.summary import RECOVERY_NOTE, STRESSES_FILE, stress_rows, stress_table
+from fenicsrom.post.run.summary import (
+    RECOVERY_NOTE,
+    STRESSES_FILE,
+    estimates_summary,
+    stress_rows,
+    stress_table,
+)
 from fenicsrom.words import counted, enumerated
 
 NAMED = 14
@@ -97,7 +103,7 @@ def sentences(found: DiskRun) -> list[str]:
         f"changes frequencies of waves with {counted(checked, 'nodal diameter')} by "
         f"{100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
-        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion are "
+        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion is in "
         f"waves with {counted(h, 'nodal diameter')}.",
     ]
     if found.amplification is not None:
@@ -112,9 +118,10 @@ def sentences(found: DiskRun) -> list[str]:
             f"time, slips for {parts['slip']} and sticks for {parts['stick']}. The largest normal "
             f"force of a point is {peak_normal_force(motion):.4g} N."
         )
-    if found.errors:
+    known = {c: each.amplitude for c, each in found.errors.items() if np.isfinite(each.amplitude)}
+    if known:
         where = "contact points" if found.scene.contacts else "probe of sector 0"
-        sizes = [f"{in_percent(each.amplitude)} by the {c}" for c, each in found.errors.items()]
+        sizes = [f"{in_percent(size)} by the {c}" for c, size in known.items()]
         lines.append(f"Estimated errors of the amplitudes of the {where}: {enumerated(sizes)}.")
     if found.peaks_of_stress:
         worst = max(found.peaks_of_stress, key=lambda each: each.von_mises)
@@ -149,7 +156,7 @@ def report(found: DiskRun) -> Report:
         "amplification": found.amplification,
         "shares_of_diameters": found.shares.tolist(),
         "relative_energy_imbalance": motion.relative_imbalance,
-        "estimated_errors": {cause: each._asdict() for cause, each in found.errors.items()},
+        "estimated_error_percent": estimates_summary(found.errors),
     }
     if touching:
         summary["contact_fractions"] = contact_fractions(motion)
@@ -207,8 +214,8 @@ def figure(found: DiskRun) -> Plot:
     """Amplitudes by sector, shares of nodal diameters, and the motion over time."""
     peaks, shares = 1e3 * found.peaks, 100.0 * found.shares
     panels = [
-        Panel([_bars(peaks)], "sector", "amplitude, mm"),
-        Panel([_bars(shares)], "nodal diameter", "share of the motion, %"),
+        Panel([_bars(peaks)], "sector", "amplitude, mm", whole="x"),
+        Panel([_bars(shares)], "nodal diameter", "share of the motion, %", whole="x"),
     ]
     time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
     lines: list[Item] = []
@@ -220,7 +227,7 @@ def figure(found: DiskRun) -> Plot:
         loss = np.zeros(peaks.size)
         for row in contacts(found):
             loss[int(row["sector"])] += row["loss"]
-        panels.insert(1, Panel([_bars(loss)], "sector", "friction, J per period"))
+        panels.insert(1, Panel([_bars(loss)], "sector", "friction, J per period", whole="x"))
     label = f"probes along {'xyz'[found.direction]}, mm"
     return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 2.2 + 2.2 * (len(panels) + 1))
 
