@@ -155,7 +155,9 @@ def _full(found: Response, curve: ResponseCurve, height: Callable[[Any], float])
 
 
 def _degrees(values: Array) -> dict[float, str]:
-    """Marks of angles, degrees."""
+    """Marks of angles, degrees; none for a short range, which gets those of other numbers."""
+    if np.ptp(values) < 30.0:
+        return {}
     step = next((step for step in (15.0, 30.0, 45.0, 90.0) if np.ptp(values) <= 5.0 * step), 180.0)
     low, high = np.floor(values.min() / step), np.ceil(values.max() / step)
     return {k * step: f"{k * step:g}".replace("-", "−") for k in np.arange(low, high + 1.0)}

@@ -22,7 +22,8 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
 from fenicsrom.post.base.style import COLOURS
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
-from fenicsrom.post.body.body_figures import shape_figure
+from fenicsrom.post.body.body_figures import deflection_figure
+from fenicsrom.post.body.body_view import largest_of, view_of
 from fenicsrom.post.paraview.disk_motion import moved_disk
 from fenicsrom.post.run.summary import (
     RECOVERY_NOTE,
@@ -134,7 +135,9 @@ def sentences(found: DiskRun) -> list[str]:
 def shape_of(found: DiskRun) -> Plot:
     """The disk at the instant at which a probe moves most."""
     name = "displacement"
-    return shape_figure(moved_disk(found, name), {name: "largest displacement of a probe"})
+    disk = moved_disk(found, name)
+    view = view_of(disk, moved=largest_of(np.asarray(disk.point_data[name])))
+    return deflection_figure(disk, name, "largest displacement of a probe", view)
 
 
 def report(found: DiskRun) -> Report:
