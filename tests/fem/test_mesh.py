@@ -296,6 +296,10 @@ def test_parameters_are_found_among_comments(tmp_path: Path) -> None:
         read(path, cells="simplex", parameters={"other": 3.0})
     with refusal(ErrorKind.CONFLICT, "geometry.cells", path.name, names="Triangle"):
         read(path, cells="structured")
+    path.write_text(path.read_text().replace("DefineConstant[ side", "//"))
+    none = "no DefineConstant"
+    with refusal(ErrorKind.UNKNOWN_KEY, "geometry.parameters.side", path.name, names=none):
+        read(path, cells="simplex", parameters={"side": 3.0})
 
 
 def test_error_in_geometry_names_first_line_and_leaves_gmsh_usable(tmp_path: Path) -> None:

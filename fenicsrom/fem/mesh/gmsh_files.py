@@ -263,9 +263,10 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
         gmsh.parser.setNumber("structured", [float(geometry.cells != "simplex")])
     for name, value in geometry.parameters.items():
         if name not in known - {"structured"}:
-            listed = ", ".join(sorted(known - {"structured"})) or "none, without DefineConstant"
+            listed = ", ".join(sorted(known - {"structured"}))
+            allowed = f"name must be one of {listed}" if listed else "there is no DefineConstant"
             where = Where(str(geometry.mesh), f"geometry.parameters.{name}")
-            raise where.refuse(value, f"name must be one of {listed}", ErrorKind.UNKNOWN_KEY)
+            raise where.refuse(value, allowed, ErrorKind.UNKNOWN_KEY)
         gmsh.parser.setNumber(name, [value])
 
 
