@@ -65,9 +65,9 @@ class _Seen:
 
 
 def range_model(
-    structure: Any, options: Basis, speeds: Array, nominal: float | None = None, judged: bool = True
+    structure: Any, options: Basis, speeds: Array, nominal: float | None = None
 ) -> RangeModel:
-    """The range model of a structure.
+    """The range model of a structure, with its errors between the speeds.
 
     Args:
         structure: a `fenicsrom.fem.solid.solid.Solid` at the middle one of the speeds; afterwards
@@ -76,7 +76,6 @@ def range_model(
         speeds: (s,) speeds of the basis, ascending, rad/s.
         nominal: the speed of the stiffness and the modes of the damping, rad/s; None takes the
             last speed.
-        judged: whether to find its errors between the speeds.
 
     Raises:
         ConvergenceError, AccuracyError: no equilibrium at a speed, or an inaccurate mode.
@@ -88,7 +87,7 @@ def range_model(
     next_modes = structure.eigenmodes(structure.factor, more)[1][:, first.omega.size :]
     extra = [next_modes, structure.factor.solve(structure.load_vectors)]
     seen = {}
-    between = 0.5 * (speeds[1:] + speeds[:-1])[: None if judged else 0]
+    between = 0.5 * (speeds[1:] + speeds[:-1])
     for omega in map(float, [middle, *sorted({*speeds, *between} - {middle})]):
         log.info(f"  {30.0 / np.pi * omega:g} rpm ..")
         if omega != structure.rotation.omega:
@@ -151,7 +150,7 @@ def _projected(
     found = RangeModel(model, *turning, structure.load_moments(r), *speeds, *sizes, errors)
     between = [one for one in seen if one.omega not in found.speeds]
     rows = [_errors(structure, r, found, one) for one in between]
-    return replace(found, errors=RangeErrors(*np.reshape(rows, (-1, 4)).T))
+    return replace(found, errors=RangeErrors(*np.array(rows).T))
 
 
 def _errors(structure: Any, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:

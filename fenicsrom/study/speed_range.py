@@ -74,7 +74,7 @@ def _finer(
         return None, reason
     try:
         finer = FinerSolid(scene, solid)
-        found = range_model(finer, options, speeds, nominal, judged=False)
+        found = range_model(finer, options, speeds, nominal)
     except (AccuracyError, ConvergenceError, SceneError) as error:
         return None, str(error)
     finer.destroy()
