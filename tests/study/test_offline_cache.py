@@ -74,6 +74,7 @@ ONLINE = {
     "output.paraview",
     "output.motion",
     "output.animation",
+    "output.sectors",
     "compare",
     "statics",
     "campbell",
