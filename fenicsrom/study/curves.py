@@ -11,8 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-import numpy as np
-
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import asking, log
@@ -124,6 +122,8 @@ def _waves(
     stop: Callable[[], bool],
 ) -> Response:
     """Compute the response curves of a disk, whose sectors move in a wave; see `response`."""
+    import numpy as np
+
     from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.trust import RicherModel
     from fenicsrom.assess.rotation.disk_run import reduction_notes

@@ -144,7 +144,7 @@ def test_commands_without_sectors_refuse_one(tmp_path: Path) -> None:
     import fenicsrom
 
     scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC)
-    with refusal(ErrorKind.CONFLICT, key="cyclic", names="run, sweep, modes, campbell"):
+    with refusal(ErrorKind.CONFLICT, key="cyclic", names="run, sweep, response, modes, campbell"):
         fenicsrom.build_model(scene)
 
 
