@@ -357,8 +357,13 @@ def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel
     def energy(q: Array) -> float:
         return float(structure.energy(u0 + r @ q) - rest)
 
-    terms = projected_terms(structure, r) | {"gauss_points": structure.gauss_points}
-    return DenseModel(elastic=elastic, energy=energy, linear=False, **terms)
+    return DenseModel(
+        elastic=elastic,
+        energy=energy,
+        linear=False,
+        gauss_points=structure.gauss_points,
+        **projected_terms(structure, r),
+    )
 
 
 def projected_gyroscopic(structure: Structure, r: Array) -> Array:

@@ -142,15 +142,24 @@ def _projected(
     structure.unload()
     model = project(structure, basis)
     known = np.concatenate([one.equilibrium for one in at], axis=1)
-    euler = structure.inner(r, frame.unit_euler_force[:, None])[:, 0]
-    turning = force, softening, coriolis, euler, np.array([frame.inertia])
-    rests = np.linalg.solve(model.mass, structure.mass_inner(r, known)).T
-    speeds = np.array([one.omega for one in at]), np.asarray(rests, np.float64)
-    sizes, errors = (first.omega.size, first.rows.shape[0]), RangeErrors(*np.zeros((4, 0)))
-    found = RangeModel(model, *turning, structure.load_moments(r), *speeds, *sizes, errors)
+    equilibria = np.linalg.solve(model.mass, structure.mass_inner(r, known)).T
+    found = RangeModel(
+        model=model,
+        centrifugal=force,
+        softening=softening,
+        coriolis=coriolis,
+        euler=structure.inner(r, frame.unit_euler_force[:, None])[:, 0],
+        inertia=np.array([frame.inertia]),
+        moments=structure.load_moments(r),
+        speeds=np.array([one.omega for one in at]),
+        equilibria=np.asarray(equilibria, np.float64),
+        modes=first.omega.size,
+        masters=first.rows.shape[0],
+        errors=RangeErrors(*np.zeros((4, 0))),
+    )
     between = [one for one in seen if one.omega not in found.speeds]
-    rows = [_errors(structure, r, found, one) for one in between]
-    return replace(found, errors=RangeErrors(*np.array(rows).T))
+    errors = [_errors(structure, r, found, one) for one in between]
+    return replace(found, errors=RangeErrors(*np.array(errors).T))
 
 
 def _errors(structure: Any, r: Array, found: RangeModel, seen: _Seen) -> tuple[float, ...]:

@@ -554,10 +554,19 @@ def component_modes(
     numbers = {"R": count - elastic, "V": elastic, "S": m}
     labels = tuple(f"{k + 1}{kind}" for kind, size in numbers.items() for k in range(size))
     held, omega = np.concatenate([masters, normal], axis=1), np.sqrt(omega_squared.clip(0.0))
-    condition = scaled_condition(contact_flexibility)
-    loads = load_vectors(structure, held, load_responses(structure))
-    found = normal, static, masters, b, inverse, labels, condition, loads, count - elastic
-    return ComponentModes(options.method, omega[:count], *found)
+    return ComponentModes(
+        method=options.method,
+        omega=omega[:count],
+        normal=normal,
+        static=static,
+        masters=masters,
+        rows=b,
+        inverse=inverse,
+        labels=labels,
+        flexibility_condition=scaled_condition(contact_flexibility),
+        loads=load_vectors(structure, held, load_responses(structure)),
+        rigid=count - elastic,
+    )
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:

@@ -99,9 +99,13 @@ def check_survival(source: str, link: str) -> None:
     """
     seconds = 60.0 + 1e-6 * Path(link).stat().st_size
     try:
-        quiet: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "check": False}
-        words = [sys.executable, "-c", _READ, link]
-        code = subprocess.run(words, timeout=seconds, **quiet).returncode
+        code = subprocess.run(
+            [sys.executable, "-c", _READ, link],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
+        ).returncode
     except subprocess.TimeoutExpired:
         reason = f"gmsh did not finish reading the file within {seconds:.0f} s; it may be damaged"
         raise refuse(source, reason) from None

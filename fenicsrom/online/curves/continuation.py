@@ -159,9 +159,14 @@ class Continuation(arc.ArcLength):
 
     def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> events.Spectrum:
         n, shooting = self.shooting.map.size, self.shooting
-        period, steps = shooting.m * problem.period, shooting.map.fractions.size - 1
-        given = self._monodromy(jacobian)[:n, :n], free, problem.model.size
-        return events.spectrum(*given, shooting.omega, period, steps)
+        return events.spectrum(
+            self._monodromy(jacobian)[:n, :n],
+            free,
+            problem.model.size,
+            shooting.omega,
+            shooting.m * problem.period,
+            shooting.map.fractions.size - 1,
+        )
 
     def _monodromy(self, jacobian: Array) -> Array:
         """The derivative (N, N) of P by s, from that (N, N + 1) of the equations."""

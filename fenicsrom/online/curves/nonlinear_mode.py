@@ -97,8 +97,8 @@ def linear_modes(problem: Problem) -> list[LinearMode]:
             continue
         square = complex(shape @ model.mass @ shape)
         omega = abs(value)
-        ratio, unit = (0.5 * float(model.damping) - value.real) / omega, shape / np.sqrt(square)
-        found.append(LinearMode(len(found) + 1, omega, ratio, q, x, unit))
+        ratio = (0.5 * float(model.damping) - value.real) / omega
+        found.append(LinearMode(len(found) + 1, omega, ratio, q, x, shape / np.sqrt(square)))
     return found
 
 

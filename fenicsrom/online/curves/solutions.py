@@ -144,8 +144,10 @@ def follow(
         raise ConvergenceError(f"no solution was found near x0 at p = {start:g}")
     found: Curve = path.run(first, direction, largest_step=largest_step, points=points)
     kept, folds = found.points, found.special
-    values = [
-        (np.array([p.s for p in part]).reshape(-1, x.size), np.array([p.parameter for p in part]))
-        for part in (kept, folds)
-    ]
-    return Solutions(*values[0], *values[1], found.reason)
+    return Solutions(
+        np.array([point.s for point in kept]),
+        np.array([point.parameter for point in kept]),
+        np.array([point.s for point in folds]).reshape(len(folds), x.size),
+        np.array([point.parameter for point in folds]),
+        found.reason,
+    )

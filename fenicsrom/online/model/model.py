@@ -460,13 +460,23 @@ def reduced_model(
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
     turning = no_turning() if turning is None else turning
-    given = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
-    mass, loads, *observed = (np.ascontiguousarray(one, np.float64) for one in given)
-    elastic, turned = _tidy(elastic), _tidy(turning)._replace(inertia=float(turning.inertia))
-    forces = _tidy(pressure, "numbers"), turned
-    work = _workspace(elastic, loads, observed[0], velocity_matrix, pressure)
-    first = mass, float(damping), elastic, loads, load_histories, _tidy(points, "contact")
-    return ReducedModel._make([*first, *observed, *forces, work])
+    elastic, contact_rows = _tidy(elastic), np.ascontiguousarray(contact_rows, np.float64)
+    return ReducedModel(
+        mass=np.ascontiguousarray(mass, np.float64),
+        damping=float(damping),
+        elastic=elastic,
+        loads=np.ascontiguousarray(loads, np.float64),
+        load_histories=load_histories,
+        points=_tidy(points, "contact"),
+        contact_rows=contact_rows,
+        contact_offset=np.ascontiguousarray(contact_offset, np.float64),
+        probe=np.ascontiguousarray(probe, np.float64),
+        probe_offset=np.ascontiguousarray(probe_offset, np.float64),
+        velocity_matrix=np.ascontiguousarray(velocity_matrix, np.float64),
+        pressure=_tidy(pressure, "numbers"),
+        turning=_tidy(turning)._replace(inertia=float(turning.inertia)),
+        work=_workspace(elastic, loads, contact_rows, velocity_matrix, pressure),
+    )
 
 
 def _workspace(

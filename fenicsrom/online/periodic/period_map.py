@@ -177,13 +177,24 @@ class PeriodMap(PeriodVariables):
         status, count = self._march(problem, plan)
         drift = drift_of(problem) if derive else None
         if drift is not None and status == DONE:
-            data = model, contacts, plan, drift
             model.work.key[:] = np.nan
             for first in range(0, count, self._rows):
                 ask()
                 last = min(first + self._rows, count)
-                rows = first, last, count
-                if not carry_derivatives(*data, self._record, *rows, REST, sliders, self.memory, s):
+                if not carry_derivatives(
+                    model,
+                    contacts,
+                    plan,
+                    drift,
+                    self._record,
+                    first,
+                    last,
+                    count,
+                    REST,
+                    sliders,
+                    self.memory,
+                    s,
+                ):
                     status = SINGULAR
                     break
         end = self._end(count, origin, derive=derive)
@@ -240,8 +251,11 @@ class PeriodMap(PeriodVariables):
         """The end of a period of `count` steps, measured from `origin` (N,)."""
         s, state = self._sensitivity, self._state
         found = self.pack(s.q, s.v, s.a, s.w) if derive else np.zeros((0, 1))
-        z = self.pack(state.q, state.v, state.a, state.contact.slider) - origin
-        record = Record._make(array[:count].copy() for array in self._record)
-        guess = np.array([state.mean_velocity, state.mean_acceleration])
-        last = float(state.scalars[LAST_STEP])
-        return PeriodEnd(z, found[:, : self.size], found[:, -1], record, guess, last)
+        return PeriodEnd(
+            z=self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
+            matrix=found[:, : self.size],
+            by_parameter=found[:, -1],
+            record=Record._make(array[:count].copy() for array in self._record),
+            guess=np.array([state.mean_velocity, state.mean_acceleration]),
+            last_step=float(state.scalars[LAST_STEP]),
+        )

@@ -505,9 +505,16 @@ def _motion(
     shooting: Shooting, s: Array, matrix: Array, free: int, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
     multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
-    z, period = shooting.unscaled(s), shooting.m * shooting.problem.period
-    judged = multipliers, verdict, free
-    return PeriodicMotion(z, period, tuple(residuals), *judged, end.record, end)
+    return PeriodicMotion(
+        z=shooting.unscaled(s),
+        period=shooting.m * shooting.problem.period,
+        residuals=tuple(residuals),
+        multipliers=multipliers,
+        verdict=verdict,
+        free_sliders=free,
+        record=end.record,
+        end=end,
+    )
 
 
 def recorded_motion(problem: Problem, z: Array, m: int = 1) -> Motion:

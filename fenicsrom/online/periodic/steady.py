@@ -306,8 +306,17 @@ class _Search:
         """Look for a motion of m periods."""
         path = self.path if m == 1 else MarchedPath(*self.shooting(m))
         shooting, s = path.shooting, path.calm_state(LARGEST_MULTIPLE if m == 1 else 0)
-        tried, none = (m, marched, iterations + 1), np.zeros(0, dtype=np.complex128)
-        search = PeriodicSearch("not found", False, None, *tried, np.inf, none, 0)
+        search = PeriodicSearch(
+            verdict="not found",
+            tends=False,
+            time=None,
+            periods=m,
+            marched=marched,
+            iterations=iterations + 1,
+            residual=np.inf,
+            multipliers=np.zeros(0, dtype=np.complex128),
+            free_sliders=0,
+        )
         ahead = shooting.march(s)
         if ahead is None:
             return Attempt(search)

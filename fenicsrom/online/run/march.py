@@ -306,9 +306,17 @@ class MarchRun:
             last = self.history[-1]
             if self.multiple > 1:
                 last = steady.periods_of(self.history, self.problem.period, self.multiple)
-        size, worn = float(self.control.size), self.problem.contacts.coating.worn
-        wear = worn if worn.size else None, self.wearing
-        return Checkpoint(self.state, last, size, span, self.buckled, self.search, *wear)
+        worn = self.problem.contacts.coating.worn
+        return Checkpoint(
+            state=self.state,
+            last=last,
+            size=float(self.control.size),
+            spans=span,
+            buckled=self.buckled,
+            search=self.search,
+            worn=worn if worn.size else None,
+            wearing=self.wearing,
+        )
 
 
 def integrate(

@@ -334,12 +334,17 @@ class RangeModel:
         """The data of a varying speed in q = q0 + Z y, without the energies at rest."""
         coriolis = self.coriolis if self.coriolis.size else np.zeros_like(self.softening)
         turned, softened = 0.5 * coriolis @ q0, self.softening @ q0
-        first, moments = np.hsplit(self.moments, [1])
-        centrifugal, euler = z.T @ (self.centrifugal + softened), z.T @ (self.euler + turned)
-        inertia = float(self.inertia[0] + (2.0 * self.centrifugal + softened) @ q0)
-        moved = np.column_stack([first[:, 0] + moments @ q0, moments @ z])
-        matrices = z.T @ self.softening @ z, z.T @ coriolis @ z
-        return Turning(history, centrifugal, *matrices, euler, inertia, moved, np.zeros((0, 3)))
+        moments = self.moments
+        return Turning(
+            history=history,
+            centrifugal=z.T @ (self.centrifugal + softened),
+            softening=z.T @ self.softening @ z,
+            coriolis=z.T @ coriolis @ z,
+            euler=z.T @ (self.euler + turned),
+            inertia=float(self.inertia[0] + (2.0 * self.centrifugal + softened) @ q0),
+            moments=np.column_stack([moments[:, 0] + moments[:, 1:] @ q0, moments[:, 1:] @ z]),
+            rest=np.zeros((0, 3)),
+        )
 
     def vectors(
         self, omega: float, interface_modes: bool, nonlinear: bool

@@ -336,9 +336,17 @@ def peak(
     recovered = table.at_vertices(stress)
     vertex, point = von_mises(recovered), von_mises(stress)
     k, p = int(np.argmax(vertex)), int(np.argmax(point))
-    there = float(vertex[k]), table.vertex_position[k], principal(recovered[k])
-    inside = float(point[p]), table.position[p]
-    return Peak(state, time, coordinates, *there, *inside, frequency)
+    return Peak(
+        state=state,
+        time=time,
+        coordinates=coordinates,
+        von_mises=float(vertex[k]),
+        position=table.vertex_position[k],
+        principal=principal(recovered[k]),
+        point_von_mises=float(point[p]),
+        point_position=table.position[p],
+        frequency=frequency,
+    )
 
 
 def equilibrium_peak(table: StressTable, measure: str) -> Peak:
