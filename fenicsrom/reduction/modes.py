@@ -531,10 +531,9 @@ def component_modes(
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
     free = structure.free - (0 if rubin else m)
     omega_squared, normal, elastic = solve_eigenmodes(structure, inverse, options.modes, free)
-    if rigid is not None:
-        omega_squared = np.append(np.zeros(rigid.shape[1]), omega_squared)
-        normal = np.concatenate([rigid, normal], axis=1)
-    count = elastic + (0 if rigid is None else rigid.shape[1])
+    rigid = normal[:, :0] if rigid is None else rigid
+    omega_squared = np.append(np.zeros(rigid.shape[1]), omega_squared)
+    normal, count = np.concatenate([rigid, normal], axis=1), rigid.shape[1] + elastic
     # of a body with Coriolis forces the whole pencil was judged (`fem.equilibrium.buckling`)
     if structure.gyroscopic is None and np.any(omega_squared < 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
@@ -543,15 +542,9 @@ def component_modes(
     normal = align_modes(structure, omega_squared, normal)[:, :count]
     static = masters
     if rubin:
-        # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
-        # non-diagonal
-        inertia = structure.mass_times(normal)
-        flexibility: Array = np.zeros((0, 0))
-        if count:
-            flexibility = structure.inner(inertia, inverse.solve(inertia))
-        static = attachment - normal @ (flexibility @ structure.inner(normal, b.T))
+        static = _residual_attachments(structure, normal, b, attachment)
         contact_flexibility = structure.inner(b.T, static)
-    numbers = {"R": count - elastic, "V": elastic, "S": m}
+    numbers = {"R": rigid.shape[1], "V": elastic, "S": m}
     labels = tuple(f"{k + 1}{kind}" for kind, size in numbers.items() for k in range(size))
     held, omega = np.concatenate([masters, normal], axis=1), np.sqrt(omega_squared.clip(0.0))
     return ComponentModes(
@@ -565,8 +558,22 @@ def component_modes(
         labels=labels,
         flexibility_condition=scaled_condition(contact_flexibility),
         loads=load_vectors(structure, held, load_responses(structure)),
-        rigid=count - elastic,
+        rigid=rigid.shape[1],
     )
+
+
+def _residual_attachments(
+    structure: Structure, normal: Array, rows: Array, attachment: Array
+) -> Array:
+    """Ψʳ (local, m) of attachment modes G (local, m), without the part of modes (local, v).
+
+    The modal flexibility is 1/ω²; rotated modes of a split pair make it slightly non-diagonal.
+    """
+    if not normal.shape[1]:
+        return attachment
+    inertia = structure.mass_times(normal)
+    flexibility = structure.inner(inertia, structure.factor.solve(inertia))
+    return attachment - normal @ (flexibility @ structure.inner(normal, rows.T))
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:

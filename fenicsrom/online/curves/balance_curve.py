@@ -31,7 +31,6 @@ from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK, scheme
 DIFFERENCE = 1e-6
 """Step of the differences by the parameter, relative to it or, at zero, to the range."""
 
-
 WEAK = 0.01  # factor on the loads at which a motion is sought from rest
 LOAD_POINTS = 400  # largest number of points over this factor
 

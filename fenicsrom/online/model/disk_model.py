@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
@@ -38,6 +39,8 @@ from fenicsrom.online.model.model import ReducedModel, Tangent
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.schema import Deviation
+
+Complex = NDArray[np.complex128]
 
 
 class Sector(NamedTuple):
@@ -63,15 +66,31 @@ class Sector(NamedTuple):
         """Pᵀ diag(A_0, A_1, ..) P of (1), of matrices (N or 1, n, n) of the sectors."""
         return CyclicMatrix(sectors, blocks, self.shapes, self.neighbour)
 
+    def in_waves(self, angles: Array) -> tuple[Complex, Complex]:
+        """The coordinates and the contact displacements of a sector in waves.
+
+        Args:
+            angles: (k,) by which the next sector is ahead, rad.
+
+        Returns:
+            Rows (k, n, n - m) of q, and rows (k, m_c, n - m) of the m_c contact displacements, by
+            the coordinates (η, y).
+        """
+        n, m = self.model.size, self.shapes
+        angles = angles[:, None, None]
+        joined = np.tile(np.eye(n, n - m, dtype=complex), (len(angles), 1, 1))
+        joined[:, n - m :, n - 2 * m :] = np.exp(1j * self.neighbour * angles) * np.eye(m)
+        rows = self.model.contact_rows + (np.exp(1j * angles) - 1.0) * self.ahead
+        return joined, rows @ joined
+
     def wave_frequencies(self, h: int, sectors: int) -> Array:
         """Natural frequencies of the waves with h nodal diameters, ascending, Hz."""
-        n, m = self.model.size, self.shapes
-        joined = np.eye(n, n - m, dtype=complex)
-        phase = np.exp(2j * np.pi * self.neighbour * h / sectors)
-        joined[n - m :, n - 2 * m :] = phase * np.eye(m)
-        rows = self.model.contact_rows + (np.exp(2j * np.pi * h / sectors) - 1.0) * self.ahead
-        held = self.model.elastic.stiffness + rows.conj().T @ (self.springs[:, None] * rows)
-        stiffness, mass = (joined.conj().T @ matrix @ joined for matrix in (held, self.model.mass))
+        (joined,), (rows,) = self.in_waves(np.array([2.0 * np.pi * h / sectors]))
+        stiffness, mass = (
+            joined.conj().T @ matrix @ joined
+            for matrix in (self.model.elastic.stiffness, self.model.mass)
+        )
+        stiffness = stiffness + rows.conj().T @ (self.springs[:, None] * rows)
         squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
         return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 

@@ -27,18 +27,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compilation import compiled
-from fenicsrom.online.model.disk_model import Sector
+from fenicsrom.online.model.disk_model import Complex, Sector
 from fenicsrom.online.model.loads import OMEGA, factors_along
-from fenicsrom.online.model.model import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.online.periodic.orbit import Orbit, periodic_orbit
 from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK, Record, no_record
-
-Complex = NDArray[np.complex128]
 
 INSTANTS = 256
 """Fewest steps of a period, along whose chords contact forces are off by about 4e-5."""
@@ -49,6 +46,12 @@ def forces_along(polynomial: ElasticPolynomial, q: Array, force: Array, tangent:
     """Write the elastic forces (T, e) and tangents (T, e, e) at the instants of a motion (T, e)."""
     for row in range(q.shape[0]):
         elastic_force(polynomial, q[row], force[row], tangent[row])
+
+
+def _damping(model: ReducedModel) -> Array:
+    """α M + D (n, n) of a model, kg/s."""
+    found = model.damping * model.mass
+    return found + model.velocity_matrix if model.velocity_forces else found
 
 
 def waves_of(harmonics: int, instants: int, first: float = 0.0) -> Array:
@@ -154,14 +157,9 @@ class Balance:
         self._joined = np.eye(n, dtype=complex)[None]
         self._through = self.rows @ self._joined
         if sector is not None:
-            m, orders = sector.shapes, np.arange(self.harmonics + 1)[:, None, None]
-            phase = np.exp(1j * sector.neighbour * lag * orders)
-            face = np.concatenate([np.zeros((m, n - 2 * m)), np.eye(m)], axis=1)
-            own = np.broadcast_to(np.eye(n - m), (len(phase), n - m, n - m))
-            self._joined = np.concatenate([own, phase * face], axis=1)
-            ahead = np.zeros(rows.shape)
-            ahead[self._nonlinear :][: len(sector.ahead)] = sector.ahead
-            self._through = (rows + (np.exp(1j * lag * orders) - 1.0) * ahead) @ self._joined
+            self._joined, pairs = sector.in_waves(lag * np.arange(self.harmonics + 1))
+            self._through = self.rows @ self._joined
+            self._through[:, held] = pairs
         feels = np.sum(self.rows * np.linalg.solve(model.mass, self.rows.T).T, axis=1)
         self.scale = 1.0 / np.sqrt(np.maximum(feels, 1e-300))
         self.instants = finer * max(8 * self.harmonics, INSTANTS)
@@ -242,21 +240,11 @@ class Balance:
         push = phasors(self._weights @ factors_along(model.load_histories, times)) @ model.loads.T
         push[0] -= model.elastic.force
         speeds = 2j * np.pi / problem.period * np.arange(self.harmonics + 1)[:, None, None]
-        damping = model.damping * model.mass
-        if model.velocity_forces:
-            damping = damping + model.velocity_matrix
-        dynamic = model.elastic.stiffness + speeds * damping + speeds**2 * model.mass
-        joined = np.conj(np.swapaxes(self._joined, 1, 2))
-        right = np.concatenate(
-            [
-                joined @ push[:, :, None],
-                np.broadcast_to(
-                    np.conj(np.swapaxes(self._through, 1, 2)),
-                    (len(push), joined.shape[1], len(self.rows)),
-                ),
-            ],
-            axis=2,
-        )
+        dynamic = model.elastic.stiffness + speeds * _damping(model) + speeds**2 * model.mass
+        joined, through = (np.conj(a.swapaxes(1, 2)) for a in (self._joined, self._through))
+        pushed = joined @ push[:, :, None]
+        through = np.broadcast_to(through, (len(push), *through.shape[1:]))
+        right = np.concatenate([pushed, through], axis=2)
         solved = np.linalg.solve(joined @ dynamic @ self._joined, right)
         return solved[:, :, 0], solved[:, :, 1:]
 
@@ -320,10 +308,7 @@ class Balance:
             rows.friction_dissipation[:, p] = np.cumsum(orbit.dissipated)
             rows.state[:, p] = orbit.state
         rows.energies[:] = np.nan
-        speed = state[1]
-        damping = model.damping * model.mass
-        if model.velocity_forces:
-            damping = damping + model.velocity_matrix
-        lost = np.einsum("ti,ij,tj->t", speed, damping, speed) * problem.period / count
+        power = np.einsum("ti,ij,tj->t", state[1], _damping(model), state[1])
+        lost = power * problem.period / count
         rows.energies[:, DAMPING_DISSIPATION - WORK] = np.cumsum(lost)
         return rows
