@@ -40,12 +40,13 @@ def solid(run: Run, modes_only: bool = False) -> None:
     import numpy as np
 
     from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
+    from fenicsrom.fem.body.free_bodies import require_small
     from fenicsrom.fem.solid.solid import solid_of
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh, free=True)
     if not modes_only:
-        body.require_small()
+        require_small(body)
     for text in body.warnings:
         if has_kind([text], NoteKind.IMPLAUSIBLE, NoteKind.UNSTABLE):
             log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long

@@ -64,6 +64,7 @@ def set_up(scene: Scene) -> Solid:
     """
     from mpi4py import MPI
 
+    from fenicsrom.fem.body.free_bodies import require_small
     from fenicsrom.fem.mesh.mesh import build_mesh
     from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
     from fenicsrom.study.stopwatch import Stopwatch
@@ -74,7 +75,7 @@ def set_up(scene: Scene) -> Solid:
     with watch("supports, loads and contacts"):
         solid = solid_of(scene, mesh, UNDEFORMED, free=True)
     if not scene.static_only:
-        solid.require_small()
+        require_small(solid)
     return solid
 
 

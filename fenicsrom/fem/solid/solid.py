@@ -20,14 +20,20 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.attachments import attach, set_bolts
 from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody
+from fenicsrom.fem.body.free_bodies import (
+    balanced_loads,
+    free_motions_of,
+    mass_orthonormal,
+    require_held,
+)
 from fenicsrom.fem.body.loads import FollowerPressures, load_vector
 from fenicsrom.fem.body.pairs import pair_rows
 from fenicsrom.fem.body.places import Places
-from fenicsrom.fem.body.supports import free_motions, loose, pieces_apart
+from fenicsrom.fem.body.supports import pieces_apart
 from fenicsrom.fem.body.ties import tie
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
@@ -47,13 +53,9 @@ from fenicsrom.scene import Attachment, Contact, Load, Place, Scene
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.scene.keys.unit_system import LENGTHS
-from fenicsrom.words import counted
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""
-
-ROUNDING = 1e-9
-"""A smaller part of a load that deforms a free body, or of its rigid motions, counts as zero."""
 
 DIFFERENCE_STEP = 0.1
 """Largest displacement of the central difference of the tangent, relative to the extent."""
@@ -156,7 +158,7 @@ class Solid(ElasticBody):
         linked = self.joined or scene.ties or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
             self.warnings.append(Note(NoteKind.APART, sentence, "geometry"))
-        self._find_free_motions(scene, springs)
+        self.free_motions = free_motions_of(self, scene, springs)
         self.room = self._room()
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
@@ -239,58 +241,10 @@ class Solid(ElasticBody):
             self.joint = Rubbing(self.contact_rows, self._contacts, self.equilibrium)
         return self.joint
 
-    def _find_free_motions(self, scene: Scene, springs: csr_array) -> None:
-        """Find the rigid motions that neither supports nor springs (local, local) hold.
-
-        Raises:
-            SceneError: they are free although there are supports; or something would move the body
-                along them for ever, or hold it: a static load, a wall, a rotation or a dashpot to
-                the ground, or it is a sector.
-        """
-        found = free_motions(self, springs)
-        self.free_motions = found.fields @ found.free
-        if found.free.size and scene.supports:
-            raise loose(self, found)
-        dragged, size = abs(self.dashpots @ self.free_motions), abs(self.dashpots).max()
-        given = {
-            "rotation": scene.rotation,
-            "cyclic": scene.cyclic,
-            "static loads": [one for one in scene.loads if one.static or one.follower],
-            "walls": [one for one in scene.contacts if one.against is None],
-            "dashpots to the ground": self.comm.allreduce(bool((dragged > ROUNDING * size).any())),
-        }
-        for key, table in given.items() if found.free.size else ():
-            if table:
-                raise self.drifting(f"a scene with {key}")
-
-    def require_small(self) -> None:
-        """Refuse motions of a free body in large displacements, which would turn it.
-
-        Raises:
-            SceneError: the body is free, and displacements may be large.
-        """
-        if self.free_motions.shape[1] and self.geometrically_nonlinear:
-            raise self.drifting("large displacements (geometrically_nonlinear = true)")
-
-    def drifting(self, where: str) -> SceneError:
-        """The error of rigid motions that nothing holds."""
-        allowed = (
-            f"{counted(self.free_motions.shape[1], 'rigid motion')} would let the body drift in "
-            f"{where}: hold it by supports or by springs to the ground; free bodies are allowed in "
-            "fenicsrom modes and, with geometrically_nonlinear = false, in run, sweep, response, "
-            "backbone and ringdown, without static loads, walls, [rotation], [cyclic] and dashpots "
-            "to the ground"
-        )
-        return Where(self.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
-
     @cached_property
     def rigid(self) -> Array:
         """(local, r) mass-orthonormal rigid motions that nothing holds."""
-        motions = self.free_motions
-        if not motions.shape[1]:
-            return motions
-        values, vectors = np.linalg.eigh(self.mass_inner(motions, motions))
-        return np.asarray(motions @ vectors / np.sqrt(values))
+        return mass_orthonormal(self, self.free_motions)
 
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
@@ -385,33 +339,12 @@ class Solid(ElasticBody):
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
-        if self.rigid.shape[1]:
-            self._balance_loads()
+        self.load_vectors = balanced_loads(self, self.load_vectors)
         self.load_histories = histories_of(self.loads)
         self.pressures = FollowerPressures(self, self.loads)
         constant = [load.static and not load.follower for load in self.loads]
         sizes = np.where(constant, [load.size for load in self.loads], 0.0)
         self.static_load = self.load_vectors @ sizes
-
-    def _balance_loads(self) -> None:
-        """Take the inertia forces of the rigid acceleration off the loads of a free body.
-
-        The rest, (I − M R Rᵀ) p, deforms the body, and moves it relative to its rigid motion.
-
-        Raises:
-            SceneError: a load deforms nothing.
-        """
-        whole, turned = self.load_vectors, self.inner(self.rigid, self.load_vectors)
-        self.load_vectors = whole - self.mass_times(self.rigid) @ turned
-        sizes = [np.sqrt(self.comm.allreduce(np.sum(a**2, 0))) for a in (self.load_vectors, whole)]
-        for k in np.flatnonzero(sizes[0] <= ROUNDING * sizes[1]):
-            reason = "it deforms nothing: it moves the body, which nothing holds, as a rigid one"
-            raise refuse(self.source, reason, ErrorKind.SUPPORT, f"loads[{k}]")
-        if np.any(turned):
-            count = counted(len(turned), "rigid motion")
-            text = f"nothing holds the body: its {count} are left out, and displacements are "
-            text += "relative to them"
-            self.warnings.append(Note(NoteKind.REMARK, text, "supports"))
 
     def _assembled_loads(self) -> Array:
         """The load vectors (local, loads) of all loads."""
@@ -711,8 +644,8 @@ def solid_of(
             raise
         cause = f"{error}; {suspicious[0]}"
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
-    if not free and found.free_motions.shape[1]:
-        raise found.drifting("this command")
+    if not free:
+        require_held(found, "this command")
     found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
 
