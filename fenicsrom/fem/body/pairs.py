@@ -80,6 +80,12 @@ BETWEEN = 1e-6
 """A facet between two points lies by this part of their distance away from both."""
 
 
+def lagrange(kind: Any, degree: int) -> Any:
+    """The Lagrange element of basix that dolfinx takes on cells or facets of a kind."""
+    variant = basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, kind, degree, variant)
+
+
 class Side:
     """Some facets (F,), all of one kind, with their nodes.
 
@@ -98,8 +104,7 @@ class Side:
         below = body.dimension - 1
         cells, numbers = body.mesh.sides(below, facets).T
         self.kind = basix.cell.subentity_types(body.mesh.domain.basix_cell())[below][0]
-        family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
-        self.element = basix.create_element(family, self.kind, body.geometry.degree, variant)
+        self.element = lagrange(self.kind, body.geometry.degree)
         self.cells = cells
         dofs, places = body.space.dofmap, body.space.tabulate_dof_coordinates()[:, : below + 1]
         layout, ways = dofs.dof_layout, range(int(np.max(numbers, initial=0)) + 1)
@@ -216,7 +221,7 @@ def _quadrature(side: Side, whole: bool) -> tuple[Ints, Array, Array, Ints, Arra
         Facets (q,), reference points (q, d - 1), weights (q,) with the thickness, in m², and the
         nodes (q, c) at the corners of the part of each point with the values (q, c) of their hats.
     """
-    hats = basix.create_element(basix.ElementFamily.P, side.kind, 1)
+    hats = lagrange(side.kind, 1)
     points, weights = basix.make_quadrature(side.kind, 2 * GAUSS_POINTS * (1 + whole) - 1)
     values, count = hats.tabulate(1, points)[..., 0], len(side.x)
     facets = np.repeat(np.arange(count), len(points))
@@ -290,14 +295,14 @@ def opposite(
         raise _refused(body, f"other facets lie between the region and {pair.against!r}", key)
     size = len(body.space.tabulate_dof_coordinates())
     return Opposite(
-        csr_array(sparse_rows(corners, weights[:, None] * hats, size).T),
-        1.0 * seen,
-        on,
-        x,
-        sparse_rows(a.nodes[facets], shapes, size),
-        sparse_rows(b.nodes[on], shapes_b, size),
-        normal,
-        np.einsum("qd,qd->q", normal, y - x),
+        hats=csr_array(sparse_rows(corners, weights[:, None] * hats, size).T),
+        seen=1.0 * seen,
+        on=on,
+        place=x,
+        first=sparse_rows(a.nodes[facets], shapes, size),
+        second=sparse_rows(b.nodes[on], shapes_b, size),
+        normal=normal,
+        gap=np.einsum("qd,qd->q", normal, y - x),
     )
 
 

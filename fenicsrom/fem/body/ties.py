@@ -18,11 +18,19 @@ both bodies turn together, through gaps and chords of curved faces too.
 from dataclasses import replace
 from typing import Any
 
-import basix
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from fenicsrom.fem.body.pairs import Opposite, Side, averages, opposite, sides_of, sparse_rows, tell
+from fenicsrom.fem.body.pairs import (
+    Opposite,
+    Side,
+    averages,
+    lagrange,
+    opposite,
+    sides_of,
+    sparse_rows,
+    tell,
+)
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.scene import Region, Tie
 
@@ -61,8 +69,7 @@ def tie(body: Any, one: Tie, number: int) -> tuple[csr_array, Ints]:
 def _continued(body: Any, side: Side, found: Opposite) -> csr_array:
     """Sparse rows (q, nodes) of the displacement u_B at the points X that B lies opposite."""
     domain, space = body.mesh.domain, body.space
-    family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
-    element = basix.create_element(family, domain.basix_cell(), body.geometry.degree, variant)
+    element = lagrange(domain.basix_cell(), body.geometry.degree)
     d, geometry = body.dimension, domain.geometry
     cells, values = side.cells[found.on], np.zeros((len(found.on), element.dim))
     seen = found.seen > 0.0

@@ -179,8 +179,8 @@ def _require_planes(body: Any, contacts: Contacts, x: Array) -> None:
     pressing = (trial_forces(contacts, x) > 0.0) & (contacts.kind != PLANE)
     if pressing.any():
         where = Where(body.source, f"contacts[{body.points.contact[np.argmax(pressing)]}].surface")
-        allowed = "must not press before the motion begins, with a contact against a region of the "
-        allowed += "body: give a gap, and an approach"
+        allowed = "must not press on the body before the motion begins, because another contact is "
+        allowed += "against a region of the body: give this contact a gap, and an approach"
         raise where.refuse("a table", allowed, ErrorKind.CONFLICT)
 
 

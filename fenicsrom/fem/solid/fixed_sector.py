@@ -76,12 +76,16 @@ def wave_diameters(scene: Scene) -> list[int]:
 
 
 def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
-    """Reduce the sector of a scene, and judge its waves. Collective; arguments and errors as below.
+    """Reduce the sector of a scene, and judge its waves. Collective.
 
     Args:
         scene: a scene with the table [cyclic].
         mesh: the mesh of a sector.
         timed: gives a context that times the stage of a name.
+
+    Raises:
+        SceneError, ConvergenceError, AccuracyError: as `solid_of`, `reduced_sector` and, with
+            `interface` vectors that motions choose, `train`.
     """
     with timed("solid"):
         body = solid_of(scene, mesh)

@@ -1,11 +1,10 @@
 """Points of a curve of periodic motions: amplitudes, harmonics, states, polynomials through them.
 
-Amplitudes between the samples of a period.
+The largest sample of a period jumps as the crest moves between the samples. A parabola through the
+largest sample and its neighbours gives a smooth amplitude, with an error of fourth order in the
+step.
 
-The largest of some samples jumps as the crest moves between them. A parabola through the largest
-sample and its neighbours gives a smooth amplitude, with an error of fourth order in the step.
-
-Changes of sign of a function of the points along a curve.
+`bracketed` finds where a function of the points along a curve changes its sign.
 """
 
 import math

@@ -24,7 +24,7 @@ i <= j <= k <= l differ. The value of i <= j <= k <= l stands at the place
 
     C(i, 1) + C(j + 1, 2) + C(k + 2, 3) + C(l + 3, 4)    (combinatorial number system)
 
-Scratch arrays of a reduced model.
+`Workspace` has the scratch arrays of a reduced model.
 """
 
 from collections.abc import Iterator
