@@ -235,6 +235,13 @@ def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:
         np.testing.assert_allclose(*squares, rtol=1e-6)
 
 
+@pytest.mark.parametrize("reach", [{}, {"reach": 0.01}])
+def test_neighbour_that_a_contact_lacks_is_named(tmp_path: Path, reach: dict[str, float]) -> None:
+    scene = sector_scene(tmp_path, shrouded(), [SHROUD | {"neighbour": False} | reach])
+    with refusal(ErrorKind.PLACE, key="contacts[0].against", names="neighbour = true"):
+        build_solid(scene, MPI.COMM_SELF)
+
+
 def test_neighbour_without_a_disk_or_a_region_is_refused(tmp_path: Path) -> None:
     with refusal(ErrorKind.CONFLICT, key="contacts[0].neighbour", names="with [cyclic]"):
         points, cells, ends = shrouded()

@@ -299,7 +299,10 @@ def test_mistuned_run_reports_amplification_and_shares(
     found = run(scene, folder=tmp_path / "out")
     told = json.loads((tmp_path / "out" / "disk.json").read_text())
     assert told["amplification"] == found.amplification > 1.0
-    unknown = MotionErrors(np.inf, np.inf, (0.01, np.inf))
+    large, unknown = MotionErrors(0.1, 0.1, (0.05, 0.2)), MotionErrors(np.inf, np.inf, (0.01,))
+    assert "20 % by the basis" in " ".join(
+        report(replace(found, errors={"basis": large})).sentences
+    )
     written = report(replace(found, errors={"time step": unknown}))
     assert json.loads(json.dumps(written.summary["estimated_error_percent"], allow_nan=False))
     assert "inf" not in " ".join(written.sentences)
@@ -326,16 +329,22 @@ def test_mistuned_run_reports_amplification_and_shares(
 
 
 @pytest.mark.parametrize(
-    ("key", "more"),
+    ("kind", "key", "more", "said"),
     [
-        ("damping.ratios", {"damping": {"ratios": 0.01}}),
-        ("output.animation", {"output": {"animation": True}}),
+        (ErrorKind.CONFLICT, "damping.ratios", {"damping": {"ratios": 0.01}}, "damping.stiffness"),
+        (
+            ErrorKind.CONFLICT,
+            "output.animation",
+            {"output": {"animation": True}},
+            "in a run of a disk",
+        ),
+        (ErrorKind.MISSING, "loads", {"loads": [], "contacts": [], "time": {}}, "no load varies"),
     ],
 )
 def test_run_of_a_disk_refuses_what_it_cannot_do(
-    tmp_path: Path, key: str, more: dict[str, Any]
+    tmp_path: Path, kind: ErrorKind, key: str, more: dict[str, Any], said: str
 ) -> None:
-    with refusal(ErrorKind.CONFLICT, key=key, names="in a run of a disk"):
+    with refusal(kind, key=key, names=said):
         run(sector_scene(tmp_path, 1, **more))
 
 

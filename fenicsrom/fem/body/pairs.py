@@ -277,6 +277,8 @@ def opposite(
         whole: take the hats of the corners of the facets of A, and not those of their parts.
     """
     a, b, *others = sides
+    may_be_next = body.cut is not None and isinstance(pair, Contact) and not pair.neighbour
+    elsewhere = "; if it touches the next sector, set neighbour = true" * may_be_next
     facets, points, weights, corners, hats = _quadrature(a, whole)
     x, along, shapes = a.at(facets, points)
     on, place, distance = b.closest(x)
@@ -286,13 +288,16 @@ def opposite(
     if not seen.any():
         far = np.min(np.where(np.isfinite(distance), distance, np.linalg.norm(x - y, axis=1)))
         reason = f"no facet of {pair.against!r} lies opposite those of the other region"
-        raise _refused(body, f"{reason} within its reach; the nearest is {far:.3g} m away", key)
+        reason = f"{reason} within its reach; the nearest is {far:.3g} m away{elsewhere}"
+        raise _refused(body, reason, key)
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
-        raise _refused(body, "the outer normals of the two regions are not opposite", key)
+        reason = f"the outer normals of the two regions are not opposite{elsewhere}"
+        raise _refused(body, reason, key)
     away = np.flatnonzero(seen & (distance > INSIDE * a.size.mean()))
     seen[away] = ~np.any([other.crosses(x[away], y[away]) for other in others], axis=0)
     if not seen.any():
-        raise _refused(body, f"other facets lie between the region and {pair.against!r}", key)
+        reason = f"other facets lie between the region and {pair.against!r}{elsewhere}"
+        raise _refused(body, reason, key)
     size = len(body.space.tabulate_dof_coordinates())
     return Opposite(
         hats=csr_array(sparse_rows(corners, weights[:, None] * hats, size).T),

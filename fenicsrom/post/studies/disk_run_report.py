@@ -10,7 +10,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import contact_quantities, in_percent
 from fenicsrom.assess.rotation.disk_run import DiskRun
-from fenicsrom.notes import AMPLITUDES, FREQUENCIES, STRESSES
+from fenicsrom.notes import AMPLITUDES, FREQUENCIES
 from fenicsrom.online.motion.measures import (
     contact_fractions,
     friction_dissipation_per_period,
@@ -96,12 +96,13 @@ def sentences(found: DiskRun) -> list[str]:
     motion, peaks, shares, sector = found.motion, found.peaks, found.shares, found.disk.sector
     j, h = int(np.argmax(peaks)), int(np.argmax(shares))
     checked, error = found.disk.wave_error
+    unlike = ", for which it was not made," * (checked not in found.disk.diameters)
     span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
     lines = [
         f"The mesh is {found.disk.sentence}.",
         f"{counted(found.model.mass.shape[0], 'coordinate')}, {sector.shapes} shapes of each cut "
         f"face; {counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
-        f"changes frequencies of waves with {counted(checked, 'nodal diameter')} by "
+        f"changes frequencies of waves with {counted(checked, 'nodal diameter')}{unlike} by "
         f"{100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
         f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion is in "
@@ -119,15 +120,18 @@ def sentences(found: DiskRun) -> list[str]:
             f"time, slips for {parts['slip']} and sticks for {parts['stick']}. The largest normal "
             f"force of a point is {peak_normal_force(motion):.4g} N."
         )
-    known = {c: each.amplitude for c, each in found.errors.items() if np.isfinite(each.amplitude)}
+    worst = {cause: max(each.amplitude, *each.directions) for cause, each in found.errors.items()}
+    known = [f"{in_percent(size)} by the {c}" for c, size in worst.items() if np.isfinite(size)]
     if known:
         where = "contact points" if found.scene.contacts else "probe of sector 0"
-        sizes = [f"{in_percent(size)} by the {c}" for c, size in known.items()]
-        lines.append(f"Estimated errors of the amplitudes of the {where}: {enumerated(sizes)}.")
-    if found.peaks_of_stress:
-        worst = max(found.peaks_of_stress, key=lambda each: each.von_mises)
         lines.append(
-            f"The largest von Mises stress is {1e-6 * worst.von_mises:.4g} MPa, in {worst.state}."
+            f"Estimated errors of the amplitudes of the {where}, of the worst direction: "
+            f"{enumerated(known)}."
+        )
+    if found.peaks_of_stress:
+        peak = max(found.peaks_of_stress, key=lambda each: each.von_mises)
+        lines.append(
+            f"The largest von Mises stress is {1e-6 * peak.von_mises:.4g} MPa, in {peak.state}."
         )
     return lines
 
@@ -207,7 +211,7 @@ def report(found: DiskRun) -> Report:
         quantities=[FREQUENCIES, *(moved if found.errors else [])],
         unjudged=[
             *([] if found.errors else moved),
-            *([STRESSES] if found.peaks_of_stress else []),
+            *(["stresses"] if found.peaks_of_stress else []),
             "errors of the mesh",
         ],
     )

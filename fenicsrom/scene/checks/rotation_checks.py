@@ -4,7 +4,7 @@ import math
 from dataclasses import MISSING
 from operator import mul, sub
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
 from fenicsrom.scene.base.tables import require_none
 from fenicsrom.scene.checks.curve_checks import speed_problems
@@ -82,14 +82,15 @@ def require_disk_run(scene: Scene) -> None:
     Raises:
         SceneError: it cannot.
     """
+    if scene.static_only:
+        reason = "no load varies in time; a run of a disk needs one, or a time.duration"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
     require_none(_disk_run_problems(scene), scene, Where(scene.source))
 
 
 def _disk_run_problems(scene: Scene) -> Problems:
     """Yield what a run of a disk cannot do."""
     rotation = scene.rotation
-    if scene.static_only:
-        yield Problem("loads", "none varies in time, so nothing moves", value="tables")
     if not scene.contacts and not scene.probe:
         yield Problem("probe", "must be a table: the motion is seen there", value=MISSING)
     unusual: dict[str, object] = {
@@ -104,8 +105,9 @@ def _disk_run_problems(scene: Scene) -> Problems:
     }
     for k, load in enumerate(scene.loads):
         unusual[f"loads[{k}].sweep"] = load.order and load.transient
+    instead = {"damping.ratios": "; use damping.stiffness or material.mass_damping"}
     for key in filter(unusual.get, unusual):
-        yield Problem(key, "not allowed in a run of a disk ([cyclic])")
+        yield Problem(key, f"not allowed in a run of a disk ([cyclic]){instead.get(key, '')}")
 
 
 def _origin(rotation: Rotation | None, scene: Scene) -> tuple[float, ...]:
