@@ -10,8 +10,8 @@ point between two of them takes their verdict if they agree; otherwise one more 
 is judged. The stability of a wave of a disk is not judged.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.pieces import CurveWalk
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of
-from fenicsrom.assess.curves.results import CurveFile, Reduced, ResponseCurve, response_table
+from fenicsrom.assess.curves.results import Reduced, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import SAME_MOTION, SHARE, Check, RicherModel, change, selected
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.notes import AMPLITUDES
@@ -78,18 +78,12 @@ def balanced_motion(stored: Reduced, point: CurvePoint) -> Motion:
 class BalanceWalk(CurveWalk):
     """Follows one curve by harmonic balance."""
 
-    def __init__(
-        self,
-        stored: Reduced,
-        curve: ResponseCurve,
-        report: Callable[[float, str], None],
-        file: CurveFile | None = None,
-    ):
-        """Begin at the points that the curve has; arguments as `CurveWalk`."""
-        super().__init__(stored, curve, report, file)
-        self._balance = balance_of(stored, self.family, FIRST)
-        if curve.points:
-            self._balance = balance_at(stored, self.family, curve.points[0])
+    @cached_property
+    def _balance(self) -> Balance:
+        """The equations with the harmonics of the points of the curve, or with the first ones."""
+        if self.curve.points:
+            return balance_at(self.stored, self.family, self.curve.points[0])
+        return balance_of(self.stored, self.family, FIRST)
 
     def path(self, motion: CurvePoint | PeriodicMotion, periods: int = 1) -> BalanceCurve:  # type: ignore[override]
         """The continuation of motions with the harmonics of a motion."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -76,6 +76,11 @@ class DiskRun:
     unfinished: ConvergenceError | AccuracyError | None = None
     interrupted: bool = False
     files: list[Path] = field(default_factory=list)
+
+    @property
+    def ended(self) -> bool:
+        """Whether a motion ended early, or is refused."""
+        return self.interrupted or self.unfinished is not None
 
     @property
     def scene(self) -> Scene:
@@ -204,32 +209,34 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     """
     begin, scene, sector = working_time(), disk.scene, disk.sector
     whole, delta = disk_scene(scene), deviations(scene)
-    model, tuned, ended = disk_model(sector, whole, delta), None, dict[str, Any]()
+    model = disk_model(sector, whole, delta)
     with timed("disk motion"):
-        motion = _motion(model, whole, stop, ended)
-    peaks, errors = list[Peak](), dict[str, MotionErrors]()
-    warnings = [*reduction_notes(disk), *beyond(disk.trained, scene, probe_amplitude(motion))]
+        motion, unfinished, interrupted = _motion(model, whole, stop)
+    found = DiskRun(disk=disk, model=model, mistuning=delta, motion=motion)
+    found.unfinished, found.interrupted = unfinished, interrupted
+    warnings = found.warnings
+    warnings += [*reduction_notes(disk), *beyond(disk.trained, scene, probe_amplitude(motion))]
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
     warnings += _slides(disk, motion) if scene.joined else []
     try:
-        if delta.any() and not ended:
+        if delta.any() and not found.ended:
             with timed("motion of the tuned disk"):
                 equal = disk_model(sector, whole, np.zeros_like(delta))
-                tuned = _motion(equal, whole, stop, ended)
+                found.tuned, found.unfinished, found.interrupted = _motion(equal, whole, stop)
         if disk.table is not None and scene.output.stresses != "none":
             with timed("stresses"):
-                peaks = _peaks(disk.table, scene, model, motion)
-            deformed = extremes([deformation_at(disk.table, each.coordinates) for each in peaks])
-            warnings += strain_warnings([("in the motion", deformed)])
-        if not ended:
+                found.peaks_of_stress = _peaks(disk.table, scene, model, motion)
+            states = [deformation_at(disk.table, at.coordinates) for at in found.peaks_of_stress]
+            warnings += strain_warnings([("in the motion", extremes(states))])
+        if not found.ended:
             with timed("errors of the steps and of the reduction"):
-                _estimate(disk, whole, delta, model, motion, errors)
-            warnings += error_notes(whole, errors, motion)
+                _estimate(disk, whole, delta, model, motion, found.errors)
+            warnings += error_notes(whole, found.errors, motion)
     except AccuracyError as failure:
-        ended["unfinished"] = failure
+        found.unfinished = failure
     except KeyboardInterrupt:
-        ended["interrupted"] = True
+        found.interrupted = True
     wanted = {
         "output.stresses": scene.output.stresses != "none",
         "output.motion": scene.output.motion,
@@ -238,30 +245,20 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
         text += "the scene again, without --from"
         warnings.append(Note(NoteKind.LEFT_OUT, text, key))
-    moving = [each for each in (motion, tuned) if each is not None and each.period is not None]
+    moving = [each for each in (motion, found.tuned) if each and each.period is not None]
     varying = [each for each in moving if not each.steady]
-    if scene.time.steady_tolerance and not ended and varying:
+    if scene.time.steady_tolerance and not found.ended and varying:
         text = f"the motion does not repeat after {counted(varying[0].periods, 'period')}: raise "
         text += "time.periods"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
-    return DiskRun(
-        disk=disk,
-        model=model,
-        mistuning=delta,
-        motion=motion,
-        tuned=tuned,
-        peaks_of_stress=peaks,
-        errors=errors,
-        seconds=working_time() - begin,
-        warnings=warnings,
-        **ended,
-    )
+    found.seconds = working_time() - begin
+    return found
 
 
 def _motion(
-    model: DiskModel, scene: Scene, stop: Callable[[], bool], ended: dict[str, Any]
-) -> Motion:
-    """The motion of a disk, checked; `ended` takes the reason if the motion ended early.
+    model: DiskModel, scene: Scene, stop: Callable[[], bool]
+) -> tuple[Motion, ConvergenceError | AccuracyError | None, bool]:
+    """The motion of a disk, checked; the error that ended it, and whether it was interrupted.
 
     Raises:
         KeyboardInterrupt: an interrupt in the first period.
@@ -276,17 +273,13 @@ def _motion(
             lambda: simulate(model, scene, keep_coordinates=True, stop=stop, checkpoint=keep)
         )
     except Interrupted as error:
-        ended["interrupted"] = True
-        return error.partial
+        return error.partial, None, True
     except KeyboardInterrupt:
         if not kept:
             raise
-        ended["interrupted"] = True
-        return motion_of(kept[0], scene.period)
+        return motion_of(kept[0], scene.period), None, True
     try:
         check_energy(motion)
     except AccuracyError as error:
         failure = failure or error
-    if failure is not None:
-        ended["unfinished"] = failure
-    return motion
+    return motion, failure, False
