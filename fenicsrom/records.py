@@ -214,12 +214,24 @@ class Study:
         from fenicsrom.online.store.store import provenance
 
         assert self.basis is not None and self.modes is not None
-        first = self.model, self.scene, self.basis.method, self.basis.labels, self.solid.free
-        made = provenance(), self.tables, self.candidates, self.deformation
-        same = "further", "finer", "finer_labels", "finer_frequencies_hz", "trained"
-        more = {name: getattr(self, name) for name in same}
-        unjudged = "" if self.mesh_check is None else self.mesh_check.missing
-        found = StoredModel(*first, self.modes.frequencies_hz, *made, unjudged=unjudged, **more)
+        found = StoredModel(
+            model=self.model,
+            scene=self.scene,
+            method=self.basis.method,
+            labels=self.basis.labels,
+            dofs=self.solid.free,
+            frequencies_hz=self.modes.frequencies_hz,
+            provenance=provenance(),
+            tables=self.tables,
+            candidates=self.candidates,
+            deformation=self.deformation,
+            further=self.further,
+            finer=self.finer,
+            finer_labels=self.finer_labels,
+            finer_frequencies_hz=self.finer_frequencies_hz,
+            unjudged="" if self.mesh_check is None else self.mesh_check.missing,
+            trained=self.trained,
+        )
         found.require_size()
         return found
 

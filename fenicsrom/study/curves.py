@@ -192,9 +192,15 @@ def _curves(
         if state is not None:
             write_text(state / COORDINATES, json.dumps(stored.labels))
         with watch("response curves"):
-            kept: dict[str, Any] = {"state": state, "resume": resume, "workers": workers}
-            richer, comm = richer_model(stored, spare), source.comm
-            return curves.response(stored, **kept, comm=comm, stop=stop, richer=richer)
+            return curves.response(
+                stored,
+                state=state,
+                resume=resume,
+                workers=workers,
+                comm=source.comm,
+                stop=stop,
+                richer=richer_model(stored, spare),
+            )
 
     found = follow(source.stored, resume)
     while not found.interrupted:
@@ -378,9 +384,15 @@ def interaction_map(
         source = source_of(given, comm, Stopwatch(), folder, stop, fresh)
         model = Path(place) / f"{'' if source.stored is not given else 'stored_'}{MODEL}"
         save_model(model, source.stored)
-        first = source.stored.scene, model, Path(place) / LINES
-        how: dict[str, Any] = {"resume": resume, "workers": workers, "stop": stop}
-        found = interaction.interaction_map(*first, **how, comm=comm)
+        found = interaction.interaction_map(
+            source.stored.scene,
+            model,
+            Path(place) / LINES,
+            resume=resume,
+            workers=workers,
+            stop=stop,
+            comm=comm,
+        )
         ends = found.speeds_rpm[[0, -1]] if found.lines else ()
         judged = of_model(source.stored, *ends).warnings(found.scene)
         found.warnings[:0] = [*source.warnings, *judged]

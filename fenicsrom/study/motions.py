@@ -146,8 +146,9 @@ def see_residual(run: Run) -> None:
     if known is not None and known.labels == stored.labels:  # from the cache
         found, _ = judge.judge_again(known, motion, other)
     else:
-        given = study.solid, study.modes, study.extended
-        found = judge.judge_with_residual(*given, stored, motion, other)
+        found = judge.judge_with_residual(
+            study.solid, study.modes, study.extended, stored, motion, other
+        )
     study.judge, study.errors["basis"] = found.stored, found.errors
     if sized is None or stored.scene.basis.size is not None or sized.warning is not None:
         return
@@ -261,8 +262,8 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
         for name in motions:
             check_energy(motions[name])
         name, motion = "reduced", motions["reduced"]
-        given = found.model, found.candidates, scene, motion, found.errors
-        estimate_errors(*given, basis, meshes)
+        model, candidates = found.model, found.candidates
+        estimate_errors(model, candidates, scene, motion, found.errors, basis, meshes)
     except (AccuracyError, ConvergenceError) as error:
         return name, error
     outside = beyond(found.trained, scene, probe_amplitude(motion), duration(motion))

@@ -52,13 +52,23 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
     log.info("one model for all speeds ..")
     assert scene.rotation is not None
-    given = np.pi / 30.0 * np.array(speeds), scene.rotation.omega
-    whole = range_model(solid, scene.basis, *given)
+    omegas, nominal = np.pi / 30.0 * np.array(speeds), scene.rotation.omega
+    whole = range_model(solid, scene.basis, omegas, nominal)
     log.info("the same of finer elements ..")
-    finer, unjudged = _finer(middle, solid, replace(scene.basis, modes=whole.modes), *given)
+    options = replace(scene.basis, modes=whole.modes)
+    finer, unjudged = _finer(middle, solid, options, omegas, nominal)
     whole = replace(whole, finer=finer).under(load_histories=load_histories(scene))
-    first = whole.model, scene, "rubin", (), solid.free, np.zeros(0), provenance()
-    found = StoredModel(*first, unjudged=unjudged, whole=whole).at_speed()
+    found = StoredModel(
+        model=whole.model,
+        scene=scene,
+        method="rubin",
+        labels=(),
+        dofs=solid.free,
+        frequencies_hz=np.zeros(0),
+        provenance=provenance(),
+        unjudged=unjudged,
+        whole=whole,
+    ).at_speed()
     solid.destroy()
     return found
 

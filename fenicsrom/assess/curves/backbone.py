@@ -14,7 +14,6 @@ import re
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -291,8 +290,14 @@ def _follow(path: ModeContinuation, found: Backbone, unit: float) -> None:
             )
 
     keep(_first_point(path, found, unit))
-    how: dict[str, Any] = {"largest_step": LARGEST_STEP, "points": found.table.points}
-    curve = path.run(found.points[0].motion, 1.0, **how, locate=False, progress=keep)
+    curve = path.run(
+        found.points[0].motion,
+        1.0,
+        largest_step=LARGEST_STEP,
+        points=found.table.points,
+        locate=False,
+        progress=keep,
+    )
     if curve.points[-1] is not found.points[-1].motion:  # `run` reports no point at the end
         keep(curve.points[-1])
     found.reason = curve.reason
@@ -492,9 +497,9 @@ def _peaks(problem: Problem, found: Backbone) -> None:
         return float(point.probe_amplitude[direction])
 
     log.info("  peaks of the forced response")
-    begin = (found.mode.equilibrium, found.mode.sliders), found.points[0].frequency
+    rest, frequency = (found.mode.equilibrium, found.mode.sliders), found.points[0].frequency
     displaced = displacement_sines(found.scene.loads)
-    for peak in forced_peaks(problem, *begin, factors, amplitude, displaced):
+    for peak in forced_peaks(problem, rest, frequency, factors, amplitude, displaced):
         found.peaks.append(peak)
         log.info(
             f"  {peak.value:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm "

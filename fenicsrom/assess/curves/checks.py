@@ -423,10 +423,18 @@ def add_full_points(found: results.Response, stored: StoredModel, solid: Any, ba
                     found.warnings.append(note)
                     found.unfinished = found.unfinished or error
                     continue
-                told = motion.amplitude, reduced.amplitude, reduced.verdict
-                spent = motion.residuals[-1], motion.seconds
-                point = results.FullPoint(value, *told, motion.periods, motion.derived, *spent)
-                curve.full.append(point)
+                curve.full.append(
+                    results.FullPoint(
+                        parameter=value,
+                        amplitude=motion.amplitude,
+                        reduced_amplitude=reduced.amplitude,
+                        verdict=reduced.verdict,
+                        periods=motion.periods,
+                        derived=motion.derived,
+                        residual=motion.residuals[-1],
+                        seconds=motion.seconds,
+                    )
+                )
     except KeyboardInterrupt:
         found.interrupted = True
 

@@ -260,11 +260,21 @@ def _follow(
         visit(point)
         probe = body.comm.allreduce(body.probe_rows @ point.displacement)
         size = float(body.largest(point.displacement[:, None])[0])
-        deformed = body_deformation(body, found.scene, point.displacement)
-        told = point.load_factor, np.asarray(probe), size, point.negative, point.residual, deformed
-        moved = (body.contact_rows @ point.displacement).reshape(-1, body.dimension)
-        spent = follower.equations.contact.dissipated if follower.equations.contact else 0.0
-        found.points.append(Equilibrium(*told, point.states, moved, spent, point.kind))
+        contact = follower.equations.contact
+        found.points.append(
+            Equilibrium(
+                load_factor=point.load_factor,
+                probe=np.asarray(probe),
+                largest=size,
+                negative_pivots=point.negative,
+                residual=point.residual,
+                deformation=body_deformation(body, found.scene, point.displacement),
+                states=point.states,
+                contact=(body.contact_rows @ point.displacement).reshape(-1, body.dimension),
+                dissipated=contact.dissipated if contact else 0.0,
+                kind=point.kind,
+            )
+        )
         found.shapes.pop("end", None)
         label = f"{point.kind} {len(found.shapes) + 1}" if point.kind else "end"
         found.shapes[label] = point.displacement

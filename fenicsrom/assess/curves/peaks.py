@@ -10,7 +10,6 @@ other peak is followed, too, and the smallest of the larger ones is sought again
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -171,12 +170,19 @@ class Peaks:
     def _larger(self, best: ForcedPeak) -> CurvePoint | None:
         """The largest motion on the whole curve of a peak; None if it is the peak."""
         table, family = response_table(self.stored.scene), self._family(best.value)
-        given = family, best.point, best.frequency, (table.low, table.high)
-        how: dict[str, Any] = {"points": table.points, "progress": lambda point: tell(0.0)}
         points = [
             point
             for direction in (1.0, -1.0)
-            for point in follow(*given, direction=direction, locate=False, **how).points
+            for point in follow(
+                family,
+                best.point,
+                best.frequency,
+                (table.low, table.high),
+                direction=direction,
+                points=table.points,
+                locate=False,
+                progress=lambda point: tell(0.0),
+            ).points
         ]
         top = max(points, key=height, default=best.point)
         return top if height(top) > (1.0 + LARGER) * best.amplitude else None

@@ -309,8 +309,10 @@ def try_out(
             basis = extended.part(chosen.stored.labels, chosen.stored.model.mass)
             model, motion = chosen.stored.model, chosen.motion
             if scene.joined and chosen.other is not None:
-                given = workshop.body, reduction.modes, extended, chosen.stored, motion
-                outcome.estimated = judge_with_residual(*given, chosen.other).errors
+                modes, stored = reduction.modes, chosen.stored
+                outcome.estimated = judge_with_residual(
+                    workshop.body, modes, extended, stored, motion, chosen.other
+                ).errors
         outcome.labels = basis.labels
         found = indicators(workshop.body, basis.vectors, motion, scene)
         outcome.indicator, outcome.residual = found
@@ -346,9 +348,17 @@ def _sized(
     assert isinstance(found.model, ReducedModel)
     extended = extended_basis(body, scene.basis, found)
     whole = project(body, extended, body.geometrically_nonlinear)
-    labels, further = found.basis.labels, extended.labels[found.basis.size :]
-    given = found.model, scene, extended.method, labels, body.free, found.modes.frequencies_hz
-    stored = StoredModel(*given, {}, candidates=whole, further=further)
+    stored = StoredModel(
+        model=found.model,
+        scene=scene,
+        method=extended.method,
+        labels=found.basis.labels,
+        dofs=body.free,
+        frequencies_hz=found.modes.frequencies_hz,
+        provenance={},
+        candidates=whole,
+        further=extended.labels[found.basis.size :],
+    )
 
     def run(larger: StoredModel, near: Any) -> Motion:
         return simulate(larger.model, scene, near=near, keep_coordinates=True)

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -188,14 +188,27 @@ class Place:
         radial = self.radial(motion, steps)
         verdict, period = verdict_of(motion, radial, steps, self.resolved)
         late = self._late(motion, radial, steps)
-        force, contact = motion.force[late, :, 0].max(), np.any(motion.state[late] >= 0, axis=1)
-        sizes = self.spectrum(radial, steps, period), half_range(radial), float(force)
-        near = float(np.mean(contact)), self._clearance(motion.gap[late])
-        free, unknown = model.elastic.stiffness, (nothing, nothing, nothing)
-        hertz = self.frequencies(free), self.frequencies(free + self._contact_stiffness())
-        wear, last = (worn_by(motion), nothing), (np.nan, self.resolved, 0.0, self._end(motion))
-        told: tuple[Any, ...] = (*sizes, *near, verdict, period, *hertz, *unknown, *wear, *last)
-        line = Line(self.speed_rpm, *told)
+        line = Line(
+            speed_rpm=self.speed_rpm,
+            amplitudes=self.spectrum(radial, steps, period),
+            amplitude=half_range(radial),
+            peak_force=float(motion.force[late, :, 0].max()),
+            contact=float(np.mean(np.any(motion.state[late] >= 0, axis=1))),
+            clearance=self._clearance(motion.gap[late]),
+            verdict=verdict,
+            period=period,
+            free_hz=self.frequencies(model.elastic.stiffness),
+            closed_hz=self.frequencies(model.elastic.stiffness + self._contact_stiffness()),
+            by_basis=nothing,
+            by_step=nothing,
+            by_mesh=nothing,
+            worn=worn_by(motion),
+            worn_by_step=nothing,
+            other=np.nan,
+            resolved=self.resolved,
+            seconds=0.0,
+            end=self._end(motion),
+        )
         return self._compared(line, checked, before, float(motion.kinetic[late].max()))
 
     def _compared(self, line: Line, checked: bool, before: Line | None, energy: float) -> Line:

@@ -192,10 +192,18 @@ def periods_of(motion: Motion, moved: Array) -> list[Period]:
     lost = motion.friction_dissipation, motion.damping_dissipation
     for j in range(0, times.size - 3, 2):
         begin, end, (one, two, three) = times[j], times[j + 2], swings[j : j + 3]
-        spent = (np.diff(np.interp([begin, end], motion.time, sums))[0] for sums in lost)
+        friction, damping = (np.diff(np.interp([begin, end], motion.time, e))[0] for e in lost)
         log = 0.5 * np.log(one / three)
-        numbers = (one + two) / 4.0, 1.0 / (end - begin), log / np.hypot(np.pi, log), *spent
-        found.append(Period(len(found) + 1, *map(float, numbers)))
+        found.append(
+            Period(
+                number=len(found) + 1,
+                linear_amplitude=float((one + two) / 4.0),
+                frequency=float(1.0 / (end - begin)),
+                damping_ratio=float(log / np.hypot(np.pi, log)),
+                friction_dissipation=float(friction),
+                damping_dissipation=float(damping),
+            )
+        )
     return found
 
 

@@ -112,13 +112,19 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 def report(found: Backbone) -> Report:
     """The report of a nonlinear mode: `backbone.csv`, `backbone.json` and `backbone.png`."""
-    title, said = f"nonlinear mode {found.table.mode}", sentences(found)
-    sections = [Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])]
-    rows, numbers = rows_of(found.points, quantities(found)), summary(found)
-    drawn = [Picture("Nonlinear mode", "backbone.png", lambda: figure(found), CAPTION, NUMBERS)]
-    judged = [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])]
-    first = title, found, said, sections, rows, numbers, drawn
-    return Report("backbone", *first, notes=[AMPLITUDES_NOTE], quantities=judged)
+    drawn = Picture("Nonlinear mode", "backbone.png", lambda: figure(found), CAPTION, NUMBERS)
+    return Report(
+        "backbone",
+        title=f"nonlinear mode {found.table.mode}",
+        found=found,
+        sentences=sentences(found),
+        sections=[Section("Peaks of the forced response", [table_of(found.peaks, PEAKS_OVER)])],
+        rows=rows_of(found.points, quantities(found)),
+        summary=summary(found),
+        pictures=[drawn],
+        notes=[AMPLITUDES_NOTE],
+        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES, *([PEAKS] if found.peaks else [])],
+    )
 
 
 NUMBERS, CAPTION = "backbone.csv", "Frequency and damping of the mode over its amplitude."

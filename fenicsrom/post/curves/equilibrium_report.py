@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -110,13 +111,21 @@ def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
         found: the path.
         more: other pictures.
     """
-    name, told, joined = "equilibria", quantities(found), found.scene.joined
-    sections = [Section("Limit points and bifurcations", [table_of(found.special, told)])]
-    path = Picture("Equilibrium path", f"{name}.png", lambda: figure(found), CAPTION, f"{name}.csv")
-    numbers = rows_of(found.points, told), summary(found), [path, *more]
-    judged, unjudged = ([STABILITY], [DEFLECTION]) if joined else ([DEFLECTION, STABILITY], [])
-    first = name, found, sentences(found), sections, *numbers
-    return Report("equilibria", *first, quantities=judged, unjudged=unjudged)
+    shown, joined = quantities(found), found.scene.joined
+    draw = partial(figure, found)
+    path = Picture("Equilibrium path", "equilibria.png", draw, CAPTION, "equilibria.csv")
+    return Report(
+        "equilibria",
+        title="equilibria",
+        found=found,
+        sentences=sentences(found),
+        sections=[Section("Limit points and bifurcations", [table_of(found.special, shown)])],
+        rows=rows_of(found.points, shown),
+        summary=summary(found),
+        pictures=[path, *more],
+        quantities=[STABILITY] if joined else [DEFLECTION, STABILITY],
+        unjudged=[DEFLECTION] if joined else [],
+    )
 
 
 def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:

@@ -252,10 +252,15 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         Section("Estimated errors", [table_of(*checks), CHECKS_NOTE], terminal=False),
         Section("Effort", [response_tables.run_table(found)], terminal=False),
     ]
-    first = "response curves", found, response_tables.sentences(found), sections
     return Report(
         "response",
-        *(*first, response_tables.rows(found), response_tables.summary(found), pictures),
+        title="response curves",
+        found=found,
+        sentences=response_tables.sentences(found),
+        sections=sections,
+        rows=response_tables.rows(found),
+        summary=response_tables.summary(found),
+        pictures=pictures,
         varied=response_tables.varied_keys(found),
         more_rows={name: listed for name, listed in more.items() if listed},
         quantities=[

@@ -484,10 +484,19 @@ def report(found: Study | Rerun) -> Report:
         Section("Size of the basis", [sizes], terminal=False),
         Section("Left out", [left_out_table], terminal=False),
     ]
-    drawn, notes = motion_figures.motion_pictures(found), _notes(found)
-    first = "summary", "", found, run_sentences(found), sections
-    judged, unjudged = summary.quantities(found), summary.unjudged(found)
-    return RunReport(*first, (), {}, drawn, notes, quantities=judged, unjudged=unjudged)
+    return RunReport(
+        "summary",
+        title="",
+        found=found,
+        sentences=run_sentences(found),
+        sections=sections,
+        rows=(),
+        summary={},
+        pictures=motion_figures.motion_pictures(found),
+        notes=_notes(found),
+        quantities=summary.quantities(found),
+        unjudged=summary.unjudged(found),
+    )
 
 
 def write_run_report(

@@ -204,17 +204,26 @@ def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         found: the diagram.
         more: other pictures.
     """
-    told, criticals = quantities(found), critical_quantities(found)
+    shown, criticals = quantities(found), critical_quantities(found)
     speeds = range(found.speeds_rpm.size)
     sections = [
         Section("Critical speeds", [table_of(found.critical, criticals)], keys=2),
         Section("Margins at the speed of operation", [margin_table(found)]),
-        Section("Frequencies", [table_of(speeds, told)]),
+        Section("Frequencies", [table_of(speeds, shown)]),
     ]
-    title, rows = "Campbell diagram", rows_of(speeds, told)
-    drawn = [Picture(title, "campbell.png", lambda: figure(found), CAPTION, "campbell.csv"), *more]
-    first, judged = (title, found, sentences(found)), [FREQUENCIES, CRITICAL]
-    return Report("campbell", *first, sections, rows, summary(found), drawn, quantities=judged)
+    title = "Campbell diagram"
+    drawn = Picture(title, "campbell.png", lambda: figure(found), CAPTION, "campbell.csv")
+    return Report(
+        "campbell",
+        title=title,
+        found=found,
+        sentences=sentences(found),
+        sections=sections,
+        rows=rows_of(speeds, shown),
+        summary=summary(found),
+        pictures=[drawn, *more],
+        quantities=[FREQUENCIES, CRITICAL],
+    )
 
 
 CAPTION = (

@@ -392,12 +392,19 @@ def pictures(comparison: Comparison) -> list[Picture]:
 
 def report(comparison: Comparison) -> Report:
     """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
-    told = comparison.outcomes, quantities(comparison)
-    whole, said = table_of(*told), sentences(comparison)
+    outcomes, shown = comparison.outcomes, quantities(comparison)
+    whole = table_of(outcomes, shown)
     sections = [
         Section("All combinations", [whole], keys=whole[0].index("size")),
         Section("Timing", timing_note(comparison), terminal=False),
     ]
-    numbers = rows_of(*told), summary(comparison), pictures(comparison)
-    said = said or ["There is no full model to compare with."]
-    return Report("comparison", "error against run time", comparison, said, sections, *numbers)
+    return Report(
+        "comparison",
+        title="error against run time",
+        found=comparison,
+        sentences=sentences(comparison) or ["There is no full model to compare with."],
+        sections=sections,
+        rows=rows_of(outcomes, shown),
+        summary=summary(comparison),
+        pictures=pictures(comparison),
+    )

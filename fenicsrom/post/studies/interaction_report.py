@@ -340,10 +340,15 @@ def report(found: InteractionMap) -> Report:
         Section("Speeds of resonance", [table_of(found.onsets(), ONSETS)], keys=2, most=20),
         Section("Speeds", [table_of(found.lines, shown)], most=20),
     ]
-    first = found, sentences(found), sections, rows_of(found.lines, shown), summary(found)
     return Report(
         "map",
-        *("interaction map", *first, pictures),
+        title="interaction map",
+        found=found,
+        sentences=sentences(found),
+        sections=sections,
+        rows=rows_of(found.lines, shown),
+        summary=summary(found),
+        pictures=pictures,
         varied=["rotation.speed_rpm", *(f"map.{entry.name}" for entry in fields(found.scene.map))],
         more_rows={"map_wear.csv": profile_rows(found)} if around else {},
         quantities=[AMPLITUDES, PEAK_FORCE, *([WEAR] if found.rings else [])],

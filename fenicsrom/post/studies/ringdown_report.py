@@ -50,11 +50,18 @@ def report(found: Ringdown) -> Report:
         "steps_per_period": found.steps,
         "largest_changes": found.changes,
     }
-    title, said = f"ring-down of mode {found.scene.ringdown.mode}", sentences(found)
-    sections, rows = [Section("Periods", [table_of(shown, TOLD)])], rows_of(periods, TOLD)
-    drawn = [Picture("Ring-down", "ringdown.png", lambda: figure(found), CAPTION, "ringdown.csv")]
-    first, judged = (title, found, said), [FREQUENCIES, DAMPING_RATIOS, AMPLITUDES]
-    return Report("ringdown", *first, sections, rows, summary, drawn, quantities=judged)
+    drawn = Picture("Ring-down", "ringdown.png", lambda: figure(found), CAPTION, "ringdown.csv")
+    return Report(
+        "ringdown",
+        title=f"ring-down of mode {found.scene.ringdown.mode}",
+        found=found,
+        sentences=sentences(found),
+        sections=[Section("Periods", [table_of(shown, TOLD)])],
+        rows=rows_of(periods, TOLD),
+        summary=summary,
+        pictures=[drawn],
+        quantities=[FREQUENCIES, DAMPING_RATIOS, AMPLITUDES],
+    )
 
 
 CAPTION = "The decay, and the frequency and damping of its periods over their amplitude."

@@ -105,7 +105,7 @@ def summary(found: Sweep) -> dict[str, Any]:
 
 def report(found: Sweep) -> Report:
     """The report of a sweep: `sweep.csv`, `sweep.json` and `sweep.png`."""
-    keys, names, said = swept_keys(found), column_names(found), sentences(found)
+    keys, names = swept_keys(found), column_names(found)
     sections = [
         Section("Doubtful and failed runs, and warnings", remarks(found)),
         Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
@@ -114,11 +114,19 @@ def report(found: Sweep) -> Report:
         {names.get(key, key): value for key, value in row.items() if key != "notes"}
         for row in found.rows
     ]
-    drawn = [Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")]
-    drawn = drawn if found.with_outcome(DONE, DOUBTFUL) else []
-    first = "sweep", found, said, sections, rows, summary(found), drawn
-    judged = [AMPLITUDES, *contact_quantities(found.scene)]
-    return Report("sweep", *first, varied=keys, quantities=judged)
+    drawn = Picture("Results", "sweep.png", lambda: figure(found), CAPTION, "sweep.csv")
+    return Report(
+        "sweep",
+        title="sweep",
+        found=found,
+        sentences=sentences(found),
+        sections=sections,
+        rows=rows,
+        summary=summary(found),
+        pictures=[drawn] if found.with_outcome(DONE, DOUBTFUL) else [],
+        varied=keys,
+        quantities=[AMPLITUDES, *contact_quantities(found.scene)],
+    )
 
 
 def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[str]:
