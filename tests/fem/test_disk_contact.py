@@ -36,7 +36,9 @@ SHROUD = {"group": "ahead", "against": "behind", "neighbour": True}
 SLOW = spinning(2) | {"speed_rpm": 1e3}
 
 
-def tables(points: Any, sectors: range, order: int, force: float, **more: Any) -> dict[str, Any]:
+def tables(
+    points: Any, sectors: range, order: int = 2, force: float = 1e4, **more: Any
+) -> dict[str, Any]:
     """Loads of an engine order at the tips of some sectors; `more` are other tables."""
     loads = []
     for j in sectors:
@@ -54,35 +56,21 @@ def tables(points: Any, sectors: range, order: int, force: float, **more: Any) -
     return given | more
 
 
-def sector_scene(
-    path: Path,
-    mesh: Any,
-    contacts: Any = (SHROUD,),
-    order: int = 2,
-    force: float = 1e4,
-    **more: Any,
-) -> Any:
-    """The scene of one sector."""
+def sector_scene(path: Path, mesh: Any, contacts: Any = (SHROUD,), **more: Any) -> Any:
+    """The scene of one sector; `more` is that of `tables`."""
     points, cells, ends = mesh
-    given = {"cyclic": CYCLIC, "rotation": SLOW, **tables(points, range(1), order, force)}
+    given = {"cyclic": CYCLIC, "rotation": SLOW, **tables(points, range(1), **more)}
     given["contacts"] = [{**PAIR, **one} for one in contacts]
-    return scene_of(path, points, cells, ends=ends, **(given | more))
+    return scene_of(path, points, cells, ends=ends, **given)
 
 
-def whole_scene(
-    path: Path,
-    mesh: Any,
-    contacts: Any = (SHROUD,),
-    order: int = 2,
-    force: float = 1e4,
-    **more: Any,
-) -> Any:
-    """The scene of the whole disk."""
+def whole_scene(path: Path, mesh: Any, contacts: Any = (SHROUD,), **more: Any) -> Any:
+    """The scene of the whole disk; `more` is that of `tables`."""
     points, cells, ends = mesh
     path = path / "whole"
     path.mkdir()
     every, copies = copied(points, cells, N)
-    near, given = cKDTree(every), tables(points, range(N), order, force, **more)
+    near, given = cKDTree(every), tables(points, range(N), **more)
     sets = {
         f"{name}{j}": near.query(turned(points[nodes], j))[1]
         for j in range(N)
@@ -119,7 +107,7 @@ def compared(found: Any, scene: Any) -> tuple[float, float, Any]:
         assert np.abs(ours[0] - wanted[0]).max() < 5e-6 * np.abs(wanted[0]).max()  # at rest
         wanted = wanted - wanted[0]
         errors.append(float(np.linalg.norm(ours - ours[0] - wanted) / np.linalg.norm(wanted)))
-    assert found.motion.relative_imbalance < 1e-6
+    assert found.motion.relative_imbalance < 3e-11
     return *errors, motion
 
 
@@ -154,9 +142,10 @@ def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, end
     moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **given))
     open_, slip = (np.mean(motion.state == state) for state in (-1, 0))
     assert open_ > 0.1 and slip > 0.2
-    assert moved < 2e-6 and pushed < 2e-6
+    assert moved < 1e-6 and pushed < 2e-6
+    assert found.disk.wave_error[1] < 1e-9
     np.testing.assert_allclose(
-        found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=1e-5
+        found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=3e-7
     )
     rows, parts = contacts(found), contact_fractions(found.motion)
     assert [row["sector"] for row in rows] == [*range(N)]
@@ -174,7 +163,7 @@ def test_wedges_between_blades_rub_as_those_of_the_whole_disk(tmp_path: Path) ->
     found = run(sector_scene(tmp_path, wedged(), contacts), MPI.COMM_SELF)
     moved, pushed, motion = compared(found, whole_scene(tmp_path, wedged(), contacts))
     assert 0.1 < np.mean(motion.state == 0) < 0.9
-    assert moved < 2e-5 and pushed < 2e-5
+    assert moved < 1e-5 and pushed < 2e-5
 
 
 @pytest.mark.slow
@@ -214,7 +203,7 @@ def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path:
     ):
         body.stiffness_times = times
         wanted = modes_at_speed(body, 12)[0]
-        np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=1e-6)
+        np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=1e-7)
 
 
 def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:
@@ -227,12 +216,12 @@ def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:
         assert np.all((body.joint.springs > 0.0) == closed)
         np.testing.assert_array_equal(body.joint.springs > 0.0, fresh.joint.springs > 0.0)
         size = np.abs(fresh.equilibrium).max()
-        np.testing.assert_allclose(body.equilibrium, fresh.equilibrium, atol=1e-8 * size)
+        np.testing.assert_allclose(body.equilibrium, fresh.equilibrium, rtol=0.0, atol=1e-12 * size)
         squares = []
         for one in (body, fresh):
             with wave(one, 1) as disk:
                 squares.append(disk.eigenmodes(disk.factor, 2)[0])
-        np.testing.assert_allclose(*squares, rtol=1e-6)
+        np.testing.assert_allclose(*squares, rtol=1e-10)
 
 
 @pytest.mark.parametrize("reach", [{}, {"reach": 0.01}])

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from fenicsrom import load_disk, response, simulate
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.curves.balance_curve import BalanceCurve, first_motion
-from fenicsrom.online.curves.curve import CurvePoint, half_range
+from fenicsrom.online.curves.curve import STICKS, CurvePoint, half_range
 from fenicsrom.online.model.disk_model import disk_model, disk_scene, lag_of
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.balance import Balance
@@ -80,7 +80,7 @@ def test_wave_with_friction_is_that_of_the_marched_disk(tmp_path: Path, order: i
     found, motions = balanced(sector, scene), []
     for count in (48, 96):
         amplitudes, lost = marched(sector, scene, count)
-        assert np.ptp(amplitudes, axis=0).max() < 1e-5 * amplitudes.max()
+        assert np.ptp(amplitudes, axis=0).max() < 3e-7 * amplitudes.max()
         motions.append(np.append(amplitudes[0], lost))
     wanted = np.append(found.amplitude[0], found.friction_dissipation)
     far, near = (motion[:2] / wanted[:2] - 1.0 for motion in motions)
@@ -105,7 +105,7 @@ def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -
 
 @pytest.mark.slow
 def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
-    """At 6 % of the length of the blades, where a linear disk moves by 1 % more."""
+    """At 6 % of the length of the blades, where a linear disk would move twice as far."""
     scene = blades(tmp_path, 2, 170.0, 1e4, geometrically_nonlinear=True)
     sector = sector_of(scene)
     found = balanced(sector, scene)
@@ -115,22 +115,39 @@ def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
     motions = [marched(sector, scene, count)[0][0] for count in (36, 72)]
     assert found.amplitude.max() > 0.015
     limit = (4.0 * motions[1] - motions[0]) / 3.0
-    assert abs(limit - found.amplitude[0]).max() < 5e-4 * limit.max()
-    assert abs(linear.amplitude / found.amplitude - 1.0).max() > 0.01
+    assert abs(limit - found.amplitude[0]).max() < 1.6e-4 * limit.max()
+    assert np.all(linear.amplitude > 2.0 * found.amplitude)
+
+
+def linear_wave(sector: Any, scene: Any) -> tuple[Any, Any]:
+    """The disk, whose points stick where they touch at rest, and its coordinates in the wave."""
+    disk, omega = disk_model(sector, disk_scene(scene), np.zeros(N)), 2.0 * np.pi / scene.period
+    mass, damping, rows = disk.mass.toarray(), disk.velocity_matrix.toarray(), disk.contact_rows
+    stiffness = disk.elastic(np.zeros(len(mass)))[1].toarray()
+    stiffness = stiffness + rows.T @ (np.tile(sector.springs, N)[:, None] * rows)
+    push = scene.loads[0].size * disk.loads @ np.exp(1j * lag_of(scene) * np.arange(N))
+    return disk, np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, push)
 
 
 def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
     more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}}
     scene = blades(tmp_path, 2, 170.0, **more)
-    sector, omega = sector_of(scene), 2.0 * np.pi / scene.period
-    disk = disk_model(sector, disk_scene(scene), np.zeros(N))
-    mass, damping = disk.mass.toarray(), disk.velocity_matrix.toarray()
-    stiffness = disk.elastic(np.zeros(len(mass)))[1].toarray()
-    push = 2e3 * disk.loads @ np.exp(1j * lag_of(scene) * np.arange(N))
-    q = np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, push)
+    sector = sector_of(scene)
+    disk, q = linear_wave(sector, scene)
     moved = np.abs(disk.probes @ q).reshape(N, -1)
     found = balanced(sector, scene)
-    np.testing.assert_allclose(found.amplitude, moved[:1], rtol=1e-3)
+    np.testing.assert_allclose(found.amplitude, moved[:1], rtol=1e-10)
+
+
+def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
+    """The contact rows of a sector have a part of the next one, which moves by the lag."""
+    scene = touching(tmp_path, shrouded(), force=1.0)
+    sector = sector_of(scene)
+    disk, q = linear_wave(sector, scene)
+    found = balanced(sector, scene)
+    assert np.all(found.states == STICKS)
+    moved = np.abs(disk.contact_rows @ q).reshape(N, -1, 2)
+    np.testing.assert_allclose(found.amplitude, moved[0], rtol=1e-9)
 
 
 def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
@@ -143,12 +160,12 @@ def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
     curve = told["curves"][0]
     assert curve["largest"]["stability"] == "not judged" and curve["harmonics"] >= 7
     assert max(check["step_error"] for check in curve["checks"]) < 2e-4
-    assert max(check["basis_error"] for check in curve["checks"]) < 0.02
+    assert max(check["basis_error"] for check in curve["checks"]) < 2e-5
     assert all(any(file.match(name) for name in RESULTS) for file in found.files)
     with np.load(tmp_path / "out" / "motions.npz") as motions:
         moved = motions["largest_displacement"][:, 0, 1]
     top = curve["largest"]["amplitude_tangential_m"]
-    assert np.ptp(moved) / 2.0 == pytest.approx(top, rel=1e-3)
+    assert np.ptp(moved) / 2.0 == pytest.approx(top, rel=1.5e-4)
     again = response(load_disk(tmp_path / "out" / "reduced_model.npz"))
     tops = [max(float(p.amplitude.max()) for p in r.curves[0].points) for r in (found, again)]
     assert tops[0] == pytest.approx(tops[1], rel=1e-9)

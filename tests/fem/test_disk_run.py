@@ -109,7 +109,7 @@ def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     assert 0.5 < np.mean(motion.state == 0) < 0.9  # slip
     last = motion.last_period()
     rubbed, wanted = ((m.displacement - m.displacement[0])[last] for m in (found.motion, motion))
-    assert np.linalg.norm(rubbed - wanted) < 2e-5 * np.linalg.norm(wanted)
+    assert np.linalg.norm(rubbed - wanted) < 1e-5 * np.linalg.norm(wanted)
     assert found.errors["time step"].amplitude < 5e-3
     few = run(sector_scene(tmp_path, 2, basis={"modes": 0}), MPI.COMM_SELF)
     estimate, true = few.errors["basis"], distances(few.motion, motion)
@@ -139,12 +139,12 @@ def test_stresses_and_displacements_of_sectors_are_those_of_the_whole_disk(tmp_p
     assert found.motion.coordinates is not None and found.disk.table is not None
     q = found.model.sector_coordinates(found.motion.coordinates[-1:])[:, 0]
     stress = von_mises(found.disk.table.stress(q, "cauchy"))
-    np.testing.assert_allclose(np.sort(stress.ravel()), np.sort(wanted), atol=2e-3 * wanted.max())
+    np.testing.assert_allclose(np.sort(stress.ravel()), np.sort(wanted), atol=6e-6 * wanted.max())
     last = pyvista.read(sorted((folder / "motion").glob("*.vtu"))[-1])
     near = cKDTree(table.vertex_position).query(last.points[:, :2])
     moved, size = table.vertex_displacement[0], abs(table.vertex_displacement[0]).max()
     assert near[0].max() < 1e-6
-    np.testing.assert_allclose(last["displacement_m"][:, :2], moved[near[1]], atol=1e-3 * size)
+    np.testing.assert_allclose(last["displacement_m"][:, :2], moved[near[1]], atol=1e-7 * size)
     rows = np.genfromtxt(folder / "stresses.csv", delimiter=",", names=True, dtype=None)
     assert len(rows) == N + 1 and rows["von_mises_Pa"].max() >= last["von_mises_Pa"].max() * 0.999
     named = found.disk.with_overrides({"output.sectors": [4]})

@@ -179,7 +179,7 @@ def test_backbone_of_a_free_beam_is_its_first_mode() -> None:
     frequency = np.array([point.frequency for point in found.points])
     ratio = np.array([point.damping_ratio for point in found.points])
     np.testing.assert_allclose(frequency, 53.336, rtol=5e-4)
-    np.testing.assert_allclose(ratio, 1.0 / (2.0 * np.pi * frequency), rtol=1e-3)
+    np.testing.assert_allclose(ratio, 1.0 / (2.0 * np.pi * frequency), rtol=1e-10)
 
 
 def test_reduced_model_of_a_free_body_is_the_same_wherever_it_lies() -> None:
@@ -196,7 +196,7 @@ def test_reduced_model_of_a_free_body_is_the_same_wherever_it_lies() -> None:
         load, stiffness = model.loads[:, 0], model.elastic.stiffness
         moved = [np.linalg.solve(stiffness - s * model.mass, load) for s in (0.0, 1e8)]
         found.append([load @ each for each in moved])
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-8)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-11)
 
 
 @pytest.mark.slow
@@ -208,8 +208,8 @@ def test_free_lap_joint_dissipates_as_its_full_model() -> None:
     study = fenicsrom.run(parse_scene(tables, "lap.toml", Path.cwd()))
     reduced, full = study.motions["reduced"], study.motions["full"]
     exact = np.interp(reduced.time, full.time, full.probe[:, 1])
-    assert np.linalg.norm(reduced.probe[:, 1] - exact) < 5e-3 * np.linalg.norm(exact)
-    assert dissipated(reduced) == pytest.approx(dissipated(full), rel=0.02)
+    assert np.linalg.norm(reduced.probe[:, 1] - exact) < 1.4e-3 * np.linalg.norm(exact)
+    assert dissipated(reduced) == pytest.approx(dissipated(full), rel=8e-3)
 
 
 def test_stresses_of_a_body_without_supports_are_refused() -> None:

@@ -34,7 +34,7 @@ def loop(scene: Any) -> tuple[Array, float]:
 def test_block_that_slides_on_another_is_a_jenkins_element(tmp_path: Path) -> None:
     """4 μN (u − μN/k) of 600 N and 8e8 N/m, beside a spring to the ground (test A).
 
-    Reference: sliding blocks: loss | closed form | – | agrees | 0.2 %
+    Reference: sliding blocks: loss | closed form | – | agrees | 4e-5
     """
     parts = [((0.0, y), (0.2, y + 0.005), (4, 1)) for y in (0.0, 0.005)]
     pair = {"group": "1 low y", "against": "0 high y", "friction": 0.3, "preload": 0.5e6}
@@ -54,8 +54,8 @@ def test_block_that_slides_on_another_is_a_jenkins_element(tmp_path: Path) -> No
         output=QUIET,
     )
     moved, spent = loop(scene)
-    assert moved[0] == pytest.approx(2e-6, rel=1e-3)
-    assert spent == pytest.approx(4.0 * 600.0 * (moved[0] - 600.0 / 8e8), rel=2e-3)
+    assert moved[0] == pytest.approx(2e-6, rel=7e-4)
+    assert spent == pytest.approx(4.0 * 600.0 * (moved[0] - 600.0 / 8e8), rel=4e-5)
 
 
 def wedge_mesh(path: Path, angle: float) -> Path:
@@ -91,7 +91,7 @@ def wedge_mesh(path: Path, angle: float) -> Path:
 def test_wedge_damper_has_the_forces_and_the_loss_of_the_closed_form(tmp_path: Path) -> None:
     """On a platform ½C cot(α ± φ) as it opens and closes; ΔH (2U − ΔH/K) a face (test D).
 
-    Reference: wedge damper: loss | closed form | 9.784 mJ | agrees | 0.5 %
+    Reference: wedge damper: loss | closed form | 9.784 mJ | agrees | 0.05 %
     """
     angle, spring, thickness = np.radians(40.0), 5e7, 0.01
     area = 0.02 / np.cos(angle) * thickness
@@ -122,8 +122,8 @@ def test_wedge_damper_has_the_forces_and_the_loss_of_the_closed_form(tmp_path: P
     )
     moved, spent = loop(scene)
     change, stuck = 232.188971567 - 65.689610475, 1.568073266e7
-    assert moved[0] == pytest.approx(2e-5, rel=5e-3)
-    assert spent == pytest.approx(2.0 * change * (2.0 * moved[0] - change / stuck), rel=5e-3)
+    assert moved[0] == pytest.approx(2e-5, rel=1.2e-3)
+    assert spent == pytest.approx(2.0 * change * (2.0 * moved[0] - change / stuck), rel=5e-4)
 
 
 @pytest.mark.slow

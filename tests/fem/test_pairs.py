@@ -16,6 +16,7 @@ from support import refusal
 import fenicsrom as fr
 from fenicsrom.assess.curves.response_problem import scenes_of_curves
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body import pairs
 from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import build_mesh
@@ -120,6 +121,12 @@ def lap(group: str = "upper", against: str = "lower", **more: Any) -> Scene:
         "time": {"periods": 1},
     }
     return make_scene(**table | more)
+
+
+def struck(force: float, **more: Any) -> Scene:
+    """The lap joint of fewer cells whose tip a blow lifts for 15 ms."""
+    blow = {"group": "tip", "direction": [0, 1], "force": force, "pulse": {"duration": 0.015}}
+    return lap(**{"geometry": COARSE, "loads": [blow], "probe": {"group": "tip"}} | more)
 
 
 def hertz(body: Solid, count: int) -> Array:
@@ -397,9 +404,13 @@ def test_stored_model_and_cache_of_a_joint_allow_what_its_equilibrium_allows(
     assert shares_model(scene, other) == (modes_table(scene) == modes_table(other)) == same
 
 
-def test_command_that_does_not_take_pairs_refuses_them() -> None:
+def test_commands_that_do_not_take_pairs_refuse_them() -> None:
     with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="because they close and open"):
         fr.interaction_map(lap())
+    with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="its axes scale each contact"):
+        fr.stability(Path("demos/lap_joint.toml"))
+    with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="averaged between two meshes"):
+        scene_deck(lap())
 
 
 def test_stresses_and_reactions_of_bodies_that_touch_are_those_of_the_pressure(
@@ -580,10 +591,8 @@ def test_response_of_bars_over_the_load_dissipates_as_the_closed_form_says(tmp_p
 @pytest.mark.slow
 @pytest.mark.long
 def test_interface_vectors_of_the_motion_give_the_friction_of_the_full_model() -> None:
-    scene = lap(
-        geometry=COARSE,
-        loads=[{"group": "tip", "direction": [0, 1], "force": 60.0, "pulse": {"duration": 0.015}}],
-        probe={"group": "tip"},
+    scene = struck(
+        60.0,
         time={"duration": 0.06, "step": 2e-4},
         reference={"full": True},
         output={"pictures": False, "paraview": False},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from mpi4py import MPI
-from test_pairs import COARSE, lap
+from test_pairs import struck
 
 import fenicsrom as fr
 from fenicsrom.post.base.tables import rows_of
@@ -13,10 +13,8 @@ from fenicsrom.post.studies.compare_report import pictures, quantities, sentence
 
 @pytest.mark.slow
 def test_estimates_of_a_joint_cover_the_errors_of_each_size() -> None:
-    scene = lap(
-        geometry=COARSE,
-        loads=[{"group": "tip", "direction": [0, 1], "force": 60.0, "pulse": {"duration": 0.015}}],
-        probe={"group": "tip"},
+    scene = struck(
+        60.0,
         time={"duration": 0.03, "step": 2e-4},
         compare={"modes": [3], "derivatives": ["principal"], "sizes": [20, 30]},
     )
@@ -25,10 +23,8 @@ def test_estimates_of_a_joint_cover_the_errors_of_each_size() -> None:
     for outcome in found.outcomes:
         assert outcome.failure == "" and outcome.offline["interface_vectors"] > 0.0
         true, friction = outcome.error, outcome.errors["friction_dissipation"]
-        assert 0.5 * true <= 100.0 * outcome.estimated.probe <= 10.0 * true
-        # the interface vectors are 2 % of the friction from those of the next motion
-        assert friction <= 10.0 * 100.0 * outcome.estimated.dissipation
-        assert friction <= max(2.0, 200.0 * outcome.estimated.dissipation)
+        assert 0.5 * true <= 100.0 * outcome.estimated.probe <= 4.5 * true
+        assert friction <= 200.0 * outcome.estimated.dissipation  # twice the estimate
     small, large = (outcome.error for outcome in found.outcomes[1:])
     assert large < 0.1 < 0.3 < small
     row = rows_of(found.outcomes, quantities(found))[1]

@@ -54,7 +54,7 @@ def test_ring_down_of_a_joint_loses_what_the_full_model_loses() -> None:
     moved = unit * (motion.coordinates @ body.mass_times(shapes)[:, 0])
     assert abs(found.curve[1, 0]) == pytest.approx(abs(moved[0]), rel=1e-4)
     expected = module.periods_of(motion, moved)[:PERIODS]
-    for one, other in zip(found.periods, expected, strict=False):
+    for one, other in zip(found.periods[:PERIODS], expected, strict=True):
         assert one.frequency == pytest.approx(other.frequency, rel=3e-4)
         assert one.damping_ratio == pytest.approx(other.damping_ratio, abs=1e-4)
     spent, whole = (

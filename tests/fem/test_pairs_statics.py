@@ -67,9 +67,9 @@ def test_path_turns_at_once_where_the_body_meets_a_wall() -> None:
     met = next(point for point in found.points if point.states[-1] != OPEN)
     last = found.points[-1]
     force = 1e7 * (last.contact[-1, 0] - 2e-3)
-    assert force == pytest.approx(60.0 * (1.0 - met.load_factor), rel=3e-2)  # the stop is stiff
+    assert force == pytest.approx(60.0 * (1.0 - met.load_factor), rel=6e-3)  # the stop is stiff
     assert found.reason == "end of the range" and not found.special
-    assert found.points[0].dissipated < met.dissipated < last.dissipated < 1.1 * met.dissipated
+    assert found.points[0].dissipated < met.dissipated < last.dissipated < 1.05 * met.dissipated
 
 
 def test_tangent_of_contacts_on_a_path_is_the_derivative_of_their_force() -> None:
@@ -103,5 +103,5 @@ def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> No
     found = fr.statics(scene, MPI.COMM_SELF)
     last = found.points[-1]
     assert (found.reason, found.unfinished, found.special) == ("sliding", None, [])
-    assert last.load_factor == pytest.approx(0.1, rel=1e-6)
+    assert last.load_factor == pytest.approx(0.1, rel=1e-9)
     assert last.slipping == last.closed > 0 and found.direction == 0  # not that of the pressure

@@ -115,7 +115,7 @@ def test_flanks_of_a_blade_root_carry_its_centrifugal_force(tmp_path: Path) -> N
     )
     slots = [body.mesh.nodes(f"{side} slot", body.space) for side in ("left", "right")]
     on_blade[np.concatenate(slots)] = False
-    assert up == pytest.approx(displaced[on_blade].sum(), rel=1e-6)
+    assert up == pytest.approx(displaced[on_blade].sum(), rel=1e-9)
 
 
 def test_diagram_of_a_blade_in_its_slot_holds_the_modes_at_each_speed(tmp_path: Path) -> None:
@@ -139,9 +139,9 @@ def test_reduced_motion_of_a_blade_in_its_slot_is_that_of_the_full_model(tmp_pat
     )
     motions = fr.run(scene).motions
     reduced, full = motions["reduced"], motions["full"]
-    assert np.abs(reduced.probe - full.probe).max() < 1e-3 * np.abs(full.probe).max()
+    assert np.abs(reduced.probe - full.probe).max() < 7e-4 * np.abs(full.probe).max()
     assert reduced.friction_dissipation[-1] == pytest.approx(
-        full.friction_dissipation[-1], rel=0.02
+        full.friction_dissipation[-1], rel=7e-3
     )
     assert reduced.friction_dissipation[-1] > 0.01
 
@@ -156,7 +156,7 @@ def test_pressure_that_follows_passes_between_bodies(tmp_path: Path) -> None:
     """λ E (λ² − 1)/2 = −p √(1 − ν (λ² − 1)) of the stretch λ along the pressure p.
 
     Reference: follower pressure of 2 GPa on two blocks that touch | closed form | stretch 0.99031 |
-    agree | 1e-6
+    agree | 1e-9
     """
     pressure, stiffness = 2e9, 1e16
     law = {"normal_stiffness": stiffness, "tangential_stiffness": 1e13, "friction": 0.3}
@@ -188,7 +188,7 @@ def test_pressure_that_follows_passes_between_bodies(tmp_path: Path) -> None:
     top = body.mesh.nodes("1 high y", body.space)
     found = body.equilibrium.reshape(-1, 2)[top, 1]
     expected = 0.1 * (stretch - 1.0) - pressure * across(stretch) / stiffness
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
     u, directions = random_directions(body)
     rest = np.zeros(body.local)
     assert_tangent(

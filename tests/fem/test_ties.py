@@ -109,7 +109,7 @@ def test_tied_bar_has_the_frequencies_of_the_bar_in_one_piece(tmp_path: Path) ->
 
 
 def test_tied_bar_bends_as_far_as_the_bar_in_one_piece(tmp_path: Path) -> None:
-    """By half of its length."""
+    """By half of its length; the tie gives way, but hardly."""
     tips = []
     for tied in (True, False):
         body = solid(bar(tmp_path, tied, geometrically_nonlinear=True))
@@ -119,9 +119,9 @@ def test_tied_bar_bends_as_far_as_the_bar_in_one_piece(tmp_path: Path) -> None:
             x = body.space.tabulate_dof_coordinates()[:, :2].ravel()
             force = body.couplings @ (x + u)
             jump = u @ force / (u @ body.internal_force(u))
-            assert 0.0 < jump < 1e-4
+            assert 2e-5 < jump < 6e-5
     assert 0.08 < tips[1][1] < 0.12
-    np.testing.assert_allclose(*tips, rtol=2e-4)
+    np.testing.assert_allclose(*tips, rtol=5e-5)
 
 
 def test_tie_is_part_of_the_tangent_the_energy_and_the_polynomial(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_tied_sector_has_the_frequencies_of_the_tied_disk(tmp_path: Path) -> Non
         with wave(sector, h) as one:
             squares = wave_modes(one, 4 * directions(sector, h))[0]
             found += [*squares.repeat(1 if h in (0, 3) else 2)]
-    np.testing.assert_allclose(np.sqrt(np.sort(found))[:9] / (2.0 * np.pi), whole, rtol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.sort(found))[:9] / (2.0 * np.pi), whole, rtol=3e-7)
 
 
 def test_picture_of_the_setup_shows_a_tie(tmp_path: Path) -> None:
