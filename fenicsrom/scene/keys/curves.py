@@ -74,8 +74,8 @@ class Response:
             `rotation.speeds_rpm`.
         first: parameter at the start of a curve.
         last: parameter at its end, above or below `first`.
-        method: "shooting" marches periods; "balance" finds harmonics, as always of a disk.
-        accuracy: with "balance", change of an amplitude by more harmonics that is accepted.
+        method: "shooting" marches periods; "balance" finds harmonics, as always for a disk.
+        accuracy: with "balance", accepted change of amplitudes by more harmonics.
         points: largest number of points; a smooth curve needs about 100, one with several contact
             points up to 600.
         families: a curve for each value of a second number.
