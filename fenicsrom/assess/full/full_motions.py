@@ -212,9 +212,7 @@ class FullPeriodicMotion:
     @property
     def amplitude(self) -> Array:
         """(P, d) half of peak-to-peak of the displacement, or (1, d) of the probe, m."""
-        found = self.record.displacement
-        found = found if found.shape[1] else self.record.probe[:, None, :]
-        return np.asarray(np.ptp(found, axis=0) / 2.0)
+        return np.asarray(np.ptp(self.record.observed, axis=0) / 2.0)
 
 
 def full_periodic_motion(

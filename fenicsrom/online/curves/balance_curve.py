@@ -67,9 +67,7 @@ class BalanceCurve(arc.ArcLength):
         found: Balanced = place.detail
         problem, record = found.problem, self.balance.record(found)
         model, settings = problem.model, problem.time
-        moved = record.displacement
-        if moved.shape[1] == 0:
-            moved = record.probe[:, None, :]
+        moved = record.observed
         states, extremes = occurrences(record, problem.contacts)
         plan = scheme(settings.scheme, model, settings.spectral_radius or 0.8)
         q, v, a = np.split(record.coordinates[-1], 3)

@@ -106,9 +106,7 @@ class Continuation(arc.ArcLength):
         """The motion of a solution; arguments as `ArcLength.point`."""
         s, parameter = self.variables(place.y)
         problem, record, m = self.problem_at(s, parameter), place.detail.record, self.shooting.m
-        displacement = record.displacement
-        if displacement.shape[1] == 0:
-            displacement = record.probe[:, None, :]
+        displacement = record.observed
         seen = self._spectrum(place.jacobian, place.free, problem)
         z = self.unscaled(s, parameter)
         drift = np.linalg.norm(self.shooting.map.sliders(place.detail.z - z), axis=1)

@@ -143,10 +143,7 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
         probe, m: the harmonic is Re(c_k exp(i k theta)), where the load is cos(theta).
     """
     order, unit = load_harmonic(histories, period)
-    displacement = record.displacement
-    if displacement.shape[1] == 0:
-        displacement = record.probe[:, None, :]
-    time, length = record.time, record.time[-1]
+    displacement, time, length = record.observed, record.time, record.time[-1]
     ahead = np.append(time[1:], time[0] + length)
     behind = np.append(time[-1] - length, time[:-1])
     weights = (ahead - behind) / length  # twice those of the trapezoidal rule

@@ -167,11 +167,11 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         np.concatenate([part] * count) if np.ndim(part) else part for part in model.points
     )
     d, probes = len(model.probe), rows_of(model.probe)
-    velocity: dict[str, Any] = {}
+    velocity: Any = np.zeros((0, 0))
     if model.velocity_forces:  # mistuning changes the damping by stiffness only
         damping = 0.5 * (model.velocity_matrix + model.velocity_matrix.T)
         turning = model.velocity_matrix - damping
-        velocity["velocity_matrix"] = sector.of_disk(count, factors * damping + turning)
+        velocity = sector.of_disk(count, factors * damping + turning)
     return DiskModel(
         mass=mass,  # type: ignore[arg-type]
         damping=model.damping,
@@ -185,7 +185,7 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
         contact_offset=np.tile(model.contact_offset, count),
         probe=probes[:d],
         probe_offset=model.probe_offset,
-        **velocity,
+        velocity_matrix=velocity,
         linear=forces.linear,
         gauss_points=1 if forces.linear else 2,
         probes=probes,
@@ -247,9 +247,10 @@ class _Forces:
     def _terms(self, eta: Array, weights: Array, levers: Array) -> tuple[Array, Array, float]:
         """Weighted forces (N, e), tangents (N, e, e) and the energy at points η (g, N, e)."""
         forces, tangents = np.zeros(eta.shape[1:]), np.zeros((*eta.shape[1:], eta.shape[2]))
-        given = self._polynomial, self._columns, self._factors, eta, weights, levers
-        energy: float = _add_terms(*given, forces, tangents)
-        return forces, tangents, energy
+        energy = _add_terms(
+            self._polynomial, self._columns, self._factors, eta, weights, levers, forces, tangents
+        )
+        return forces, tangents, float(energy)
 
 
 @compiled

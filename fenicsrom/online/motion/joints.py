@@ -80,7 +80,11 @@ def joints_of(motion: Motion, scene: Any, points: ContactPoints, at_rest: Array)
         arms: Array = np.pad((places - centre)[None], wide)
         pushed: Array = np.pad(force, wide)
         turned = np.cross(arms, pushed)
-        states = {name[5:]: part[mine] for name, part in maps.items() if name.startswith("part_")}
+        states = {
+            name.removeprefix("part_"): part[mine]
+            for name, part in maps.items()
+            if name.startswith("part_")
+        }
         found.append(
             Joint(
                 contact=k,

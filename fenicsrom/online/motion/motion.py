@@ -237,10 +237,9 @@ class Motion(History):
             q, v, a = np.split(coordinates, 3, axis=1)
             numbers |= {"coordinates": q, "velocity": v, "acceleration": a}
             numbers["coordinate_time"] = rows.time[-len(q) :]
-        found = rows.displacement if rows.displacement.shape[1] else rows.probe[:, None, :]
         rubbed = rows.friction_dissipation
         numbers["probe"] = rows.probe
-        return cls(displacement=found, point_friction_dissipation=rubbed, **numbers)
+        return cls(displacement=rows.observed, point_friction_dissipation=rubbed, **numbers)
 
     def at_probe(self) -> Motion | None:
         """The motion of the probe without the contact points; None if it is not known."""

@@ -213,8 +213,7 @@ class PeriodicMotion:
     @property
     def displacement(self) -> Array:
         """(rows, P, d) contact displacement, or (rows, 1, d) of the probe without contact, m."""
-        found: Array = self.record.displacement
-        return found if found.shape[1] else self.record.probe[:, None, :]
+        return self.record.observed
 
     @property
     def amplitude(self) -> Array:

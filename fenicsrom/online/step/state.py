@@ -211,6 +211,11 @@ class Record(NamedTuple):
     turning: Annotated[Array, "rows turning"]
     coordinates: Annotated[Array, "rows width"]
 
+    @property
+    def observed(self) -> Array:
+        """(rows, P, d) `displacement`, or (rows, 1, d) that of the probe without contact, m."""
+        return self.displacement if self.displacement.shape[1] else self.probe[:, None, :]
+
 
 class PeriodicSearch(NamedTuple):
     """What Newton's method found of the periodic motion to which a run tends.
