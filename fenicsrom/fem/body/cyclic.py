@@ -353,7 +353,8 @@ def wave_matrix(
 ) -> PETSc.Mat:
     """The matrix (2) of a wave from a matrix of the sector and P. Collective.
 
-    `more` (rows of P) is added before the product, on one rank.
+    `more`, sparse, is added first to the matrix, or to the two copies of it that P has of a wave in
+    real and imaginary parts. It needs one rank.
     """
     size = matrix.getLocalSize()[0], matrix.getSize()[1]
     copies = constraint.getLocalSize()[0] // size[0]

@@ -36,7 +36,7 @@ from fenicsrom.scene.keys.schema import Contact, Tie
 from fenicsrom.words import counted
 
 GAUSS_POINTS = 8
-"""Gauss points along an edge of a part of a facet of A; B's facets are not cut out of these."""
+"""Gauss points along an edge of a part of a facet of A; edges of B do not divide these parts."""
 
 NEAREST = 16
 """Number of facets of B, those with the nearest midpoints, among which the closest point is."""

@@ -56,15 +56,16 @@ WAVES = 3
 """Number of modes of each nodal diameter whose shapes the cut faces take."""
 
 INDEPENDENT = 1e-6
-"""A combination of contact forces joins others if its own part is larger."""
+"""A combination of contact forces joins others if they leave out more than this part of it."""
 
 PAIRED = 3
 """Number of normal modes of the sector with clamped faces whose derivatives the basis takes."""
 
 FURTHER = 4
-"""Number of normal modes that the sector has more which judges the reduction.
+"""Number of further normal modes of the larger sector, which judges the reduction.
 
-It has one more mode of each nodal diameter, and derivatives of one more normal mode.
+The larger sector also has one more mode of each nodal diameter, and derivatives of one more normal
+mode.
 """
 
 
@@ -192,7 +193,13 @@ class _Cut:
         return self._basis(options.modes, min(PAIRED, modes), options.masters)
 
     def _basis(self, modes: int | str, paired: int, masters: int | str | None) -> ReducedBasis:
-        """The basis of so many normal modes, with derivatives of so many of them."""
+        """The basis of the interior.
+
+        Args:
+            modes: number of normal modes, or "auto".
+            paired: number of them whose derivatives the basis takes.
+            masters: as `basis.masters`.
+        """
         if self._sector.interface is not None:
             self._interior.interface = both_sides(self._sector.interface, self._between)
         options = replace(self._scene.basis, modes=modes, masters=masters)
@@ -203,7 +210,7 @@ class _Cut:
         return Reduction(self._interior, clamped, self._timed).basis
 
     def larger_basis(self, basis: ReducedBasis) -> ReducedBasis:
-        """The basis of `FURTHER` modes more than another one, which it judges."""
+        """The basis of the interior of the larger sector; `basis` is the one that it judges."""
         modes = sum(re.fullmatch(r"\d+V", label) is not None for label in basis.labels)
         most, masters = min(modes + FURTHER, self._interior.free), self._scene.basis.masters
         if masters == "motion" and self._interior.interface is not None:

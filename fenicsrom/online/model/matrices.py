@@ -216,7 +216,7 @@ class DenseModel:
         self.velocity_forces = self.velocity_matrix.size > 0
         if not self.velocity_forces:
             self.velocity_matrix = 0.0 * self.mass
-        self._rows: Any = self.contact_rows
+        self._rows: Any = self.contact_rows  # sparse where a row reaches few coordinates
         self._inverse: Callable[[Array], Array] | None = None
         self._key: tuple[float, float, float] | None = None
         self._response: tuple[Array, Array] | None = None  # Z and BᵀZ of a linear model

@@ -55,7 +55,7 @@ def _damping(model: ReducedModel) -> Array:
 
 
 def waves_of(harmonics: int, instants: int, first: float = 0.0) -> Array:
-    """(T, 2 H + 1) values of 1, cos, sin, cos 2, .. at the instants k + `first` of T."""
+    """Values (T, 2 H + 1) of 1, cos, sin, cos 2, .. at the instants k + `first` of T."""
     angle = 2.0 * np.pi * (np.arange(instants)[:, None] + first) / instants
     orders = np.arange(1, harmonics + 1)
     pairs = np.stack([np.cos(orders * angle), np.sin(orders * angle)], axis=2)
@@ -63,7 +63,7 @@ def waves_of(harmonics: int, instants: int, first: float = 0.0) -> Array:
 
 
 def step_weights(harmonics: int, instants: int) -> Array:
-    """(2 H + 1, T) by which means over steps become coefficients.
+    """The matrix (2 H + 1, T) that turns means over steps into coefficients.
 
     The mean of a harmonic k over the chord of a step is cos(k pi/T) times its value in the middle,
     so that the force of a spring is exact.
