@@ -74,7 +74,9 @@ FROM = Argument(
     help="use the reduced_model.npz, or the folder, of an earlier run, without a mesh and dolfinx",
 )
 SET = repeated(
-    *("--set", "overrides", "KEY=VALUE"),
+    "--set",
+    "overrides",
+    "KEY=VALUE",
     help="change a value of the scene, such as loads.0.force=200; put text in quotes",
 )
 OUTPUT = Argument(

@@ -108,7 +108,8 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
         if options.name == "run" and not options.stored and _is_of(options, folder / MODEL):
             words = ["fenicsrom", "run", "--from", str(folder / MODEL)]
             words += ["--output", f"{folder}_reduced"]
-            motion = "and what is above" if (folder / "disk.json").exists() else "but no motion"
+            marched = (folder / "disk.json").exists()
+            motion = "as was the motion so far" if marched else "but no motion"
             return (
                 f"the reduced model was kept, {motion}; to run this model: {shlex.join(words)}"
                 "; to compute all, run the command again"

@@ -42,7 +42,9 @@ def natural(text: str) -> int:
 
 
 OVER = repeated(
-    *("--over", "over", "KEY=VALUES"),
+    "--over",
+    "over",
+    "KEY=VALUES",
     help="values of a key of the scene: a list such as loads.0.force=[50, 100], or a range "
     "FIRST:LAST:COUNT, with :log in equal ratios; all combinations run",
 )

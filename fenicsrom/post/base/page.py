@@ -276,9 +276,13 @@ class Report:
     def verdict(self) -> Verdict:
         """Whether the results can be trusted."""
         interrupted = getattr(self.found, "interrupted", False)
-        found = self.warnings, failure_of(self.found)
-        judged, unjudged = self.quantities, self.unjudged
-        return verdict_of(*found, interrupted=interrupted, quantities=judged, unjudged=unjudged)
+        return verdict_of(
+            self.warnings,
+            failure_of(self.found),
+            interrupted=interrupted,
+            quantities=self.quantities,
+            unjudged=self.unjudged,
+        )
 
     def plot(self) -> Figure:
         """Draw the first picture, a matplotlib figure."""
