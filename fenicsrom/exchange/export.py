@@ -30,7 +30,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import scene_table, toml_text
 from fenicsrom.scene.base.tables import plain
 from fenicsrom.scene.checks.contact_checks import require_no_pairs
-from fenicsrom.scene.keys.schema import surface_spin
+from fenicsrom.scene.keys.contacts import surface_spin
 from fenicsrom.scene.reading.superelement import EXCLUDED
 
 SUFFIXES: Mapping[str, str] = {"mat": ".mat", "fmu": ".fmu", "dmig": ".bdf", "op4": ".op4"}

@@ -7,6 +7,7 @@ Imports run one way, between the packages and modules of this one too:
 
 from fenicsrom.scene.base.tables import toml_text
 from fenicsrom.scene.json_schema import json_schema
+from fenicsrom.scene.keys.contacts import Abradable, Bolt, Contact, Surface, Tie
 from fenicsrom.scene.keys.curves import (
     Backbone,
     Families,
@@ -45,22 +46,16 @@ from fenicsrom.scene.keys.places import (
     Region,
     Support,
 )
+from fenicsrom.scene.keys.rotation import Cyclic, Rotation
 from fenicsrom.scene.keys.schema import (
-    Abradable,
     Basis,
     BeamSection,
-    Bolt,
     Campbell,
     Compare,
-    Contact,
-    Cyclic,
     Geometry,
     Output,
     Reference,
-    Rotation,
     Scene,
-    Surface,
-    Tie,
 )
 from fenicsrom.scene.keys.times import (
     Duration,

@@ -597,7 +597,7 @@ def test_scene_of_demo_survives_stored_model() -> None:
     """The stored model keeps the scene; the casing is at rest, so it turns in the frame of the
     blade."""
     from fenicsrom.scene import parse_scene, scene_table
-    from fenicsrom.scene.keys.schema import surface_spin
+    from fenicsrom.scene.keys.contacts import surface_spin
 
     scene = blade()
     again = parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, None)

@@ -47,7 +47,7 @@ from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from fenicsrom.post.studies.disk_run_report import report
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
-from tests.support import refusal
+from tests.support import assert_tangent, refusal
 
 DEMOS = Path(__file__).parents[2] / "demos"
 RIM = np.array([[0.15 * np.sqrt(3.0), 0.15, 0.0]])
@@ -358,6 +358,25 @@ def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_pat
     assert np.abs(tuned - tuned.T).max() > 1e3  # N s/m, by the Coriolis force
     np.testing.assert_allclose(mistuned - mistuned.T, tuned - tuned.T, atol=1e-6)
     np.testing.assert_allclose(mistuned + mistuned.T, 1.25 * (tuned + tuned.T), atol=1e-6)
+
+
+def test_forces_of_a_mistuned_disk_are_the_slopes_of_its_energy(tmp_path: Path) -> None:
+    """In large motions, at an instant and over a step."""
+    scene = sector_scene(tmp_path, 1, geometrically_nonlinear=True, basis={"modes": 1})
+    disk = disk_model(sector_of(scene), disk_scene(scene), 0.1 * np.arange(N))
+    q0, dq = 0.3 * np.random.default_rng(0).standard_normal((2, len(disk.loads)))
+
+    def over_step(x: Any, points: Any = (0.2, 0.8), weights: Any = (0.6, 0.4)) -> tuple[Any, Any]:
+        given = np.array(points), np.array(weights)
+        force, tangent = disk.elastic_over_step(0.0 * q0, q0, x, 0.0, *given)
+        return force, tangent.matrix.toarray()
+
+    assert_tangent(lambda q: disk.elastic_at(q)[1], lambda q: disk.elastic_at(q)[0], q0)
+    force, matrix = over_step(dq, [1.0], [1.0])
+    np.testing.assert_allclose(force, disk.elastic_at(q0 + dq)[0], atol=1e-12 * abs(force).max())
+    assert_tangent(lambda x: over_step(x)[0], lambda x: over_step(x)[1], dq)
+    linear = over_step(-q0, [1.0], [1.0])[1]
+    assert abs(matrix - linear).max() > 0.1 * abs(linear).max()
 
 
 def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:

@@ -117,6 +117,33 @@ def test_friction_is_that_of_short_time_steps() -> None:
     assert found.friction_dissipation + found.damping_dissipation == pytest.approx(work, rel=2e-4)
 
 
+def test_period_of_a_motion_is_that_of_time_steps() -> None:
+    """A point that lifts off, slips and sticks, beside a constant elastic force."""
+    model = linear_model(
+        np.eye(2),
+        np.diag([1.0, 1.2]),
+        damping=0.1,
+        loads=[[1.0], [0.6]],
+        load_histories=harmonic(1.0, 1.5, 0.5 * np.pi),
+        masters=2,
+    )
+    model = model._replace(elastic=model.elastic._replace(force=np.array([0.1, -0.2])))
+    contacts = one_contact(preload=0.3, friction=0.5)
+    problem = Problem(model, contacts, period_steps(256), 2.0 * np.pi / 1.5)
+    path = curve_of(problem, 31)
+    found = path.balance.at(problem, at(path, problem).s, derive=False)
+    assert found is not None
+    ours = path.balance.record(found)
+    shot = periodic_motion(problem, (np.zeros(2), np.zeros(2), np.zeros((1, 2)))).record
+    assert {*shot.state.ravel()} == {-1, 0, 1}
+    np.testing.assert_array_equal(ours.state, shot.state)
+    np.testing.assert_allclose(ours.coordinates[:, :4], shot.coordinates[:, :4], atol=1.5e-3)
+    for name in ("time", "displacement", "probe", "force", "mean_force", "gap"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(shot, name), atol=1.5e-3)
+    lost, wanted = (record.friction_dissipation for record in (ours, shot))
+    np.testing.assert_allclose(lost, wanted, atol=1e-4)
+
+
 def two_points() -> tuple[Problem, Array]:
     """A nonlinear body of five coordinates with two points that rub and lift off, and variables."""
     rng, n = np.random.default_rng(3), 5

@@ -31,8 +31,8 @@ from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, points_on
 from fenicsrom.online.contact.surfaces import frame
+from fenicsrom.scene.keys.contacts import Contact, Tie
 from fenicsrom.scene.keys.places import Region
-from fenicsrom.scene.keys.schema import Contact, Tie
 from fenicsrom.words import counted
 
 GAUSS_POINTS = 8

@@ -20,7 +20,7 @@ from fenicsrom.online.contact.surfaces import (
     planes,
 )
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.keys.schema import surface_spin, surface_turns
+from fenicsrom.scene.keys.contacts import surface_spin, surface_turns
 from fenicsrom.scene.keys.unit_system import LENGTHS
 
 NO_DIRECTION = 1e-3

@@ -38,7 +38,7 @@ from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel, Tangent
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with
 from fenicsrom.scene import Load, Scene
-from fenicsrom.scene.keys.schema import Deviation
+from fenicsrom.scene.keys.rotation import Deviation
 
 Complex = NDArray[np.complex128]
 

@@ -22,7 +22,7 @@ from fenicsrom.post.run import figures
 from fenicsrom.post.run.joint_figures import joint_pictures
 from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
-from fenicsrom.scene.keys.schema import surface_spin
+from fenicsrom.scene.keys.contacts import surface_spin
 
 Draw = Callable[[], Plot]
 CAPTIONS = {

@@ -21,7 +21,8 @@ from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.excitation import excitations
 from fenicsrom.scene.keys.loads import Load, SupportDisplacement
 from fenicsrom.scene.keys.places import AXES, Elasticity, Place, Region
-from fenicsrom.scene.keys.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.keys.rotation import Rotation
+from fenicsrom.scene.keys.schema import Geometry, Scene
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod, StepsPerRevolution
 
 STEPS = 10

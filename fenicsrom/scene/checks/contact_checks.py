@@ -7,7 +7,8 @@ from operator import mul
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
 from fenicsrom.scene.keys import times
-from fenicsrom.scene.keys.schema import Contact, Scene, Surface, surface_spin
+from fenicsrom.scene.keys.contacts import Contact, Surface, surface_spin
+from fenicsrom.scene.keys.schema import Scene
 
 WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
 

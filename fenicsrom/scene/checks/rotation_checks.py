@@ -9,7 +9,8 @@ from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
 from fenicsrom.scene.base.tables import require_none
 from fenicsrom.scene.checks.curve_checks import speed_problems
 from fenicsrom.scene.keys import times
-from fenicsrom.scene.keys.schema import Rotation, Scene
+from fenicsrom.scene.keys.rotation import Rotation
+from fenicsrom.scene.keys.schema import Scene
 
 
 def rotation_problems(scene: Scene) -> Problems:

@@ -14,7 +14,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from fenicsrom.scene.keys import loads
-from fenicsrom.scene.keys.schema import Rotation, Scene, Surface, surface_spin
+from fenicsrom.scene.keys.contacts import Surface, surface_spin
+from fenicsrom.scene.keys.rotation import Rotation
+from fenicsrom.scene.keys.schema import Scene
 
 SMALL_SWING = 1e-3
 """Swings of a table below this part of its range are noise: they change the load by less."""

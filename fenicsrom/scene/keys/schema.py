@@ -1,38 +1,36 @@
 """The scene, which says what to compute, as frozen dataclasses in SI units.
 
-Every key of the file is one field below. The annotation of the field holds the rule of the key
-(type, range and unit), and the docstring describes the key. The reference of all keys and the JSON
-schema are made from both. A new key is a new field here and, if it depends on other keys, a check
-in `fenicsrom.scene.checks`. A field without a default is required. A default that depends on other
-keys is None here, and `fenicsrom.scene.reading.reading` replaces it.
+Every key of the file is one field of a class in this module or in one beside it. The annotation of
+the field holds the rule of the key (type, range and unit), and the docstring describes the key. The
+reference of all keys and the JSON schema are made from both. A new key is a new field and, if it
+depends on other keys, a check in `fenicsrom.scene.checks`. A field without a default is required. A
+default that depends on other keys is None here, and `fenicsrom.scene.reading.reading` replaces it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import (
     Rule,
     Where,
-    array,
     choice,
     either,
     flag,
     integer,
     list_of,
     number,
-    rows_of,
 )
 from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.keys import places
+from fenicsrom.scene.keys.contacts import Bolt, Contact, Tie, surface_spin
 from fenicsrom.scene.keys.curves import Backbone, Response, Ringdown, Statics
 from fenicsrom.scene.keys.loads import Load
+from fenicsrom.scene.keys.rotation import SPEEDS, Cyclic, Rotation
 from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief
@@ -76,284 +74,6 @@ class Geometry:
     def is_cad(self) -> bool:
         """Whether the body comes from a CAD file, which is meshed here."""
         return self.mesh.suffix.lower() in (".step", ".stp")
-
-
-_ORDER = {"type": "integer", "minimum": 1}
-_WAVES = rows_of("order", "height", "phase", unit="–, m, rad", first=_ORDER)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Surface:
-    """A round rigid surface.
-
-    Attributes:
-        kind: shape; in 2D a cylinder is a circle.
-        point: a point of the axis, or the centre.
-        axis: axis of a cylinder in 3D, of any length.
-        inside: whether the body is inside, as a blade in its casing.
-        radius: radius. Default: from the gap.
-        spin: rate at which a cylinder turns, seen from the body. Default: the casing is at rest.
-        waves: waves of a cylinder: each moves the surface towards the body by height · cos(order
-            (angle − spin t) − phase). The angle is positive about the axis.
-        angle_from: direction from the axis where the angle starts. Default: the middle of the
-            contact points.
-    """
-
-    kind: Annotated[str, choice("cylinder", "sphere")]
-    point: Annotated[tuple[float, ...], rules.point]
-    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
-    inside: Annotated[bool, flag] = True
-    radius: Annotated[float | None, number(above=0.0, unit="m")] = None
-    spin: Annotated[float | None, number(unit="rad/s")] = None
-    waves: Annotated[tuple[tuple[float, ...], ...], _WAVES] = ()
-    angle_from: Annotated[tuple[float, ...] | None, rules.direction] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Abradable:
-    """A layer on the surface that the body wears, such as the coating of a casing.
-
-    Attributes:
-        thickness: thickness of the layer.
-        modulus: Young's modulus of the layer.
-        yield_stress: stress that crushes the new layer.
-        hardening: growth of this stress with plastic strain.
-        viscosity: growth of this stress with the rate of plastic strain.
-        area: area that presses the layer, of all nodes together. The nodes share it by their area
-            or length.
-        width: width of the trace along the axis. Default: the distance between the outermost
-            points, in 2D the thickness.
-        cells: angles of a turning surface at which the worn depth is known.
-    """
-
-    thickness: Annotated[float, number(above=0.0, unit="m")]
-    modulus: Annotated[float, number(above=0.0, unit="Pa")]
-    yield_stress: Annotated[float, number(above=0.0, unit="Pa")]
-    hardening: Annotated[float, number(least=0.0, unit="Pa")] = 0.0
-    viscosity: Annotated[float, number(least=0.0, unit="N s/m²")] = 0.0
-    area: Annotated[float, number(above=0.0, unit="m²")]
-    width: Annotated[float | None, number(above=0.0, unit="m")] = None
-    cells: Annotated[int, integer(3, 1_000_000)] = 720
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contact:
-    """A point, or every node of a region, against a rigid surface or another region of the body.
-
-    With `against`, every node of the facets of a region is a contact point (at = "nodes" says
-    nothing more), and the other region moves. The region with the smaller facets comes first.
-
-    With at = "nodes" the preload and both stiffnesses are those of a unit of the region: of an area
-    of facets, of a length of edges (a curve in 3D), or of one node of a node set.
-
-    Attributes:
-        place: where the contact is.
-        normal: unit vector into a rigid plane; not with a surface.
-        surface: a round rigid surface instead of the plane.
-        against: group of the facets of the other region, which share no node with those of the
-            first one; not with normal or surface.
-        neighbour: whether `against` is a region of the next sector; only with [cyclic].
-        reach: facets at larger distances are not opposite one another; only with `against`.
-        abradable: a layer on the surface that the body wears; not with a preload.
-        preload: normal force at the undeformed position. With at = "nodes": N/m² on facets, N/m on
-            curves in 3D, N for each node of a node set. With `against` the bodies give way under
-            it, which leaves a part.
-        gap: initial distance, of the nearest node; not with a preload. Default: 0, and with
-            `against` and without a preload the distance in the mesh.
-        approach: how far the surface has moved towards the body, linear between the times. Default:
-            at rest.
-        normal_stiffness: stiffness along the normal. With at = "nodes": N/m³ on facets, N/m² on
-            curves, N/m for each node; `fenicsrom plan` says which.
-        tangential_stiffness: stiffness along the surface, in the same unit.
-        friction: coefficient of friction.
-    """
-
-    place: Annotated[places.Place, places.Place]
-    normal: Annotated[tuple[float, ...] | None, rules.direction] = None
-    surface: Annotated[Surface | None, table_of(Surface)] = None
-    against: Annotated[str | None, rules.name] = None
-    neighbour: Annotated[bool, flag] = False
-    reach: Annotated[float | None, number(above=0.0, unit="m")] = None
-    abradable: Annotated[Abradable | None, table_of(Abradable)] = None
-    preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
-    gap: Annotated[float | None, number(least=0.0, unit="m")] = None
-    approach: Annotated[
-        tuple[tuple[float, ...], ...], rows_of("time", "distance", unit="s, m")
-    ] = ()
-    normal_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
-    tangential_stiffness: Annotated[float, number(above=0.0, unit="N/m")]
-    friction: Annotated[float, number(least=0.0)]
-
-    @property
-    def has_region(self) -> bool:
-        """Whether every node of a region is a contact point."""
-        return self.place.at == "nodes" or self.against is not None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bolt:
-    """A bolt that pulls two regions together along the line between their centres.
-
-    The force stays constant. In a geometrically nonlinear scene its direction follows the regions.
-
-    Attributes:
-        head: group of the facets under the head.
-        nut: group of the facets under the nut.
-        force: tension.
-    """
-
-    head: Annotated[str, rules.name]
-    nut: Annotated[str, rules.name]
-    force: Annotated[float, number(above=0.0, unit="N")]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tie:
-    """Two regions without common nodes that move as one, as part of the structure.
-
-    The region with the smaller facets comes first.
-
-    Attributes:
-        group: group of the facets of one region.
-        against: group of the facets of the other one.
-        reach: facets at larger distances are not tied. Default: a tenth of a facet.
-    """
-
-    group: Annotated[str, rules.name]
-    against: Annotated[str, rules.name]
-    reach: Annotated[float | None, number(above=0.0, unit="m")] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Range:
-    """Equally spaced values.
-
-    Attributes:
-        first: first value.
-        last: last value.
-        number: number of values.
-    """
-
-    first: Annotated[float, number(least=0.0, unit="rev/min")]
-    last: Annotated[float, number(above=0.0, unit="rev/min")]
-    number: Annotated[int, integer(2, 10_000)]
-
-
-def _read_speeds(value: Any, where: Where) -> tuple[float, ...]:
-    """Give ascending speeds from a list or from a table of first, last and number."""
-    if isinstance(value, Mapping):
-        span = read_table(Range, value, where)
-        if span.last <= span.first:
-            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
-        step = (span.last - span.first) / (span.number - 1)
-        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
-    if not rules.is_sequence(value) or len(value) < 2:
-        allowed = "must be a list of at least two speeds, or a table of first, last and number"
-        raise where.refuse(value, allowed, ErrorKind.TYPE)
-    speeds = tuple(number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
-    for index in range(1, len(speeds)):
-        if speeds[index] <= speeds[index - 1]:
-            allowed = f"must be above the previous speed, {speeds[index - 1]:g}"
-            raise where.at(index).refuse(value[index], allowed)
-    return speeds
-
-
-SPEEDS = Rule(
-    _read_speeds,
-    {"oneOf": [array({"type": "number", "minimum": 0}, 2), {"kind": Range}]},
-    "ascending list of numbers, or { first, last, number }",
-    "rev/min",
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rotation:
-    """A rotation about a fixed axis.
-
-    The scene, its loads and its surfaces are described in the frame that turns with the body.
-
-    Attributes:
-        speed_rpm: speed, positive about the axis; a run with `history` ignores it.
-        axis: axis in 3D, of any length.
-        point: a point of the axis. Default: the origin.
-        coriolis: whether the Coriolis force acts.
-        speeds_rpm: speeds for the basis of one model for a range of speeds, two or three as a rule.
-            Default: one model for `speed_rpm`.
-        history: speeds of a run over time, linear between the rows, constant after the last one,
-            inside `speeds_rpm`.
-    """
-
-    speed_rpm: Annotated[float, number(unit="rev/min")]
-    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
-    point: Annotated[tuple[float, ...] | None, rules.point] = None
-    coriolis: Annotated[bool, flag] = False
-    speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
-    history: Annotated[
-        tuple[tuple[float, ...], ...], rows_of("time", "speed", unit="s, rev/min")
-    ] = ()
-
-    @property
-    def omega(self) -> float:
-        """Angular velocity in rad/s."""
-        return math.pi / 30.0 * self.speed_rpm
-
-
-@dataclass(frozen=True, kw_only=True)
-class Deviation:
-    """Random differences between the sectors of a disk.
-
-    Attributes:
-        deviation: standard deviation of the relative changes of stiffness.
-        seed: seed of the random numbers.
-    """
-
-    deviation: Annotated[float, number(least=0.0, below=0.3)]
-    seed: Annotated[int, integer(0, 2**31 - 1)] = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cyclic:
-    """A disk of which the mesh is one sector, for `fenicsrom modes`, `campbell` and `run`.
-
-    Loads, contacts, supports and attachments are in every sector alike, turned with it.
-
-    Attributes:
-        sectors: number of sectors of the disk.
-        left: group of facets of one cut face.
-        right: group of facets of the other cut face: the left one turned by 360°/sectors.
-        axis: axis of the disk in 3D, of any length. Default: that of [rotation].
-        point: a point of the axis. Default: that of [rotation], or the origin.
-        diameters: nodal diameters. Default: 0 to 12, or to half the number of sectors.
-        mistuning: relative changes of the stiffness of all sectors in a run, or their deviation and
-            seed. Default: none.
-    """
-
-    sectors: Annotated[int, integer(3, 1000)]
-    left: Annotated[str, rules.name]
-    right: Annotated[str, rules.name]
-    axis: Annotated[tuple[float, ...] | None, rules.direction] = None
-    point: Annotated[tuple[float, ...] | None, rules.point] = None
-    diameters: Annotated[tuple[int, ...] | None, list_of(integer(0, 500))] = None
-    mistuning: Annotated[
-        tuple[float, ...] | Deviation | None,
-        either(list_of(number(above=-1.0), distinct=False), table_of(Deviation)),
-    ] = None
-
-
-def surface_turns(surface: Surface, rotation: Rotation | None) -> float:
-    """The angle by which a surface turns for each radian of the body, as the body sees it."""
-    if surface.spin is not None or rotation is None or surface.kind == "sphere":
-        return 0.0
-    about = 1.0
-    if surface.axis is not None and rotation.axis is not None:
-        about = sum(a * b for a, b in zip(surface.axis, rotation.axis, strict=True))
-    return -about if abs(about) > 1.0 - 1e-9 else 0.0
-
-
-def surface_spin(surface: Surface, rotation: Rotation | None) -> float:
-    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
-    omega = 0.0 if rotation is None else rotation.omega
-    return (surface.spin or 0.0) + surface_turns(surface, rotation) * omega
 
 
 METHODS = ("rubin", "craig-bampton")

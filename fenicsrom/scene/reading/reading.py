@@ -30,9 +30,11 @@ from fenicsrom.scene.base.tables import (
 )
 from fenicsrom.scene.checks.checks import default_masters, problems, step_problems
 from fenicsrom.scene.keys import times
+from fenicsrom.scene.keys.contacts import Contact
 from fenicsrom.scene.keys.loads import EngineOrder, Load, OrderFrequency, Table, with_rows
 from fenicsrom.scene.keys.places import Refinement
-from fenicsrom.scene.keys.schema import Contact, Geometry, Rotation, Scene
+from fenicsrom.scene.keys.rotation import Rotation
+from fenicsrom.scene.keys.schema import Geometry, Scene
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.scene.reading.overrides import (
     Overrides,
