@@ -17,6 +17,7 @@ from mpi4py import MPI
 from support import refusal, touching
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.mesh.gmsh_model import pieces_of
 from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.solid import solid_of
@@ -208,6 +209,49 @@ def test_contact_on_a_glued_face_is_refused(tmp_path: Path) -> None:
         mesh = mesh or build_mesh(scene.geometry, MPI.COMM_WORLD)
         with refusal(ErrorKind.PLACE, "contacts[0].group", "scene", names=f"'{group}'"):
             solid_of(scene, mesh)
+
+
+def base_with_foot(occ: Any) -> None:
+    """A cover (2) and a foot (3) stand on a base (1); a rib (4) stands on the cover."""
+    occ.addBox(0, 0, 0, 120, 20, 5)
+    occ.addBox(80, 0, 5, 100, 20, 5)
+    occ.addBox(0, 0, 5, 20, 20, 10)
+    occ.addBox(150, 0, 10, 30, 20, 6)
+
+
+@pytest.mark.parametrize(
+    ("keys", "glued", "said"),
+    [
+        ({}, {"6+11", "6+17", "12+23"}, 0),
+        ({"glue": False}, set(), 3),
+        ({"apart": (("11", "6"),)}, {"6+17", "12+23"}, 0),
+        ({"glue": (("body 1", "body 3"),)}, {"6+17"}, 2),
+    ],
+)
+def test_glue_chooses_the_bodies_that_share_nodes(
+    keys: dict[str, Any], glued: set[str], said: int, tmp_path: Path
+) -> None:
+    """By default all that touch, without the faces of contacts and ties."""
+    mesh = read(step_file(tmp_path / "base.step", base_with_foot), 0.02, **keys)
+    assert {name for name in mesh.facet_groups if "+" in name} == glued
+    assert sum("may pass through" in str(one) for one in mesh.warnings) == said
+    assert volume(mesh) == pytest.approx(2.96e-5)
+    nodes = mesh.domain.geometry.dofmap
+    assert len(set(pieces_of(nodes, 1 + nodes.max()))) == 4 - len(glued)
+
+
+def test_bodies_in_contact_that_a_third_body_joins_are_refused(tmp_path: Path) -> None:
+    def bridged(occ: Any) -> None:
+        lap(occ)
+        occ.addBox(60, 20, 0, 10, 5, 8)
+
+    path = step_file(tmp_path / "three.step", bridged)
+    with refusal(ErrorKind.MISSING, "geometry.glue", path.name, names="body 1 and body 2"):
+        read(path, 0.02, apart=(("6", "11"),))
+    with refusal(ErrorKind.PLACE, "geometry.glue", path.name, names="body 1, body 2, body 3"):
+        read(path, 0.02, glue=(("body 1", "cover"),))
+    glue = (("body 1", "body 3"),)
+    assert read(path, 0.02, apart=(("6", "11"),), glue=glue).has_facets("4+15")
 
 
 @pytest.mark.slow

@@ -11,9 +11,13 @@ Node numbers are those of gmsh. A "kind" is gmsh's number of an element type.
 
 import re
 from collections.abc import Iterable
+from dataclasses import MISSING
+from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.formats.mesh_file import Floats, Ints
@@ -121,6 +125,12 @@ def add_elements(gmsh: Any, d: int, kind: int, elements: Ints, tags: Ints) -> No
         gmsh.model.addPhysicalGroup(d, [entity], int(tag))
 
 
+UNGLUED = "; [[contacts]] or [[ties]] between these faces, or geometry.glue, keep them apart"
+"""What a user can do about bodies that are glued."""
+
+TOUCHING = 1e-6
+"""Bodies of a CAD file at smaller distances, relative to their extent, touch."""
+
 SMALLEST = 0.05
 """Default of the smallest cells, relative to the cell size."""
 
@@ -198,7 +208,7 @@ def straightened(number: int) -> str:
 
 
 def _named_faces(gmsh: Any, geometry: Geometry) -> tuple[dict[str, list[int]], set[str], list[str]]:
-    """The faces by their name in the file, or else by their number; bodies that touch are joined.
+    """The faces by their name in the file, or else by their number; `glue` joins bodies that touch.
 
     Each of several bodies becomes a group. A face keeps its name on its parts on the surface. Its
     parts inside, along which bodies are glued, are groups named by both faces, such as "6+11". If
@@ -216,14 +226,22 @@ def _named_faces(gmsh: Any, geometry: Geometry) -> tuple[dict[str, list[int]], s
         return _sorted(_listed((name, tag) for (_, tag), name in names.items())), set(), []
     bodies = {solid: _name(gmsh, *solid) for solid in solids}
     bodies = {s: f"body {name}" if name == str(s[1]) else name for s, name in bodies.items()}
-    # the map of fragment numbers the unchanged faces wrongly if it removes the old bodies
-    old = [*solids, *sides]
-    parts = gmsh.model.occ.fragment(solids, list(sides), removeObject=False, removeTool=False)[1]
-    kept = {part for found in parts for part in found}
-    gmsh.model.occ.remove([entity for entity in old if entity not in kept], recursive=True)
+    pieces, notes = _pieces(gmsh, geometry, bodies, names)
+    parts = {one: [one] for one in [*solids, *sides]}
+    for piece in pieces:
+        own = gmsh.model.getBoundary(piece, combined=False, oriented=False)
+        old = [*piece, *dict.fromkeys(own)]
+        # the map of fragment numbers the unchanged faces wrongly if it removes the old bodies
+        if len(piece) > 1:
+            found = gmsh.model.occ.fragment(
+                piece, old[len(piece) :], removeObject=False, removeTool=False
+            )
+            parts |= dict(zip(old, found[1], strict=True))
+    kept = {part for found in parts.values() for part in found}
+    gmsh.model.occ.remove([one for one in parts if one not in kept], recursive=True)
     gmsh.model.occ.synchronize()
-    pairs = zip([*bodies.values(), *names.values()], parts, strict=True)
-    names_of = _listed((part, name) for name, found in pairs for part in found)
+    named = bodies | names
+    names_of = _listed((part, named[one]) for one, found in parts.items() for part in found)
     body_of = {tag: names for (dim, tag), names in names_of.items() if dim == d}
     face_of = {tag: names for (dim, tag), names in names_of.items() if dim == d - 1}
     for name, tags in _listed((name, tag) for tag, on in body_of.items() for name in on).items():
@@ -237,18 +255,82 @@ def _named_faces(gmsh: Any, geometry: Geometry) -> tuple[dict[str, list[int]], s
         for f, near in beside.items()
         if len(near) > 1 and not (near[0] <= near[1] or near[1] <= near[0])
     )
-    notes = []
     for on, tags in joints.items():
         both = " and ".join(sorted(set.union(*beside[tags[0]])))
         size = sum(gmsh.model.occ.getMass(d - 1, tag) for tag in tags)
         where = f"face {' on face '.join(on)}, {size:.4g} {'m²' if d == 3 else 'm'}"
-        said = f"{source}: {both} touch and are glued there: {where}"
+        said = f"{source}: {both} touch and are glued there: {where}{UNGLUED}"
         notes.append(Note(NoteKind.REMARK, said, "geometry.mesh"))
     for on in dict.fromkeys(tuple(on) for on in body_of.values() if len(on) > 1):
         notes.append(f"{source}: {' and '.join(on)} overlap; the part in both counts once")
     hidden = _listed((name, f) for name, f in inside if name not in faces)
     glued = {"+".join(on): tags for on, tags in joints.items()}
     return _sorted(faces | hidden | glued), {*glued, *sum(joints, ())}, notes
+
+
+def _pieces(
+    gmsh: Any,
+    geometry: Geometry,
+    bodies: dict[tuple[int, int], str],
+    names: dict[tuple[int, int], str],
+) -> tuple[list[list[tuple[int, int]]], list[str]]:
+    """The bodies that become one piece each, and sentences on others that touch.
+
+    Args:
+        gmsh: the open gmsh.
+        geometry: what `glue` and `apart` say of the bodies.
+        bodies: the name of each body.
+        names: the name of each face.
+
+    Raises:
+        SceneError: there is no such body; or bodies in contact would be glued.
+    """
+    source, glue, number = str(geometry.mesh), geometry.glue, range(len(bodies))
+    solids, where = list(bodies), Where(source, "geometry.glue")
+    for name in (name for one in glue or () for name in one) if isinstance(glue, tuple) else ():
+        if name not in bodies.values():
+            listed = ", ".join(dict.fromkeys(bodies.values()))
+            raise where.refuse(name, f"must name bodies: {listed}", ErrorKind.PLACE)
+    owners = _listed(
+        (names[side], k)
+        for k, solid in enumerate(solids)
+        for side in gmsh.model.getBoundary([solid], oriented=False)
+    )
+    met = {
+        (min(i, j), max(i, j))
+        for one, other in geometry.apart
+        for i in owners.get(one, ())
+        for j in owners.get(other, ())
+    }
+
+    def glued(i: int, j: int) -> bool:
+        if isinstance(glue, tuple):
+            return any({bodies[solids[i]], bodies[solids[j]]} <= set(one) for one in glue)
+        return (i, j) not in met if glue is None else glue
+
+    touching = [(i, j) for i, j in combinations(number, 2) if _touch(gmsh, solids[i], solids[j])]
+    joined = [pair for pair in touching if glued(*pair)]
+    graph = coo_array((np.ones(len(joined)), np.reshape(joined, (-1, 2)).T), (len(solids),) * 2)
+    piece, notes = connected_components(graph, directed=False)[1], []
+    for i, j in touching:
+        one, other = (bodies[solids[k]] for k in (i, j))
+        if piece[i] == piece[j] and (i, j) in met:
+            reason = f"{one} and {other} have a contact or a tie between their faces, so they must "
+            reason += "not be glued, also not through other bodies; list the bodies that are"
+            raise where.refuse(MISSING if glue is None else glue, reason, ErrorKind.CONFLICT)
+        if piece[i] != piece[j] and (i, j) not in met:
+            what = "touch and are not glued, and no contact or tie names their faces"
+            notes.append(f"{source}: {one} and {other} {what}: they may pass through each other")
+    return [[solids[k] for k in number if piece[k] == p] for p in range(1 + piece.max())], notes
+
+
+def _touch(gmsh: Any, one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two bodies touch or overlap."""
+    a, b = (np.reshape(gmsh.model.getBoundingBox(*body), (2, 3)) for body in (one, other))
+    near = TOUCHING * max(np.ptp(a, axis=0).max(), np.ptp(b, axis=0).max())
+    if (a[0] > b[1] + near).any() or (b[0] > a[1] + near).any():
+        return False
+    return bool(gmsh.model.occ.getDistance(*one, *other)[0] <= near)
 
 
 def _listed(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:

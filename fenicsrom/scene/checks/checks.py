@@ -359,6 +359,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         "cells": (suffix == ".geo" or is_step, "if mesh is a .geo or .step file"),
         "size": (is_step, "if mesh is a .step file"),
         "meshing": (is_step, "if mesh is a .step file"),
+        "glue": (is_step, "if mesh is a .step file: the other files say which bodies share nodes"),
         "scale": (is_mesh, f"if mesh is a mesh file, not for a {suffix} file"),
     }
     usual = Geometry(mesh=geometry.mesh, dimension=geometry.dimension)

@@ -54,6 +54,9 @@ class Geometry:
         size: cell size; required for a .step file.
         meshing: smaller cells on parts of a .step file.
         scale: unit of length of the mesh file; 1 is the unit of [units].
+        glue: whether bodies of a .step file that touch are joined there, or lists of the bodies
+            that are. Default: all, without the faces of [[contacts]] and [[ties]] (`against`).
+        apart: pairs of the groups of these faces.
     """
 
     mesh: Annotated[Path, rules.path]
@@ -69,6 +72,10 @@ class Geometry:
         default_factory=places.Meshing
     )
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
+    glue: Annotated[
+        bool | tuple[tuple[str, ...], ...] | None, either(flag, list_of(list_of(rules.name, 2)))
+    ] = None
+    apart: tuple[tuple[str, str], ...] = ()
 
     @property
     def is_cad(self) -> bool:

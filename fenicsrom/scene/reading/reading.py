@@ -352,6 +352,10 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
         geometry = replace(geometry, cells="structured")
     if geometry.dimension == 2 and geometry.plane is None:
         geometry = replace(geometry, plane="stress")
+    pairs = [(one.place.group, one.against) for one in scene.contacts]
+    pairs += [(one.group, one.against) for one in scene.ties]
+    apart = tuple((one, other) for one, other in pairs if one is not None and other is not None)
+    geometry = replace(geometry, apart=apart)
     if geometry.is_cad and geometry.meshing.near is None:
         keyed = [(f"supports[{k}].group", one.group) for k, one in enumerate(scene.supports)]
         keyed += [(f"contacts[{k}].group", one.place.group) for k, one in enumerate(scene.contacts)]
