@@ -16,6 +16,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
+from fenicsrom.online.step.state import PeriodicSearch
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
@@ -142,6 +143,37 @@ def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.Monke
     refusal = SceneError("s.toml: what: must be otherwise")
     monkeypatch.setattr(stability, "build", lambda *_: (_ for _ in ()).throw(refusal))
     assert verdict().verdict is Verdict.REFUSED
+
+
+def test_motion_that_does_not_repeat_is_told_with_what_newton_found() -> None:
+    _, _, motion = oscillator(80)
+    fading = np.exp(-motion.time / 50.0)[:, None, None]
+    slow = replace(motion, steady=False, displacement=fading * motion.displacement)
+    lost = PeriodicSearch(
+        verdict="not found",
+        tends=False,
+        time=None,
+        periods=1,
+        marched=80,
+        iterations=7,
+        residual=0.3,
+        multipliers=np.zeros(0, dtype=np.complex128),
+        free_sliders=0,
+    )
+    torus = lost._replace(verdict="torus", multipliers=np.array([0.75 + 1j, 0.75 - 1j]))
+    for search, text in (
+        (lost, "Newton's method found no periodic motion"),
+        (torus, "the periodic motion is unstable (torus, largest multiplier 1.25)"),
+        (torus._replace(verdict="stable"), "a stable periodic motion exists (largest multiplier"),
+    ):
+        numbers = {"error": 0.0, "estimate": 0.0, "force_estimate": 0.0}
+        found = replace(slow, search=search)
+        verdict, why = stability.verdict_of(found, found, numbers)
+        assert verdict is Verdict.UNSTEADY and text in why and "eighth" not in why
+        assert (
+            "; with an eighth of the step it settles"
+            in stability.verdict_of(found, motion, numbers)[1]
+        )
 
 
 @pytest.mark.slow

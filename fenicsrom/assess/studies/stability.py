@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.curves.unsteady import why_unsteady
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.full_motions import estimates_found, full_distances, missed
@@ -266,10 +265,7 @@ def _examine(
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
-    verdict, why = verdict_of(motion, fine, numbers)
-    if verdict is Verdict.UNSTEADY and not has_settled(motion):
-        why = why_unsteady(model, scene, motion, fine)
-    return verdict, why
+    return verdict_of(motion, fine, numbers)
 
 
 def unphysical(motion: Motion, scheme: str) -> str:
@@ -295,8 +291,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with an eighth of the step the motion differs by {error:.0%}"
-        why = f"the motion does not repeat after {counted(motion.periods, 'period')}"
-        return Verdict.UNSTEADY, why
+        return Verdict.UNSTEADY, _why_unsteady(motion, fine)
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
@@ -315,6 +310,23 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
         ),
     }
     return Verdict.CONVERGED, "; ".join(remark for remark, holds in remarks.items() if holds)
+
+
+def _why_unsteady(motion: Motion, fine: Motion) -> str:
+    """Why a motion does not repeat, from what Newton's method found in its run."""
+    told = [f"the motion does not repeat after {counted(motion.periods, 'period')}"]
+    search = motion.search
+    if search is not None and search.verdict != "not found":
+        size = f"largest multiplier {abs(search.multipliers[0]):.5g}"
+        stays = f"the periodic motion is unstable ({search.verdict}, {size})"
+        if search.verdict == "stable":
+            stays = f"a stable periodic motion exists ({size}), but it is not reached"
+        told.append(stays)
+    elif search is not None:
+        told.append("Newton's method found no periodic motion")
+    if has_settled(fine):
+        told.append("with an eighth of the step it settles")
+    return "; ".join(told)
 
 
 # ---------------------------------------------------------------------- all runs
